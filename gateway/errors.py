@@ -1,0 +1,133 @@
+"""Everything that can go wrong, as one tree.
+
+GatewayError
+├── RequestError                 a client gets an exception response with `code`
+│   ├── IllegalFunction          01  the unit does not know the function
+│   │   └── AccessDenied         01  the client has no right to it
+│   ├── IllegalDataAddress       02  a coil or register that does not exist
+│   ├── IllegalDataValue         03  a length, quantity, byte count or value that the specification forbids
+│   ├── ServerDeviceFailure      04  the unit failed while it acted
+│   ├── Busy                     06  nothing was sent
+│   │   ├── QueueFull            06  too many requests wait for the line
+│   │   └── WaitedTooLong        06  the request waited longer than `max_wait`
+│   ├── PathUnavailable          0A  nothing was sent
+│   │   ├── NoRoute              0A  no such unit
+│   │   └── LineDown             0A  the unit's line has no port
+│   └── TargetFailedToRespond    0B  the device may have acted
+│       ├── ResponseTimeout      0B  nothing came within the limit
+│       ├── BrokenResponse       0B  what came within the limit was no response to the request
+│       └── LineLost             0B  the port died while the request was on the line
+├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
+└── PortError                    a serial port cannot be opened or has been lost
+
+Requests under way are not ended by raising: `Request.fail` turns a RequestError into the exception response.
+"""
+
+from enum import IntEnum
+from typing import ClassVar
+
+
+class ExceptionCode(IntEnum):
+    """Exception codes of a response (Application Protocol V1.1b3, section 7)."""
+
+    ILLEGAL_FUNCTION = 0x01
+    ILLEGAL_DATA_ADDRESS = 0x02
+    ILLEGAL_DATA_VALUE = 0x03
+    SERVER_DEVICE_FAILURE = 0x04
+    ACKNOWLEDGE = 0x05
+    SERVER_DEVICE_BUSY = 0x06
+    MEMORY_PARITY_ERROR = 0x08
+    GATEWAY_PATH_UNAVAILABLE = 0x0A
+    GATEWAY_TARGET_FAILED_TO_RESPOND = 0x0B
+
+
+class GatewayError(Exception):
+    """Root of the project's own errors."""
+
+
+class RequestError(GatewayError):
+    """Why a request gets an exception response instead of data."""
+
+    code: ClassVar[ExceptionCode]
+
+
+class IllegalFunction(RequestError):
+    """The unit does not know the function."""
+
+    code = ExceptionCode.ILLEGAL_FUNCTION
+
+
+class AccessDenied(IllegalFunction):
+    """The client has no right to the function."""
+
+
+class IllegalDataAddress(RequestError):
+    """The request names a coil or register that the unit does not have."""
+
+    code = ExceptionCode.ILLEGAL_DATA_ADDRESS
+
+
+class IllegalDataValue(RequestError):
+    """A length, quantity, byte count or value is outside the specification."""
+
+    code = ExceptionCode.ILLEGAL_DATA_VALUE
+
+
+class ServerDeviceFailure(RequestError):
+    """The unit failed while it acted."""
+
+    code = ExceptionCode.SERVER_DEVICE_FAILURE
+
+
+class Busy(RequestError):
+    """The request was not sent; the client may try again."""
+
+    code = ExceptionCode.SERVER_DEVICE_BUSY
+
+
+class QueueFull(Busy):
+    """Too many requests wait for the line."""
+
+
+class WaitedTooLong(Busy):
+    """The request waited longer than the line's `max_wait`."""
+
+
+class PathUnavailable(RequestError):
+    """The request was not sent: there is no way to the unit."""
+
+    code = ExceptionCode.GATEWAY_PATH_UNAVAILABLE
+
+
+class NoRoute(PathUnavailable):
+    """No such unit is configured."""
+
+
+class LineDown(PathUnavailable):
+    """The unit's line has no port at the moment."""
+
+
+class TargetFailedToRespond(RequestError):
+    """The request was sent and no valid response came; the device may have acted."""
+
+    code = ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND
+
+
+class ResponseTimeout(TargetFailedToRespond):
+    """Nothing was heard within the limit."""
+
+
+class BrokenResponse(TargetFailedToRespond):
+    """Something was heard within the limit, but no valid response to the request."""
+
+
+class LineLost(TargetFailedToRespond):
+    """The port died while the request was on the line."""
+
+
+class NotModbus(GatewayError):
+    """A client's byte stream cannot be Modbus; nothing that follows in it can be trusted."""
+
+
+class PortError(GatewayError):
+    """A serial port cannot be opened or was lost; the message says why and what to do."""

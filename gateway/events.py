@@ -1,0 +1,227 @@
+"""Everything worth telling an operator: one frozen dataclass an event, its name in the log is its own in snake_case.
+
+Events are for the rare. What happens in every transaction is counted in the parts' own `Counts`.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import ClassVar
+
+
+class Level(IntEnum):
+    """How urgent an event is; the numbers are those of Python's logging."""
+
+    DEBUG = 10
+    INFO = 20
+    WARNING = 30
+    ERROR = 40
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something worth telling. Its fields become the fields of the log line."""
+
+    level: ClassVar[Level] = Level.INFO
+
+    @cached_property
+    def name(self) -> str:
+        """The event's name in logs: `line_lost` for LineLost."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "_", type(self).__name__).lower()
+
+
+#: Where parts tell their events. It never raises and never blocks.
+Emit = Callable[[Event], None]
+
+
+# --- the service ---
+
+
+@dataclass(frozen=True)
+class ConfigLoaded(Event):
+    """A config file has been read and is in force."""
+
+    file: str
+    lines: int
+    units: int
+
+
+@dataclass(frozen=True)
+class ConfigWarning(Event):
+    """A config file is usable, but something in it deserves a look."""
+
+    level = Level.WARNING
+    problem: str
+
+
+@dataclass(frozen=True)
+class ConfigRejected(Event):
+    """A config file has errors and is not used."""
+
+    level = Level.ERROR
+    file: str
+    problems: int
+
+
+@dataclass(frozen=True)
+class Ready(Event):
+    """Clients can connect and every line was tried once."""
+
+    listeners: tuple[str, ...]
+    lines_up: int
+    lines_down: int
+
+
+@dataclass(frozen=True)
+class Stopping(Event):
+    """The service has been told to end."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Stopped(Event):
+    """The service has ended."""
+
+
+@dataclass(frozen=True)
+class PartFailed(Event):
+    """A defect in the gateway: a part met an error that nobody foresaw. It starts anew; please report it."""
+
+    level = Level.ERROR
+    part: str
+    error: str
+    traceback: str
+
+
+# --- clients ---
+
+
+@dataclass(frozen=True)
+class ListenerUp(Event):
+    """Clients can connect to this address."""
+
+    listener: str
+    address: str
+
+
+@dataclass(frozen=True)
+class ClientConnected(Event):
+    """A client has connected."""
+
+    level = Level.DEBUG
+    listener: str
+    client: str
+
+
+@dataclass(frozen=True)
+class ClientClosed(Event):
+    """A client's connection has ended."""
+
+    level = Level.DEBUG
+    listener: str
+    client: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class ClientRejected(Event):
+    """A client's connection was closed because of what the client did, or for want of room."""
+
+    level = Level.WARNING
+    listener: str
+    client: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class AccessDenied(Event):
+    """A client asked for something it has no right to; it got exception 01 and nothing was sent."""
+
+    level = Level.WARNING
+    client: str
+    unit: int
+    function: int
+
+
+# --- lines ---
+
+
+@dataclass(frozen=True)
+class LineUp(Event):
+    """A line's port has been opened for the first time."""
+
+    line: str
+    port: str
+
+
+@dataclass(frozen=True)
+class LineLost(Event):
+    """A line's port could not be opened, or it has gone; it is tried again until it is back."""
+
+    level = Level.WARNING
+    line: str
+    port: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class LineReopened(Event):
+    """A lost port is open again."""
+
+    line: str
+    port: str
+    away_s: float
+
+
+@dataclass(frozen=True)
+class RequestTimeout(Event):
+    """A device did not answer within its limit."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+
+
+@dataclass(frozen=True)
+class BadFrame(Event):
+    """What came within the limit was no frame: noise, a cut frame, a wrong CRC or LRC."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+
+
+@dataclass(frozen=True)
+class ForeignFrame(Event):
+    """A well-formed frame came that was not the answer to the request on the line; it was dropped."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    frame: str
+
+
+@dataclass(frozen=True)
+class QueueFull(Event):
+    """So many requests wait for a line that another one was answered 06."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    client: str

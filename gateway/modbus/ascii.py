@@ -1,0 +1,97 @@
+"""ASCII framing (S 2.5.2): a colon, unit identifier, PDU and LRC as pairs of hexadecimal digits, CR LF."""
+
+from binascii import Error as NotHexadecimal
+from binascii import unhexlify
+from typing import Final
+
+from gateway.modbus.checks import lrc
+from gateway.modbus.codes import MAX_ASCII_ADU
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu
+
+#: Longest time between two characters of a frame, in seconds (S 2.5.2.1).
+CHARACTER_GAP: Final = 1.0
+
+_START = b":"
+_END = b"\r\n"
+#: A device with seven data bits and parity, heard through a port with eight data bits, leaves its parity in bit 7.
+_SEVEN_BITS = bytes(range(128)) * 2
+#: Unit identifier, one byte of PDU, LRC.
+_SHORTEST = 3
+
+
+def encode(unit: int, pdu: bytes) -> bytes:
+    """The ASCII ADU of `pdu`, with upper-case digits."""
+    body = bytes((unit,)) + pdu
+    return _START + (body + bytes((lrc(body),))).hex().upper().encode() + _END
+
+
+class AsciiFramer:
+    """Cuts frames out of what a line delivers; the same for requests and responses, since a frame shows its own ends.
+
+    A colon always starts anew, digits may be lower case, and a frame with a hole of more than one second is dropped.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = b""
+        self._last = 0.0
+        self.heard_noise = False
+
+    encode = staticmethod(encode)
+
+    def expect(self, unit: int, asked: RequestPdu) -> None:  # noqa: ARG002 - an ASCII frame needs no foretelling
+        """A request goes on the line: forget what was received."""
+        self._buffer = b""
+        self.heard_noise = False
+
+    def received(self, data: bytes, now: float) -> list[Frame]:
+        """Take bytes that became readable at `now`; frames that are complete with them, in order."""
+        if now - self._last > CHARACTER_GAP:
+            self._drop(len(self._buffer))
+        self._last = now
+        self._buffer += data.translate(_SEVEN_BITS)
+        frames = []
+        while (end := self._buffer.find(_END)) >= 0:
+            frame = self._decode(self._buffer[:end])
+            self._buffer = self._buffer[end + len(_END) :]
+            if frame is not None:
+                frames.append(frame)
+        self._drop_all_but_the_last_start()
+        return frames
+
+    def deadline(self) -> float | None:
+        """None: a hole in a frame is noticed when its next character comes."""
+        return None
+
+    def tick(self, now: float) -> list[Frame]:  # noqa: ARG002 - see deadline
+        """Silence never ends an ASCII frame."""
+        return []
+
+    def conclude(self) -> list[Frame]:
+        """Nothing more is awaited: an unfinished frame is noise, and no frame was held back."""
+        self._drop(len(self._buffer))
+        return []
+
+    def _decode(self, text: bytes) -> Frame | None:
+        before, start, digits = text.rpartition(_START)
+        try:
+            body = unhexlify(digits)
+        except NotHexadecimal:
+            body = b""
+        too_long = len(start + digits + _END) > MAX_ASCII_ADU
+        if not start or too_long or len(body) < _SHORTEST or lrc(body[:-1]) != body[-1]:
+            self.heard_noise = True
+            return None
+        self.heard_noise = self.heard_noise or bool(before)
+        return Frame(body[0], body[1:-1])
+
+    def _drop_all_but_the_last_start(self) -> None:
+        start = self._buffer.rfind(_START)
+        if start < 0 or len(self._buffer) - start > MAX_ASCII_ADU:
+            start = len(self._buffer)
+        self._drop(start)
+
+    def _drop(self, count: int) -> None:
+        if count:
+            self._buffer = self._buffer[count:]
+            self.heard_noise = True

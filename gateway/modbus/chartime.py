@@ -1,0 +1,94 @@
+"""Times on a serial line: one character, the silences that part frames, a whole frame. All in seconds."""
+
+import re
+from dataclasses import dataclass
+from typing import Final, Literal, Self
+
+from gateway.modbus.codes import MAX_PDU
+
+#: Above this rate the silences are fixed, because slower computers could not follow (S 2.5.1.1).
+FASTEST_SCALED_BAUD: Final = 19200
+T15_FIXED: Final = 0.000750
+T35_FIXED: Final = 0.001750
+
+Parity = Literal["N", "E", "O"]
+
+_FORMAT = re.compile(r"([78])([NEO])([12])")
+
+
+@dataclass(frozen=True, slots=True)
+class CharacterFormat:
+    """Data bits, parity and stop bits of a character, written `8E1`."""
+
+    data_bits: int
+    parity: Parity
+    stop_bits: int
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """The format that `text` names, such as `8E1` or `7O1`.
+
+        Raises:
+            ValueError: `text` is no character format.
+        """
+        match = _FORMAT.fullmatch(text)
+        if match is None:
+            raise ValueError("a character format is written like 8E1: 7 or 8 data bits, N, E or O for parity, 1 or 2 stop bits")
+        data_bits, parity, stop_bits = match.groups()
+        return cls(int(data_bits), parity, int(stop_bits))  # type: ignore[arg-type]  # the pattern admits N, E and O only
+
+    @property
+    def bits(self) -> int:
+        """Bits of one character on the line, the start bit included."""
+        return 1 + self.data_bits + (self.parity != "N") + self.stop_bits
+
+    def __str__(self) -> str:
+        return f"{self.data_bits}{self.parity}{self.stop_bits}"
+
+
+@dataclass(frozen=True, slots=True)
+class LineTiming:
+    """What a line's mode, rate and character format make of time."""
+
+    mode: Literal["rtu", "ascii"]
+    baud: int
+    format: CharacterFormat
+
+    @property
+    def character(self) -> float:
+        """One character on the line."""
+        return self.format.bits / self.baud
+
+    @property
+    def t15(self) -> float:
+        """The longest hole inside an RTU frame (S 2.5.1.1)."""
+        return T15_FIXED if self.baud > FASTEST_SCALED_BAUD else 1.5 * self.character
+
+    @property
+    def t35(self) -> float:
+        """The silence that parts two RTU frames (S 2.5.1.1)."""
+        return self.silence(3.5)
+
+    def silence(self, characters: float) -> float:
+        """A silence of so many characters: 3.5 by the specification, more where a device needs it.
+
+        Above 19200 baud, in proportion to the fixed t3.5.
+        """
+        if self.baud > FASTEST_SCALED_BAUD:
+            return T35_FIXED * characters / 3.5
+        return characters * self.character
+
+    def frame(self, pdu_size: int) -> float:
+        """The frame around a PDU of so many bytes, from its first bit to its last."""
+        return self.characters(pdu_size) * self.character
+
+    def characters(self, pdu_size: int) -> int:
+        """Characters of the frame around a PDU of so many bytes."""
+        if self.mode == "ascii":
+            return 1 + 2 * (pdu_size + 2) + 2
+        return pdu_size + 3
+
+    @property
+    def longest_frame(self) -> float:
+        """The frame around the longest PDU."""
+        return self.frame(MAX_PDU)

@@ -1,0 +1,49 @@
+"""Function codes, areas and sizes of the Modbus protocol."""
+
+from enum import IntEnum, StrEnum
+from typing import Final
+
+
+class FunctionCode(IntEnum):
+    """Public function codes that the gateway understands (Application Protocol V1.1b3, section 6)."""
+
+    READ_COILS = 1
+    READ_DISCRETE_INPUTS = 2
+    READ_HOLDING_REGISTERS = 3
+    READ_INPUT_REGISTERS = 4
+    WRITE_SINGLE_COIL = 5
+    WRITE_SINGLE_REGISTER = 6
+    WRITE_MULTIPLE_COILS = 15
+    WRITE_MULTIPLE_REGISTERS = 16
+    MASK_WRITE_REGISTER = 22
+    READ_WRITE_MULTIPLE_REGISTERS = 23
+
+
+class Area(StrEnum):
+    """The four tables of a unit (A 4.3), named as in the config file and on the command line."""
+
+    COILS = "coils"
+    DISCRETE = "discrete"
+    INPUT = "input"
+    HOLDING = "holding"
+
+
+#: Set in the function code of an exception response (A 4.1).
+EXCEPTION_BIT: Final = 0x80
+
+#: Functions that cannot change a device: all that a read-only client may use. Whatever is not known to only read is a write.
+READING_FUNCTIONS: Final = frozenset({1, 2, 3, 4, 7, 11, 12, 17, 20, 24})
+
+#: Functions that may go to unit 0: every device acts, none responds (S 2.1).
+BROADCAST_FUNCTIONS: Final = frozenset({5, 6, 15, 16, 22})
+
+#: Largest PDU (A 4.1) and the largest ADU around it on each transport (T 4.2, S 2.5.1, S 2.5.2).
+MAX_PDU: Final = 253
+MAX_TCP_ADU: Final = 260
+MAX_RTU_ADU: Final = 256
+MAX_ASCII_ADU: Final = 513
+
+#: Unit identifiers on a serial line (S 2.2).
+BROADCAST_UNIT: Final = 0
+FIRST_UNIT: Final = 1
+LAST_UNIT: Final = 247

@@ -1,0 +1,40 @@
+"""What a serial line carries once framing is taken off, and what every serial framer can do."""
+
+from typing import NamedTuple, Protocol
+
+from gateway.modbus.pdu import RequestPdu
+
+
+class Frame(NamedTuple):
+    """A unit identifier and a PDU that arrived with a fitting CRC or LRC."""
+
+    unit: int
+    pdu: bytes
+
+    def __repr__(self) -> str:
+        return f"<Frame unit={self.unit} {self.pdu.hex(' ').upper()}>"
+
+
+class ResponseFramer(Protocol):
+    """Finds the response to the request that is on the line."""
+
+    #: Whether something that is no frame has been received since `expect`.
+    heard_noise: bool
+
+    def encode(self, unit: int, pdu: bytes) -> bytes:
+        """The ADU as it goes on the line."""
+
+    def expect(self, unit: int, asked: RequestPdu) -> None:
+        """A request goes on the line: forget what was received and look for its response."""
+
+    def received(self, data: bytes, now: float) -> list[Frame]:
+        """Take bytes that became readable at `now`; frames that are complete with them, in order."""
+
+    def deadline(self) -> float | None:
+        """When `tick` wants to be called, or None."""
+
+    def tick(self, now: float) -> list[Frame]:
+        """Let time pass; frames that silence has ended."""
+
+    def conclude(self) -> list[Frame]:
+        """Nothing more is awaited: well-formed frames that were passed over. What remains is noise."""

@@ -1,0 +1,179 @@
+"""RTU framing (S 2.5.1): unit identifier, PDU, CRC; frames are parted by silence.
+
+Who ends a frame. Silence is the rule of the specification, but behind a USB adapter or a scheduler it cannot be measured: bytes
+of one frame arrive with holes, and two frames arrive glued. So a frame whose size can be foretold ends on its last byte, and holes
+do not matter. Only a frame of an unknown function ends by silence. A CRC that fits is never a sign that a frame is complete:
+one frame in 256 has a prefix with a fitting CRC.
+
+As the client, `ResponseFramer` knows what it asked and searches for exactly that, so noise around a response does not lose it.
+As the server, `RequestFramer` foretells the size of a request from its first bytes, and looks behind noise once the line is silent.
+"""
+
+from collections.abc import Callable, Iterator
+
+from gateway.modbus.checks import crc_fits, with_crc
+from gateway.modbus.codes import EXCEPTION_BIT, MAX_RTU_ADU
+from gateway.modbus.foretell import request_size, response_size
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu
+
+#: The unit identifier before the PDU and the CRC behind it.
+OVERHEAD = 3
+#: The shortest frame: a PDU of one byte.
+_SHORTEST = OVERHEAD + 1
+#: An exception response: a PDU of two bytes.
+_EXCEPTION_SIZE = OVERHEAD + 2
+#: A frame that is still incomplete begins within so many last bytes.
+_TAIL = MAX_RTU_ADU - 1
+
+
+def encode(unit: int, pdu: bytes) -> bytes:
+    """The RTU ADU of `pdu`."""
+    return with_crc(bytes((unit,)) + pdu)
+
+
+class ResponseFramer:
+    """Finds the response to one request in what a line delivers.
+
+    `silence` is how long the line must be quiet, in seconds, before a response of unknown size counts as complete.
+    """
+
+    def __init__(self, silence: float) -> None:
+        self._silence = silence
+        self._buffer = bytearray()
+        self._head = b""
+        self._refusal = b""
+        self._size = 0
+        self._deadline: float | None = None
+        self.heard_noise = False
+
+    encode = staticmethod(encode)
+
+    def expect(self, unit: int, asked: RequestPdu) -> None:
+        """A request goes on the line: forget what was received and look for its response."""
+        self._buffer.clear()
+        self._deadline = None
+        self.heard_noise = False
+        self._head = bytes((unit,)) + asked.response_head
+        self._refusal = bytes((unit, asked.function | EXCEPTION_BIT))
+        self._size = 0 if asked.response_size is None else asked.response_size + OVERHEAD
+
+    def received(self, data: bytes, now: float) -> list[Frame]:
+        """Take bytes that became readable at `now`; the response, if it is complete with them."""
+        buffer = self._buffer
+        buffer += data
+        frame = self._find(self._refusal, _EXCEPTION_SIZE)
+        if frame is None and self._size:
+            frame = self._find(self._head, self._size)
+        if frame is not None:
+            self._deadline = None
+            return [frame]
+        if len(buffer) > _TAIL:
+            del buffer[:-_TAIL]
+            self.heard_noise = True
+        if not self._size:
+            self._deadline = now + self._silence
+        return []
+
+    def deadline(self) -> float | None:
+        """When silence ends a response of unknown size, or None."""
+        return self._deadline
+
+    def tick(self, now: float) -> list[Frame]:
+        """Let time pass; the response, if it is of unknown size and silence has ended it."""
+        if self._deadline is None or now < self._deadline:
+            return []
+        self._deadline = None
+        buffer = self._buffer
+        at = buffer.find(self._head)
+        while at >= 0:
+            frame = self._take(at, len(buffer) - at)
+            if frame is not None:
+                return [frame]
+            at = buffer.find(self._head, at + 1)
+        return []
+
+    def conclude(self) -> list[Frame]:
+        """Nothing more is awaited: the well-formed frames of other units or functions that were passed over."""
+        data, self._deadline = bytes(self._buffer), None
+        self._buffer.clear()
+        frames = list(_frames(data, response_size))
+        heard = sum(len(frame.pdu) + OVERHEAD for frame in frames)
+        self.heard_noise = self.heard_noise or heard < len(data)
+        return frames
+
+    def _find(self, head: bytes, size: int) -> Frame | None:
+        buffer = self._buffer
+        at = buffer.find(head)
+        while 0 <= at <= len(buffer) - size:
+            frame = self._take(at, size)
+            if frame is not None:
+                return frame
+            at = buffer.find(head, at + 1)
+        return None
+
+    def _take(self, at: int, size: int) -> Frame | None:
+        adu = bytes(self._buffer[at : at + size])
+        if size < _SHORTEST or not crc_fits(adu):
+            return None
+        self.heard_noise = self.heard_noise or at > 0
+        del self._buffer[: at + size]
+        return Frame(adu[0], adu[1:-2])
+
+
+class RequestFramer:
+    """Cuts requests out of what a line delivers when we are a server on it.
+
+    `silence` is the time without a byte, in seconds, after which a frame has ended (t3.5, or what the devices need).
+    """
+
+    def __init__(self, silence: float) -> None:
+        self._silence = silence
+        self._buffer = bytearray()
+        self._deadline: float | None = None
+
+    encode = staticmethod(encode)
+
+    def received(self, data: bytes, now: float) -> list[Frame]:
+        """Take bytes that became readable at `now`; requests that are complete with them, in order."""
+        buffer = self._buffer
+        buffer += data
+        if len(buffer) > MAX_RTU_ADU:
+            del buffer[:-_TAIL]
+        frames = []
+        while (size := _complete(buffer, request_size)) and crc_fits(adu := bytes(buffer[:size])):
+            frames.append(Frame(adu[0], adu[1:-2]))
+            del buffer[:size]
+        self._deadline = now + self._silence if buffer else None
+        return frames
+
+    def deadline(self) -> float | None:
+        """When silence ends the frame that is being received, or None."""
+        return self._deadline
+
+    def tick(self, now: float) -> list[Frame]:
+        """Let time pass; requests that silence has ended, those behind noise included."""
+        if self._deadline is None or now < self._deadline:
+            return []
+        data, self._deadline = bytes(self._buffer), None
+        self._buffer.clear()
+        return list(_frames(data, request_size))
+
+
+def _complete(data: bytes, foretell: Callable[[bytes], int]) -> int:
+    """Size of the ADU at the start of `data` when all of it is there, else 0."""
+    size = foretell(data[1:]) + OVERHEAD
+    return size if _SHORTEST <= size <= len(data) else 0
+
+
+def _frames(data: bytes, foretell: Callable[[bytes], int]) -> Iterator[Frame]:
+    """The frames in `data`, which silence has ended: those of foretold size, and one of unknown size that reaches the end."""
+    at = 0
+    while at + _SHORTEST <= len(data):
+        rest = data[at:]
+        size = _complete(rest, foretell) if foretell(rest[1:]) else len(rest)
+        if size and crc_fits(rest[:size]):
+            yield Frame(rest[0], rest[1 : size - 2])
+            at += size
+        else:
+            at += 1

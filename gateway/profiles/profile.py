@@ -1,0 +1,65 @@
+"""A profile: the rules that requests to a kind of device must keep before anything goes on the line."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import RequestPdu, Span, parse_request
+from gateway.timing.table import TimingTable
+
+#: First and last address of one run of coils, inputs or registers.
+Range = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What a kind of device accepts.
+
+    `functions` None admits all; `limits` is the most items of a function; `areas` are the addresses that exist, an area
+    that is not named is open. `idle_chars` is the silence that ends a frame for this device.
+    """
+
+    name: str
+    title: str = ""
+    functions: frozenset[int] | None = None
+    limits: Mapping[int, int] = field(default_factory=dict)
+    areas: Mapping[Area, tuple[Range, ...]] = field(default_factory=dict)
+    idle_chars: float = 3.5
+    timing: TimingTable = field(default_factory=TimingTable)
+    margin: float = 1.5
+    timeout: float = 1.0
+
+    def check(self, pdu: bytes) -> RequestPdu:
+        """What `pdu` asks for, once it is sure that this kind of device may be asked.
+
+        The order is that of the specification (A 7): function, then structure and quantity, then addresses.
+
+        Raises:
+            IllegalFunction: the device does not know the function.
+            IllegalDataValue: the structure is wrong, or there are more items than the device allows.
+            IllegalDataAddress: an address does not exist.
+        """
+        if not self.knows(pdu[0]):
+            raise IllegalFunction(f"profile {self.name} has no function {pdu[0]}")
+        asked = parse_request(pdu)
+        limit = self.limits.get(asked.function)
+        if limit is not None and asked.items > limit:
+            raise IllegalDataValue(f"profile {self.name} allows {limit} items of function {asked.function}")
+        if self.areas:
+            self._check_addresses(asked)
+        return asked
+
+    def knows(self, function: int) -> bool:
+        """Whether the device has this function."""
+        return self.functions is None or function in self.functions
+
+    def _check_addresses(self, asked: RequestPdu) -> None:
+        for span in (asked.read, asked.write):
+            if span is not None and not covers(self.areas.get(span.area), span):
+                raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.start}-{span.end - 1}")
+
+
+def covers(ranges: tuple[Range, ...] | None, span: Span) -> bool:
+    """Whether every address of `span` lies in one of `ranges` (ascending, adjacent ones joined); None is no bound."""
+    return ranges is None or any(first <= span.start and span.end - 1 <= last for first, last in ranges)

@@ -1,0 +1,62 @@
+"""The limit of a transaction: how long after a request's last character its response must be there.
+
+    limit = longest expected response on the wire + margin x table(function, items) + latency
+
+A device's own `timeout`, or that of its profile for a function without a row in the table, stands in place of
+`margin x table`. A function whose response is not foretold has no response time on the wire; silence ends it.
+"""
+
+from dataclasses import dataclass
+
+from gateway.modbus.chartime import LineTiming
+from gateway.modbus.pdu import RequestPdu
+from gateway.timing.table import TimingTable
+
+#: PDU of an exception response, the other answer that every request may get.
+_EXCEPTION_SIZE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerTime:
+    """How long a device may think: `margin` times its table, or `timeout` for functions the table does not name.
+
+    With `fixed` that timeout holds for every function.
+    """
+
+    table: TimingTable
+    margin: float
+    timeout: float
+    fixed: bool = False
+
+    def allowed(self, asked: RequestPdu) -> float:
+        """Seconds from the end of the request to the start of the response."""
+        time = None if self.fixed else self.table.time(asked.function, asked.items)
+        return self.timeout if time is None else self.margin * time
+
+    @property
+    def slowest(self) -> float:
+        """The longest time allowed for anything the device is asked."""
+        return self.timeout if self.fixed else max(self.timeout, self.margin * self.table.slowest)
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Turns a request into its time limit on one line. `latency` is what adapter and driver may add, in seconds."""
+
+    line: LineTiming
+    latency: float
+    answer_time: AnswerTime
+
+    def limit(self, asked: RequestPdu) -> float:
+        """Seconds from the end of the request on the wire until it has failed."""
+        return self.response_wire_time(asked) + self.answer_time.allowed(asked) + self.latency
+
+    def response_wire_time(self, asked: RequestPdu) -> float:
+        """The longest expected response on the wire, 0 when its size is not foretold."""
+        if asked.response_size is None:
+            return 0.0
+        return self.line.frame(max(asked.response_size, _EXCEPTION_SIZE))
+
+    def request_wire_time(self, asked: RequestPdu) -> float:
+        """The request on the wire."""
+        return self.line.frame(len(asked.data))
