@@ -41,15 +41,17 @@ class AnswerTime:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Turns a request into its time limit on one line. `latency` is what adapter and driver may add, in seconds."""
+    """Turns a request into its time limit on one line."""
 
     line: LineTiming
-    latency: float
     answer_time: AnswerTime
 
-    def limit(self, asked: RequestPdu) -> float:
-        """Seconds from the end of the request on the wire until it has failed."""
-        return self.response_wire_time(asked) + self.answer_time.allowed(asked) + self.latency
+    def limit(self, asked: RequestPdu, latency: float) -> float:
+        """Seconds from the end of the request on the wire until it has failed.
+
+        `latency` is what adapter and driver may add to an answer, in seconds.
+        """
+        return self.response_wire_time(asked) + self.answer_time.allowed(asked) + latency
 
     def response_wire_time(self, asked: RequestPdu) -> float:
         """The longest expected response on the wire, 0 when its size is not foretold."""

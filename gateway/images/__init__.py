@@ -1,0 +1,1 @@
+"""Local register images: units that the gateway itself answers for."""

@@ -1,0 +1,1 @@
+"""Upstream: where clients connect, and their sessions."""

@@ -1,0 +1,1 @@
+"""Bytes: what a line is connected to, how it is opened, kept open and timed."""

@@ -1,0 +1,46 @@
+"""What the rest of the gateway sees of a port, whatever stands behind it."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from gateway.errors import PortError
+from gateway.modbus.chartime import CharacterFormat
+
+
+class Port(Protocol):
+    """An open port. All of it is called in the event loop and nothing blocks."""
+
+    #: What adapter and driver may add to an answer, in seconds: part of every time limit on this port.
+    latency: float
+
+    def write(self, data: bytes) -> None:
+        """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
+
+    def close(self) -> None:
+        """Let go of the port; `PortUser.lost` follows if it has not been called yet."""
+
+
+class PortUser(Protocol):
+    """Who is told what a port does."""
+
+    def received(self, data: bytes) -> None:
+        """These bytes became readable."""
+
+    def lost(self, error: PortError) -> None:
+        """The port is gone; nothing more comes from it. Called once for every port that was opened."""
+
+
+#: Opens a port for a user. Raises PortError with the reason, in words an operator can act on.
+OpenPort = Callable[[PortUser], Awaitable[Port]]
+
+
+@dataclass(frozen=True, slots=True)
+class SerialSettings:
+    """How a serial port is opened. `latency` None finds out what the driver can do."""
+
+    port: str
+    baud: int
+    format: CharacterFormat
+    rs485: Literal["adapter", "kernel"] = "adapter"
+    latency: float | None = None
