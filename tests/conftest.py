@@ -1,0 +1,32 @@
+"""What holds for all tests: the clock they run by, their order, and how hard hypothesis tries."""
+
+import asyncio
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import hypothesis
+import pytest
+from kit.virtual_time import VirtualTimeLoop
+
+_TESTS = Path(__file__).parent
+#: Folders whose tests meet sockets, terminals and processes: they run in real time, after all others.
+_REAL_TIME = frozenset({"system", "bench"})
+
+hypothesis.settings.register_profile("dev", deadline=None)
+hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[], asyncio.AbstractEventLoop]]:
+    if _in_real_time(item):
+        return {"real-time": asyncio.SelectorEventLoop}
+    return {"virtual-time": VirtualTimeLoop}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=_in_real_time)  # stable: otherwise as collected
+
+
+def _in_real_time(item: pytest.Item) -> bool:
+    return item.path.relative_to(_TESTS).parts[0] in _REAL_TIME
