@@ -5,9 +5,8 @@ Events are for the rare. What happens in every transaction is counted in the par
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
-from functools import cached_property
 from typing import ClassVar
 
 
@@ -25,11 +24,15 @@ class Event:
     """Something worth telling. Its fields become the fields of the log line."""
 
     level: ClassVar[Level] = Level.INFO
+    #: The event's name in logs: `line_lost` for LineLost.
+    name: ClassVar[str]
 
-    @cached_property
-    def name(self) -> str:
-        """The event's name in logs: `line_lost` for LineLost."""
-        return re.sub(r"(?<!^)(?=[A-Z])", "_", type(self).__name__).lower()
+    def __init_subclass__(cls) -> None:
+        cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+    def fields(self) -> dict[str, object]:
+        """What the event tells, by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 #: Where parts tell their events. It never raises and never blocks.

@@ -9,10 +9,17 @@ from gateway.modbus.pdu import exception_response
 class Origin(Protocol):
     """Where requests come from and their responses go: a client's session."""
 
-    #: Who it is, for events: `10.2.0.7:49152`.
-    client: str
-    #: The client has left: what still waits for it need not be sent.
-    gone: bool
+    @property
+    def client(self) -> str:
+        """Who it is, for events: `10.2.0.7:49152`."""
+
+    @property
+    def may_write(self) -> bool:
+        """Whether the client may use functions that can change a device."""
+
+    @property
+    def gone(self) -> bool:
+        """Whether the client has left: what still waits for it need not be sent."""
 
     def answer(self, request: "Request", pdu: bytes | None) -> None:
         """Take the one response to `request`; None ends it without one. Never raises."""
@@ -21,8 +28,8 @@ class Origin(Protocol):
 class Request:
     """A request PDU for a unit, with the way back to its client.
 
-    Exactly one of `respond`, `fail` and `end` is called, once, by whoever finishes the request. It may happen before `submit`
-    returns, and it never raises.
+    Exactly one of `respond`, `fail` and `end` is called, once, by whoever finishes the request. It may happen before
+    `submit` returns, and it never raises.
     """
 
     __slots__ = ("origin", "pdu", "received_at", "transaction", "unit")

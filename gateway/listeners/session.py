@@ -1,5 +1,11 @@
+"""One client's connection as a machine: bytes in, requests out, responses back, with bounds on all of it."""
+
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
+
+from gateway.errors import NotModbus
+from gateway.modbus import mbap
+from gateway.request import Request, Target
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,3 +20,144 @@ class ListenSettings:
     in_flight: int = 16
     unit0: Literal["refuse", "broadcast"] | int = "refuse"
     source: str = ""
+
+
+class Connection(Protocol):
+    """What a session can do to its connection. None of it calls back into the session before it returns."""
+
+    def send(self, data: bytes) -> None:
+        """Send `data`, or keep it until the client takes it."""
+
+    def pause(self) -> None:
+        """Receive nothing more until `resume`: the client has to wait."""
+
+    def resume(self) -> None:
+        """Receive again, and call `proceed` soon for what has already been received."""
+
+    def close(self) -> None:
+        """Close once everything sent has left."""
+
+    def reject(self, reason: str) -> None:
+        """Close because of what the client did."""
+
+
+class Session:
+    """A Modbus TCP client: the Origin of its requests.
+
+    At most `in_flight` requests are under way; beyond that the gateway stops reading from the client. Responses carry
+    the client's own transaction and unit identifiers, and go out as they come.
+    """
+
+    __slots__ = (
+        "_at_end", "_blocked", "_connection", "_draining", "_framer", "_in_flight", "_limit", "_out", "_paused",
+        "_router", "client", "gone", "last_asked", "may_write",
+    )  # fmt: skip
+
+    def __init__(
+        self, client: str, *, may_write: bool, router: Target, connection: Connection, in_flight: int, now: float
+    ) -> None:
+        """`client` names the peer in events; `router` takes its requests."""
+        self.client = client
+        self.may_write = may_write
+        self.gone = False
+        self.last_asked = now
+        self._router = router
+        self._connection = connection
+        self._framer = mbap.MbapFramer()
+        self._limit = in_flight
+        self._in_flight = 0
+        self._out: list[bytes] = []
+        self._draining = False
+        self._paused = False
+        self._blocked = False
+        self._at_end = False
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no request of the client is under way."""
+        return self._in_flight == 0
+
+    def room(self) -> memoryview:
+        """Where the next bytes from the client go."""
+        return self._framer.room()
+
+    def received(self, count: int, now: float) -> None:
+        """`count` bytes have arrived in `room()`."""
+        self._framer.filled(count)
+        self.proceed(now)
+
+    def proceed(self, now: float) -> None:
+        """Submit the requests that have arrived, as far as the bounds allow; then send what was answered at once."""
+        self._draining = True
+        try:
+            self._drain(now)
+        except NotModbus as error:
+            self._flush()
+            self.gone = True
+            self._connection.reject(str(error))
+            return
+        finally:
+            self._draining = False
+        self._flush()
+        self._close_when_done()
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response to one of the session's requests."""
+        self._in_flight -= 1
+        if self.gone:
+            return
+        if pdu is not None:
+            self._out.append(mbap.encode(request.transaction, request.unit, pdu))
+        if not self._draining:
+            self._flush()
+            self._resume()
+            self._close_when_done()
+
+    def block(self) -> None:
+        """The client does not take its responses: read no more requests until `unblock`."""
+        self._blocked = True
+
+    def unblock(self) -> None:
+        """The client takes its responses again."""
+        self._blocked = False
+        self._resume()
+
+    def end_of_input(self) -> None:
+        """The client sends no more; it still gets its responses, then the connection is closed."""
+        self._at_end = True
+        self._close_when_done()
+
+    def closed(self) -> None:
+        """The connection has gone, and with it the wish for any response."""
+        self.gone = True
+        self._out.clear()
+
+    def _drain(self, now: float) -> None:
+        while self._in_flight < self._limit and not self._blocked:
+            adu = self._framer.next()
+            if adu is None:
+                return
+            self.last_asked = now
+            self._in_flight += 1
+            self._router.submit(Request(adu.unit, adu.pdu, self, now, adu.transaction), now)
+        if not self._paused:
+            self._paused = True
+            self._connection.pause()
+
+    def _resume(self) -> None:
+        if self._paused and self._in_flight < self._limit and not self._blocked:
+            self._paused = False
+            self._connection.resume()
+
+    def _flush(self) -> None:
+        if self._out:
+            data = self._out[0] if len(self._out) == 1 else b"".join(self._out)
+            self._out.clear()
+            self._connection.send(data)
+
+    def _close_when_done(self) -> None:
+        if self._at_end and self._in_flight == 0 and not self.gone:
+            self._connection.close()
+
+    def __repr__(self) -> str:
+        return f"<Session {self.client} in_flight={self._in_flight}>"

@@ -33,7 +33,7 @@ class CharacterFormat:
         """
         match = _FORMAT.fullmatch(text)
         if match is None:
-            raise ValueError("a character format is written like 8E1: 7 or 8 data bits, N, E or O for parity, 1 or 2 stop bits")
+            raise ValueError("a format is written like 8E1: 7 or 8 data bits, parity N, E or O, 1 or 2 stop bits")
         data_bits, parity, stop_bits = match.groups()
         return cls(int(data_bits), parity, int(stop_bits))  # type: ignore[arg-type]  # the pattern admits N, E and O only
 

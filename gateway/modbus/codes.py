@@ -31,7 +31,8 @@ class Area(StrEnum):
 #: Set in the function code of an exception response (A 4.1).
 EXCEPTION_BIT: Final = 0x80
 
-#: Functions that cannot change a device: all that a read-only client may use. Whatever is not known to only read is a write.
+#: Functions that cannot change a device: all that a read-only client may use. Whatever is not known to only read is
+#: a write.
 READING_FUNCTIONS: Final = frozenset({1, 2, 3, 4, 7, 11, 12, 17, 20, 24})
 
 #: Functions that may go to unit 0: every device acts, none responds (S 2.1).

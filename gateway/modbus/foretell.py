@@ -1,7 +1,7 @@
-"""The size of a PDU, foretold from its first bytes: for those who cut frames out of a stream without knowing what was asked.
+"""The size of a PDU, foretold from its first bytes: for those who cut a stream without knowing what was asked.
 
-Both functions answer with the number of bytes that must be there before more can be said. Once that many are there, it is the
-size of the PDU. 0 means that the function is not known and only silence ends the frame.
+Both functions answer with the number of bytes that must be there before more can be said. Once that many are there, it
+is the size of the PDU. 0 means that the function is not known and only silence ends the frame.
 """
 
 from gateway.modbus.codes import EXCEPTION_BIT

@@ -37,8 +37,8 @@ def encode(transaction: int, unit: int, pdu: bytes) -> bytes:
 class MbapFramer:
     """Cuts ADUs out of a TCP stream that is received into the framer's own buffer.
 
-    Receive into `room()`, say with `filled` how much came, then take ADUs with `next` until it gives None. `next` must be
-    exhausted before the buffer has room again, so it never grows.
+    Receive into `room()`, say with `filled` how much came, then take ADUs with `next` until it gives None. The buffer
+    never grows: there is room again once ADUs have been taken.
     """
 
     __slots__ = ("_buffer", "_end", "_start", "_view")

@@ -1,16 +1,17 @@
 """Protocol data units: what a request asks for, and which response belongs to it.
 
-A request is read once into a `RequestPdu`. It says which items are read and written, and foretells the response: its size
-and the bytes it must begin with. Those two are all that is needed to find the response on a line and to refuse any other:
+A request is read once into a `RequestPdu`. It says which items are read and written, and foretells the response: its
+size and the bytes it must begin with. Those two are all that is needed to find the response on a line and to refuse any
+other:
 
-| function        | the response begins with      | its size    |
-|-----------------|-------------------------------|-------------|
-| 01, 02          | function, byte count          | 2 + ceil(n/8) |
-| 03, 04, 23      | function, byte count          | 2 + 2n      |
-| 05, 06, 22      | the whole request             | as the request |
-| 15, 16          | function, address, quantity   | 5           |
-| others          | function                      | not foretold |
-| any, exception  | function OR 80h               | 2           |
+| function       | the response begins with    | its size       |
+|----------------|-----------------------------|----------------|
+| 01, 02         | function, byte count        | 2 + ceil(n/8)  |
+| 03, 04, 23     | function, byte count        | 2 + 2n         |
+| 05, 06, 22     | the whole request           | as the request |
+| 15, 16         | function, address, quantity | 5              |
+| others         | function                    | not foretold   |
+| any, exception | function OR 80h             | 2              |
 """
 
 from collections.abc import Callable
@@ -64,7 +65,7 @@ class RequestPdu:
         return max(span.count if span else 0 for span in (self.read, self.write))
 
     def accepts(self, response: bytes) -> bool:
-        """Whether `response` can be the answer: the function, the size and the echoed fields fit, or it is an exception."""
+        """Whether `response` can be the answer: function, size and echoed fields fit, or it is an exception."""
         if len(response) == 2 and response[0] == self.function | EXCEPTION_BIT:
             return True
         return response.startswith(self.response_head) and self.response_size in (None, len(response))

@@ -1,12 +1,13 @@
 """RTU framing (S 2.5.1): unit identifier, PDU, CRC; frames are parted by silence.
 
-Who ends a frame. Silence is the rule of the specification, but behind a USB adapter or a scheduler it cannot be measured: bytes
-of one frame arrive with holes, and two frames arrive glued. So a frame whose size can be foretold ends on its last byte, and holes
-do not matter. Only a frame of an unknown function ends by silence. A CRC that fits is never a sign that a frame is complete:
-one frame in 256 has a prefix with a fitting CRC.
+Who ends a frame. Silence is the rule of the specification, but behind a USB adapter or a scheduler it cannot be
+measured: bytes of one frame arrive with holes, and two frames arrive glued. So a frame whose size can be foretold ends
+on its last byte, and holes do not matter. Only a frame of an unknown function ends by silence. A CRC that fits is never
+a sign that a frame is complete: one frame in 256 has a prefix with a fitting CRC.
 
-As the client, `ResponseFramer` knows what it asked and searches for exactly that, so noise around a response does not lose it.
-As the server, `RequestFramer` foretells the size of a request from its first bytes, and looks behind noise once the line is silent.
+As the client, `ResponseFramer` knows what it asked and searches for exactly that, so noise around a response does not
+lose it. As the server, `RequestFramer` foretells the size of a request from its first bytes, and looks behind noise
+once the line is silent.
 """
 
 from collections.abc import Callable, Iterator
@@ -160,14 +161,14 @@ class RequestFramer:
         return list(_frames(data, request_size))
 
 
-def _complete(data: bytes, foretell: Callable[[bytes], int]) -> int:
+def _complete(data: bytes | bytearray, foretell: Callable[[bytes], int]) -> int:
     """Size of the ADU at the start of `data` when all of it is there, else 0."""
-    size = foretell(data[1:]) + OVERHEAD
+    size = foretell(bytes(data[1:])) + OVERHEAD
     return size if _SHORTEST <= size <= len(data) else 0
 
 
 def _frames(data: bytes, foretell: Callable[[bytes], int]) -> Iterator[Frame]:
-    """The frames in `data`, which silence has ended: those of foretold size, and one of unknown size that reaches the end."""
+    """The frames in `data`, which silence has ended: those of foretold size, and one of unknown size up to the end."""
     at = 0
     while at + _SHORTEST <= len(data):
         rest = data[at:]

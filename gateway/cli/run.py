@@ -1,0 +1,48 @@
+"""`run`: the gateway in the foreground."""
+
+import argparse
+import asyncio
+import signal
+import sys
+from functools import partial
+from pathlib import Path
+
+from gateway import events
+from gateway.config.load import load
+from gateway.config.plan import Plan, resolve
+from gateway.observe.log import open_log
+from gateway.ports.serial import open_serial
+from gateway.service.build import build
+from gateway.service.supervisor import Stop, serve
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run until SIGTERM or SIGINT. 0 after a stop, 1 when the config or an address cannot be used."""
+    file = Path(args.config)
+    loaded = load(file)
+    for problem in loaded.problems:
+        print(problem, file=sys.stderr)
+    if loaded.config is None:
+        return 1
+    plan = resolve(loaded.config)
+    emit = open_log(plan.log.level, plan.log.format)
+    emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
+    return asyncio.run(_run(plan, emit))
+
+
+async def _run(plan: Plan, emit: events.Emit) -> int:
+    loop = asyncio.get_running_loop()
+    gateway = build(plan, loop, lambda settings: partial(open_serial, settings), emit)
+    stop = Stop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.order, number.name)
+    try:
+        await serve(gateway, stop, emit)
+    except OSError as error:
+        print(f"modbus-gateway: {error.strerror}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _units(plan: Plan) -> int:
+    return sum(len(line.devices) for line in plan.lines) + len(plan.images)

@@ -1,0 +1,66 @@
+"""Joins a line's machine to its port and to the clock: the only part of a line that knows the event loop."""
+
+import asyncio
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from gateway.events import Emit, PartFailed
+from gateway.lines.line import Line
+from gateway.lines.transaction import Transaction
+from gateway.ports.clock import Alarm
+from gateway.ports.port import Port
+
+
+class LineDriver:
+    """Hands bytes, time and requests to `line`. It is the owner of the line's port, as `ports.keeper` sees it.
+
+    An error that nobody foresaw ends here: it is told, all requests of the line fail, the port is closed and reopened.
+    """
+
+    def __init__(self, line: Line, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
+        self.line = line
+        self._emit = emit
+        self._time = loop.time
+        self._alarm = Alarm(loop, self._wake)
+        self._port: Port | None = None
+
+    def submit(self, transaction: Transaction, now: float) -> None:
+        """Take over a transaction."""
+        self._run(self.line.submit, transaction, now)
+
+    def port_up(self, port: Port) -> None:
+        """The port is open."""
+        self._port = port
+        self._run(self.line.port_up, port.write, port.latency, self._time())
+
+    def received(self, data: bytes) -> None:
+        """These bytes became readable."""
+        self._run(self.line.received, data, self._time())
+
+    def port_down(self) -> None:
+        """The port has gone; requests fail at once until it is back."""
+        self._port = None
+        self._run(self.line.port_down)
+
+    def close(self) -> None:
+        """Wake no more."""
+        self._alarm.close()
+
+    def _wake(self) -> None:
+        self._run(self.line.tick, self._time())
+
+    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+        try:
+            step(*arguments)
+        except Exception as error:  # noqa: BLE001 - the border of a line: a defect in it must not reach the others
+            self._start_anew(error)
+        self._alarm.set(self.line.deadline())
+
+    def _start_anew(self, error: Exception) -> None:
+        text = "".join(traceback.format_exception(error))
+        self._emit(PartFailed(f"line {self.line.settings.name}", repr(error), text))
+        port, self._port = self._port, None
+        self.line.port_down()
+        if port is not None:
+            port.close()

@@ -1,0 +1,51 @@
+"""Requests to unit 0: they go once to every line and image, and nobody responds."""
+
+from collections.abc import Sequence
+
+from gateway.errors import IllegalFunction, RequestError
+from gateway.modbus.codes import BROADCAST_FUNCTIONS, BROADCAST_UNIT
+from gateway.modbus.pdu import parse_request
+from gateway.request import Request, Target
+
+
+class Broadcast:
+    """A Target that copies a write to each of `targets`. The request ends when all of them are done with it."""
+
+    def __init__(self, targets: Sequence[Target]) -> None:
+        self._targets = targets
+
+    def submit(self, request: Request, now: float) -> None:
+        """Spread a write; any other function is answered 01, a malformed one 03."""
+        try:
+            if request.pdu[0] not in BROADCAST_FUNCTIONS:
+                raise IllegalFunction(f"function {request.pdu[0]} cannot be broadcast")
+            parse_request(request.pdu)
+        except RequestError as error:
+            request.fail(error)
+            return
+        copies = _Copies(request, len(self._targets))
+        for target in self._targets:
+            target.submit(Request(BROADCAST_UNIT, request.pdu, copies, now), now)
+        copies.one_done()
+
+
+class _Copies:
+    """The origin of a broadcast's copies: waits for all of them, and for the one who hands them out."""
+
+    def __init__(self, original: Request, count: int) -> None:
+        self._original = original
+        self._open = count + 1
+        self.client = original.origin.client
+        self.may_write = original.origin.may_write
+
+    @property
+    def gone(self) -> bool:
+        return self._original.origin.gone
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:  # noqa: ARG002 - no copy's answer reaches the client
+        self.one_done()
+
+    def one_done(self) -> None:
+        self._open -= 1
+        if self._open == 0:
+            self._original.end()
