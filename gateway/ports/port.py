@@ -20,6 +20,9 @@ class Port(Protocol):
     def close(self) -> None:
         """Let go of the port; `PortUser.lost` follows if it has not been called yet."""
 
+    async def wait_closed(self) -> None:
+        """Wait until a port that was closed or lost is free again. The caller sets the deadline: a driver may hang."""
+
 
 class PortUser(Protocol):
     """Who is told what a port does."""
@@ -32,6 +35,7 @@ class PortUser(Protocol):
 
 
 #: Opens a port for a user. Raises PortError with the reason, in words an operator can act on.
+#: Cancelled, it leaves nothing open.
 OpenPort = Callable[[PortUser], Awaitable[Port]]
 
 

@@ -1,0 +1,140 @@
+"""One port kept open for ever: opened, watched, and opened again after every loss."""
+
+import asyncio
+from contextlib import suppress
+from typing import Final, Protocol
+
+from gateway.errors import PortError
+from gateway.events import Emit, LineLost, LineReopened, LineUp
+from gateway.ports.port import OpenPort, Port
+
+#: Pause before the port is tried again; it doubles with every failure. The longest keeps a returned adapter waiting
+#: for less than 2 s and an absent one below 2 % of a processor.
+FIRST_PAUSE: Final = 0.1
+LONGEST_PAUSE: Final = 1.0
+#: How long a driver may take to open a port before the attempt counts as failed.
+OPENING_DEADLINE: Final = 5.0
+#: How long a driver may take to close one before it is left to itself: the last frame at a low rate, and some more.
+CLOSING_DEADLINE: Final = 3.0
+
+
+class PortOwner(Protocol):
+    """Whose port is kept open: a line, a serial listener. It starts without a port."""
+
+    def port_up(self, port: Port) -> None:
+        """The port is open and may be written to at once."""
+
+    def received(self, data: bytes) -> None:
+        """These bytes became readable."""
+
+    def port_down(self, error: PortError) -> None:
+        """The port that `port_up` brought is gone. Called once for each `port_up`."""
+
+
+class Keeper:
+    """Keeps the port of `owner` open while `run` runs.
+
+    `name` and `port_path` are those of the line, for events. `tried` is set once the first attempt has succeeded or
+    failed. `error` says why the port is not open; it is None while it is, and before the first attempt.
+    """
+
+    def __init__(self, name: str, port_path: str, open_port: OpenPort, owner: PortOwner, emit: Emit) -> None:
+        self.tried = asyncio.Event()
+        self.error: PortError | None = None
+        self._name = name
+        self._port_path = port_path
+        self._open_port = open_port
+        self._owner = owner
+        self._emit = emit
+        self._pause = FIRST_PAUSE
+        self._lost_at: float | None = None
+
+    async def run(self) -> None:
+        """Keep the port open until cancelled; then it is closed, and the owner knows."""
+        while True:
+            self._is_down(await self._hold())
+            await asyncio.sleep(self._pause)
+            self._pause = min(2 * self._pause, LONGEST_PAUSE)
+
+    async def _hold(self) -> PortError:
+        """Open the port and hold it until it is lost; the error says why it is not open, or not any longer."""
+        holding = _Holding(self._owner)
+        try:
+            port = await self._open(holding)
+        except PortError as error:
+            return error
+        try:
+            self._is_up(port)
+            holding.up = True
+            opened_at = _now()
+            reason = await holding.gone
+            self._lost_at = _now()
+            # A port that opens and fails at once is as good as absent: only one that stayed renews the short pause.
+            if self._lost_at - opened_at > LONGEST_PAUSE:
+                self._pause = FIRST_PAUSE
+            return reason
+        finally:
+            holding.lost(PortError("closed"))
+            await _let_go(port)
+
+    async def _open(self, holding: "_Holding") -> Port:
+        try:
+            async with asyncio.timeout(OPENING_DEADLINE):
+                port = await self._open_port(holding)
+        except TimeoutError:
+            raise PortError(f"{self._port_path}: the driver did not open it within {OPENING_DEADLINE:g} s") from None
+        if holding.gone.done():
+            await _let_go(port)
+            raise holding.gone.result()
+        return port
+
+    def _is_up(self, port: Port) -> None:
+        self.error = None
+        self._owner.port_up(port)
+        if self._lost_at is None:
+            self._emit(LineUp(self._name, self._port_path))
+        else:
+            self._emit(LineReopened(self._name, self._port_path, away_s=_now() - self._lost_at))
+        self.tried.set()
+
+    def _is_down(self, error: PortError) -> None:
+        """Remember and tell why; a reason that was told already is not told again."""
+        if self.error is None or str(self.error) != str(error):
+            self._emit(LineLost(self._name, self._port_path, reason=str(error)))
+        self.error = error
+        self.tried.set()
+
+    def __repr__(self) -> str:
+        state = "not tried yet" if not self.tried.is_set() else "open" if self.error is None else f"down: {self.error}"
+        return f"<Keeper {self._name} {self._port_path} {state}>"
+
+
+class _Holding:
+    """One opening of the port, as the port sees it: bytes go straight to the owner, a loss comes to the keeper too."""
+
+    __slots__ = ("_owner", "gone", "received", "up")
+
+    def __init__(self, owner: PortOwner) -> None:
+        self.received = owner.received
+        self.gone: asyncio.Future[PortError] = asyncio.get_running_loop().create_future()
+        self.up = False
+        self._owner = owner
+
+    def lost(self, error: PortError) -> None:
+        """The port is gone: the owner hears it now, not when the keeper's task has its turn."""
+        if not self.gone.done():
+            self.gone.set_result(error)
+        if self.up:
+            self.up = False
+            self._owner.port_down(error)
+
+
+async def _let_go(port: Port) -> None:
+    port.close()
+    with suppress(TimeoutError):  # then the driver hangs; the port is closed when it comes back
+        async with asyncio.timeout(CLOSING_DEADLINE):
+            await port.wait_closed()
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

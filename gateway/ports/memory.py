@@ -1,0 +1,112 @@
+"""A line without hardware, for tests: the gateway's end is a Port, the test holds the devices' end."""
+
+import asyncio
+from collections.abc import Callable
+
+from gateway.errors import PortError
+from gateway.ports.port import Port, PortUser
+
+
+class MemoryLine:
+    """The devices' end of a line in memory, and the plug between the two ends.
+
+    Hand `open_port` to the gateway. What it writes is added to `written` at once, and handed to `on_write` in the
+    loop's next turn, because no device answers inside a write. Nothing here takes time: a test's clock decides.
+    """
+
+    def __init__(
+        self, name: str = "memory", latency: float = 0.0, on_write: Callable[[bytes], None] | None = None
+    ) -> None:
+        self.name = name
+        self.latency = latency
+        self.on_write = on_write
+        self.written = bytearray()
+        self.openings = 0
+        self._port: MemoryPort | None = None
+        self._absent: str | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the gateway holds its end."""
+        return self._port is not None
+
+    async def open_port(self, user: PortUser) -> Port:
+        """Open the gateway's end.
+
+        Raises:
+            PortError: the line is unplugged, or its end is held already.
+        """
+        if self._absent is not None:
+            raise PortError(self._absent)
+        if self._port is not None:
+            raise PortError(f"{self.name} is in use")
+        self.openings += 1
+        self._port = MemoryPort(self, user)
+        return self._port
+
+    def take_written(self) -> bytes:
+        """What was written since the last call."""
+        written = bytes(self.written)
+        self.written.clear()
+        return written
+
+    def deliver(self, data: bytes) -> None:
+        """Devices say `data`; it has been received when this returns. Nobody hears it on a port that is not open."""
+        if self._port is not None:
+            self._port.user.received(data)
+
+    def pull(self, reason: str = "unplugged") -> None:
+        """Unplug the line: an open port is lost before this returns, and none can be opened until `plug`."""
+        self._absent = reason
+        if self._port is not None:
+            self._port.lose(reason)
+
+    def plug(self) -> None:
+        """Plug the line in again."""
+        self._absent = None
+
+    def take(self, data: bytes) -> None:
+        """Accept what the gateway's end wrote."""
+        self.written += data
+        if self.on_write is not None:
+            asyncio.get_running_loop().call_soon(self.on_write, data)
+
+    def release(self) -> None:
+        """The gateway's end has been let go."""
+        self._port = None
+
+
+class MemoryPort:
+    """The gateway's end of a MemoryLine."""
+
+    def __init__(self, line: MemoryLine, user: PortUser) -> None:
+        self.latency = line.latency
+        self.user = user
+        self._line: MemoryLine | None = line
+
+    def write(self, data: bytes) -> None:
+        """Send `data` now."""
+        if self._line is not None:
+            self._line.take(bytes(data))
+
+    def close(self) -> None:
+        """Let go of the line; `lost` follows in the loop's next turn."""
+        if self._detach():
+            asyncio.get_running_loop().call_soon(self.user.lost, PortError("closed"))
+
+    async def wait_closed(self) -> None:
+        """Wait until `lost` has been called: one turn of the loop."""
+        await asyncio.sleep(0)
+
+    def lose(self, reason: str) -> None:
+        """The line was unplugged."""
+        if self._detach():
+            self.user.lost(PortError(reason))
+
+    def _detach(self) -> bool:
+        """Part from the line; False when that has happened before."""
+        if self._line is None:
+            return False
+        self._line.release()
+        self._line = None
+        return True

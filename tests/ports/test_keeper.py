@@ -1,0 +1,223 @@
+"""The keeper: opens, tells, opens again, and leaves nothing behind. Seconds are virtual."""
+
+import asyncio
+from contextlib import asynccontextmanager
+from itertools import pairwise
+
+import pytest
+
+from gateway.errors import PortError
+from gateway.events import LineLost, LineReopened, LineUp
+from gateway.ports import keeper as keeper_module
+from gateway.ports.keeper import Keeper
+from gateway.ports.memory import MemoryLine
+
+
+class Owner:
+    """Notes what a line would be told."""
+
+    def __init__(self):
+        self.told = []
+        self.port = None
+
+    def port_up(self, port):
+        self.port = port
+        self.told.append("up")
+
+    def received(self, data):
+        self.told.append(data)
+
+    def port_down(self, error):
+        self.port = None
+        self.told.append(f"down: {error}")
+
+
+class House:
+    """A keeper with a memory line on one side and an owner on the other."""
+
+    def __init__(self):
+        self.line = MemoryLine()
+        self.owner = Owner()
+        self.events = []
+        self.keeper = Keeper("hall-a", "/dev/hall-a", self.line.open_port, self.owner, self.events.append)
+
+    @asynccontextmanager
+    async def kept(self, open_port=None):
+        if open_port is not None:
+            self.keeper._open_port = open_port
+        task = asyncio.create_task(self.keeper.run(), name="keeper")
+        try:
+            await asyncio.sleep(0.001)
+            yield
+        finally:
+            task.cancel()
+            await asyncio.wait([task])
+            assert task.cancelled()
+
+
+@pytest.fixture
+def house():
+    return House()
+
+
+async def test_it_opens_the_port_and_tells_the_owner(house):
+    async with house.kept():
+        assert house.keeper.tried.is_set()
+        assert house.owner.told == ["up"]
+        assert house.events == [LineUp("hall-a", "/dev/hall-a")]
+        house.owner.port.write(b"ask")
+        assert house.line.take_written() == b"ask"
+
+
+async def test_bytes_go_straight_to_the_owner(house):
+    """The port calls the owner's own method: nothing stands between them."""
+    async with house.kept():
+        assert house.line._port.user.received == house.owner.received
+
+
+async def test_a_loss_reaches_the_owner_in_the_same_turn(house):
+    async with house.kept():
+        house.line.pull("unplugged")
+        assert house.owner.told == ["up", "down: unplugged"]
+
+
+async def test_a_returned_port_is_open_again_within_two_seconds(house):
+    async with house.kept():
+        house.line.pull("unplugged")
+        await asyncio.sleep(1000)
+        house.line.plug()
+        await asyncio.sleep(1.1)
+        assert house.owner.told == ["up", "down: unplugged", "up"]
+        assert house.keeper.error is None
+
+
+async def test_a_brief_loss_is_healed_after_a_tenth_of_a_second(house):
+    async with house.kept():
+        await asyncio.sleep(60)
+        house.line.pull()
+        house.line.plug()
+        await asyncio.sleep(0.11)
+        assert house.owner.told[-1] == "up"
+        assert house.events[-1] == LineReopened("hall-a", "/dev/hall-a", away_s=pytest.approx(0.1))
+
+
+async def test_pauses_double_up_to_a_second(house):
+    attempts = []
+
+    async def refuse(user):
+        attempts.append(asyncio.get_running_loop().time())
+        raise PortError("absent")
+
+    async with house.kept(refuse):
+        await asyncio.sleep(4)
+    pauses = [later - earlier for earlier, later in pairwise(attempts)]
+    assert pauses == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.0, 1.0])
+
+
+async def test_a_port_that_fails_as_soon_as_it_is_open_is_not_opened_ten_times_a_second(house):
+    async def flap(user):
+        port = await house.line.open_port(user)
+        asyncio.get_running_loop().call_later(0.01, port.close)
+        return port
+
+    async with house.kept(flap):
+        await asyncio.sleep(60)
+    assert house.line.openings < 65
+
+
+async def test_after_a_stay_the_short_pause_is_back(house):
+    house.line.pull()
+    async with house.kept():
+        await asyncio.sleep(100)
+        house.line.plug()
+        await asyncio.sleep(100)
+        house.line.pull()
+        house.line.plug()
+        await asyncio.sleep(0.11)
+        assert house.line.openings == 2
+
+
+async def test_a_reason_is_told_once_and_again_when_it_changes(house):
+    house.line.pull("absent")
+    async with house.kept():
+        await asyncio.sleep(10)
+        house.line.pull("no permission")
+        await asyncio.sleep(10)
+        house.line.plug()
+        await asyncio.sleep(2)
+    assert house.events == [
+        LineLost("hall-a", "/dev/hall-a", "absent"),
+        LineLost("hall-a", "/dev/hall-a", "no permission"),
+        LineUp("hall-a", "/dev/hall-a"),
+    ]
+
+
+async def test_every_loss_is_told_even_for_the_same_reason(house):
+    async with house.kept():
+        for _ in range(2):
+            house.line.pull("unplugged")
+            house.line.plug()
+            await asyncio.sleep(2)
+    assert [event.name for event in house.events] == [
+        "line_up",
+        *["line_lost", "line_reopened"] * 2,
+    ]
+
+
+async def test_a_failed_first_attempt_counts_as_tried(house):
+    house.line.pull("absent")
+    async with house.kept():
+        assert house.keeper.tried.is_set()
+        assert str(house.keeper.error) == "absent"
+        assert house.owner.told == []
+
+
+async def test_a_driver_that_never_answers_is_given_up_and_tried_again(house):
+    attempts = []
+
+    async def hang(user):
+        attempts.append(user)
+        await asyncio.sleep(1000)
+
+    async with house.kept(hang):
+        await asyncio.sleep(keeper_module.OPENING_DEADLINE + 0.2)
+        assert "did not open it within 5 s" in str(house.keeper.error)
+        assert len(attempts) == 2
+        attempts[0].lost(PortError("too late"))
+    assert house.owner.told == []
+
+
+async def test_a_port_lost_before_the_owner_had_it_is_a_failed_attempt(house):
+    async def stillborn(user):
+        port = await house.line.open_port(user)
+        house.line.pull("pulled at once")
+        return port
+
+    async with house.kept(stillborn):
+        assert str(house.keeper.error) == "pulled at once"
+    assert house.owner.told == []
+
+
+async def test_cancelled_it_closes_the_port_and_the_owner_knows(house):
+    async with house.kept():
+        pass
+    assert not house.line.is_open
+    assert house.owner.told == ["up", "down: closed"]
+
+
+async def test_a_driver_that_never_closes_holds_nobody_up(house):
+    async with house.kept():
+        house.line._port.wait_closed = asyncio.Event().wait
+        cancelled_at = asyncio.get_running_loop().time()
+    assert asyncio.get_running_loop().time() - cancelled_at == pytest.approx(keeper_module.CLOSING_DEADLINE)
+    assert house.owner.told == ["up", "down: closed"]
+
+
+async def test_its_repr_is_a_status_line(house):
+    house.line.pull("absent")
+    assert repr(house.keeper) == "<Keeper hall-a /dev/hall-a not tried yet>"
+    async with house.kept():
+        assert repr(house.keeper) == "<Keeper hall-a /dev/hall-a down: absent>"
+        house.line.plug()
+        await asyncio.sleep(1)
+        assert repr(house.keeper) == "<Keeper hall-a /dev/hall-a open>"
