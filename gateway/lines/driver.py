@@ -5,6 +5,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+from gateway.errors import PortError
 from gateway.events import Emit, PartFailed
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
@@ -38,7 +39,7 @@ class LineDriver:
         """These bytes became readable."""
         self._run(self.line.received, data, self._time())
 
-    def port_down(self) -> None:
+    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; requests fail at once until it is back."""
         self._port = None
         self._run(self.line.port_down)

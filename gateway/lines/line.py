@@ -107,10 +107,12 @@ class Line:
 
     def received(self, data: bytes, now: float) -> None:
         """Take bytes that became readable at `now`."""
-        self._quiet_at = max(self._quiet_at, now + self.settings.gap)
+        quiet_at = now + self.settings.gap
         if self._current is None:
+            self._quiet_at = max(self._quiet_at, quiet_at)
             self.counts.unasked_bytes += len(data)
             return
+        self._quiet_at = quiet_at
         self._judge(self._framer.received(data, now), now)
 
     def deadline(self) -> float | None:

@@ -1,7 +1,7 @@
 """The composition root: the only place where a plan becomes parts."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gateway.config.plan import LinePlan, Plan
@@ -31,7 +31,7 @@ class Gateway:
 
     listeners: tuple[TcpListener, ...]
     drivers: tuple[LineDriver, ...]
-    keepers: tuple[Keeper, ...]
+    keepers: Mapping[str, Keeper]
     images: tuple[Image, ...]
 
 
@@ -39,11 +39,13 @@ def build(plan: Plan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emi
     """The parts of `plan`, joined but not started: nothing is opened yet."""
     routes: dict[int, Target] = {}
     everyone: list[Target] = []
-    drivers, keepers = [], []
+    drivers: list[LineDriver] = []
+    keepers: dict[str, Keeper] = {}
     for line_plan in plan.lines:
         driver = _driver(line_plan.line, loop, emit)
         drivers.append(driver)
-        keepers.append(Keeper(line_plan.line.name, line_plan.serial.port, opener(line_plan.serial), driver, emit))
+        name, serial = line_plan.line.name, line_plan.serial
+        keepers[name] = Keeper(name, serial.port, opener(serial), driver, emit)
         routes |= _devices(line_plan, driver)
         if line_plan.line.broadcast:
             everyone.append(EveryDevice(driver, line_plan.line.timing))
@@ -54,7 +56,7 @@ def build(plan: Plan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emi
         TcpListener(settings, Router(_with_unit0(routes, settings, everyone), emit), emit)
         for settings in plan.listeners
     )
-    return Gateway(listeners, tuple(drivers), tuple(keepers), images)
+    return Gateway(listeners, tuple(drivers), keepers, images)
 
 
 def _driver(settings: LineSettings, loop: asyncio.AbstractEventLoop, emit: Emit) -> LineDriver:

@@ -44,7 +44,7 @@ async def serve(gateway: Gateway, stop: Stop, emit: events.Emit) -> None:
     try:
         for listener in gateway.listeners:
             await listener.bind()
-        lines += [asyncio.create_task(_keep(keeper, emit), name=f"line:{keeper.name}") for keeper in gateway.keepers]
+        lines += [asyncio.create_task(_keep(*line, emit), name=f"line:{line[0]}") for line in gateway.keepers.items()]
         await _start(gateway, emit)
         await stop.asked()
         emit(events.Stopping(stop.reason))
@@ -61,21 +61,21 @@ async def serve(gateway: Gateway, stop: Stop, emit: events.Emit) -> None:
 
 
 async def _start(gateway: Gateway, emit: events.Emit) -> None:
-    for keeper in gateway.keepers:
+    for keeper in gateway.keepers.values():
         await keeper.tried.wait()
     for listener in gateway.listeners:
         await listener.start()
-    up = sum(keeper.is_open for keeper in gateway.keepers)
+    up = sum(keeper.error is None for keeper in gateway.keepers.values())
     emit(events.Ready(tuple(each.address for each in gateway.listeners), up, len(gateway.keepers) - up))
 
 
-async def _keep(keeper: Keeper, emit: events.Emit) -> None:
+async def _keep(name: str, keeper: Keeper, emit: events.Emit) -> None:
     while True:
         try:
             await keeper.run()
         except Exception as error:  # noqa: BLE001 - the supervisor's border: one line's defect is not the others'
             text = "".join(traceback.format_exception(error))
-            emit(events.PartFailed(f"line {keeper.name}", repr(error), text))
+            emit(events.PartFailed(f"line {name}", repr(error), text))
         await asyncio.sleep(_RESTART_PAUSE)
 
 

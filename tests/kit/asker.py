@@ -1,0 +1,19 @@
+"""A client for tests of the parts behind it: it asks, and remembers what it was answered."""
+
+from gateway.request import Request
+
+
+class Asker:
+    """An Origin. `answers` holds the response PDUs in hex, in the order they came; None for a broadcast that ended."""
+
+    def __init__(self, client: str = "10.0.0.9:49152", *, may_write: bool = True) -> None:
+        self.client = client
+        self.may_write = may_write
+        self.gone = False
+        self.answers: list[str | None] = []
+
+    def ask(self, pdu: str, *, unit: int = 1, now: float = 0.0) -> Request:
+        return Request(unit, bytes.fromhex(pdu), self, now)
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        self.answers.append(pdu.hex(" ").upper() if pdu is not None else None)
