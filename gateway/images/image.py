@@ -1,7 +1,16 @@
+"""A local register image: a unit that the gateway itself answers for."""
+
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
-from gateway.modbus.codes import Area
+
+from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
+from gateway.images.functions import FUNCTIONS, perform
+from gateway.images.tables import make_tables
+from gateway.modbus.codes import BROADCAST_FUNCTIONS, BROADCAST_UNIT, Area
+from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.profile import Profile, Range
+from gateway.request import Request
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,3 +23,63 @@ class ImageSettings:
     areas: Mapping[Area, tuple[Range, ...]]
     initial: Mapping[Area, tuple[tuple[int, tuple[int, ...]], ...]] = field(default_factory=dict)
     source: str = ""
+
+
+@dataclass(slots=True)
+class Counts:
+    """What an image has done: requests taken, broadcasts included, and exception responses among the answers."""
+
+    requests: int = 0
+    exceptions: int = 0
+
+
+class Image:
+    """Four tables behind the rules of a profile; a Target that finishes every request before `submit` returns.
+
+    The profile narrows what an image can do (functions, limits, addresses), so that an image with a device's profile
+    answers as the device would. `tables` holds the values, by area.
+    """
+
+    def __init__(self, settings: ImageSettings) -> None:
+        self.settings = settings
+        self.tables = make_tables(settings.areas, settings.initial)
+        self.counts = Counts()
+        self._profile = settings.profile
+
+    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image acts at once, whenever that is
+        """Answer `request`; one for unit 0 is a broadcast, which is acted on and never answered."""
+        self.counts.requests += 1
+        if request.unit == BROADCAST_UNIT:
+            self._take_broadcast(request)
+            return
+        try:
+            response = perform(self.tables, self._check(request.pdu))
+        except RequestError as error:
+            self.counts.exceptions += 1
+            request.fail(error)
+        else:
+            request.respond(response)
+
+    def _take_broadcast(self, request: Request) -> None:
+        if request.pdu[0] in BROADCAST_FUNCTIONS:
+            with suppress(RequestError):
+                perform(self.tables, self._check(request.pdu))
+        request.end()
+
+    def _check(self, pdu: bytes) -> RequestPdu:
+        """What `pdu` asks for; nothing was changed yet. The order is that of the specification (A 7).
+
+        Raises:
+            RequestError: the function (01), the structure or a limit (03), or an address (02) does not fit.
+        """
+        if pdu[0] not in FUNCTIONS:
+            raise IllegalFunction(f"an image has no function {pdu[0]}")
+        asked = self._profile.check(pdu)
+        for span in (asked.read, asked.write):
+            if span is not None and not self.tables[span.area].has(span):
+                raise IllegalDataAddress(f"{self.settings.name} has no {span.area} {span.start}-{span.end - 1}")
+        return asked
+
+    def __repr__(self) -> str:
+        counts = f"requests={self.counts.requests} exceptions={self.counts.exceptions}"
+        return f"<Image {self.settings.name} unit={self.settings.unit} {counts}>"

@@ -1,0 +1,138 @@
+"""The four tables of a unit (A 4.3): coils, discrete inputs, input registers, holding registers.
+
+Functions read and write a table in the form that messages carry: coils packed eight a byte, registers high byte first.
+They have asked `has` before. For everybody else the items of a table are numbers.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from struct import calcsize, pack, unpack
+from typing import ClassVar, Final
+
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span, pack_bits, unpack_bits
+from gateway.profiles.profile import Range, covers
+
+#: Addresses have 16 bits: the last one of the largest table (A 4.4).
+LAST_ADDRESS: Final = 0xFFFF
+
+#: Numbers for a run of items: the address of the first one, and the numbers.
+Values = tuple[int, Sequence[int]]
+
+
+class Table(ABC):
+    """The items of one area, all 0 at first. They exist at the addresses in `ranges` (ascending, adjacent ones joined).
+
+    Raises:
+        ValueError: a range is empty or leaves the addresses 0-65535.
+    """
+
+    __slots__ = ("_contents", "area", "ranges")
+
+    #: How an item is stored, as a format of `struct`, and the largest number it can be.
+    _format: ClassVar[str]
+    _largest: ClassVar[int]
+
+    def __init__(self, area: Area, ranges: tuple[Range, ...]) -> None:
+        for first, last in ranges:
+            if not 0 <= first <= last <= LAST_ADDRESS:
+                raise ValueError(f"{area} {first}-{last} is no range of addresses")
+        self.area = area
+        self.ranges = ranges
+        # From address 0 on, with all holes, so that a read is one slice; the largest table takes 128 KiB.
+        self._contents = bytearray(calcsize(self._format) * max((last + 1 for _, last in ranges), default=0))
+
+    def has(self, span: Span) -> bool:
+        """Whether every item of `span` exists."""
+        return covers(self.ranges, span)
+
+    @abstractmethod
+    def read(self, span: Span) -> bytes:
+        """The items of `span`, as a response carries them."""
+
+    @abstractmethod
+    def write(self, span: Span, data: bytes) -> None:
+        """Change the items of `span` to those that a request carries in `data`."""
+
+    def values(self, start: int, count: int) -> tuple[int, ...]:
+        """The numbers of `count` items from `start` on.
+
+        Raises:
+            ValueError: an item does not exist.
+        """
+        return unpack(f">{count}{self._format}", self._contents[self._place(start, count)])
+
+    def assign(self, start: int, values: Sequence[int]) -> None:
+        """Set the items from `start` on.
+
+        Raises:
+            ValueError: an item does not exist, or a number does not fit; nothing was changed.
+        """
+        place = self._place(start, len(values))
+        if not all(0 <= value <= self._largest for value in values):
+            raise ValueError(f"{self.area} from {start} on: values must be 0 to {self._largest}")
+        self._contents[place] = pack(f">{len(values)}{self._format}", *values)
+
+    def _place(self, start: int, count: int) -> slice:
+        span = Span(self.area, start, count)
+        if not self.has(span):
+            raise ValueError(f"{self.area} {start}-{span.end - 1} do not all exist")
+        size = calcsize(self._format)
+        return slice(size * start, size * span.end)
+
+
+class BitTable(Table):
+    """Coils or discrete inputs: one byte for each, 0 or 1."""
+
+    __slots__ = ()
+
+    _format = "B"
+    _largest = 1
+
+    def read(self, span: Span) -> bytes:
+        """Eight a byte, the first one lowest, the last byte filled up with zeros (A 6.1)."""
+        return pack_bits(bytes(self._contents[span.start : span.end]))
+
+    def write(self, span: Span, data: bytes) -> None:
+        """Eight a byte; what fills up the last byte is ignored (A 6.11)."""
+        self._contents[span.start : span.end] = unpack_bits(data, span.count)
+
+
+class RegisterTable(Table):
+    """Input or holding registers: two bytes for each, the high one first."""
+
+    __slots__ = ()
+
+    _format = "H"
+    _largest = 0xFFFF
+
+    def read(self, span: Span) -> bytes:
+        """Two bytes each, the high one first (A 4.2)."""
+        return bytes(self._contents[2 * span.start : 2 * span.end])
+
+    def write(self, span: Span, data: bytes) -> None:
+        """Two bytes each, the high one first (A 4.2)."""
+        self._contents[2 * span.start : 2 * span.end] = data
+
+
+Tables = Mapping[Area, Table]
+
+_KINDS: Final[dict[Area, type[Table]]] = {
+    Area.COILS: BitTable,
+    Area.DISCRETE: BitTable,
+    Area.INPUT: RegisterTable,
+    Area.HOLDING: RegisterTable,
+}
+
+
+def make_tables(ranges: Mapping[Area, tuple[Range, ...]], initial: Mapping[Area, Iterable[Values]]) -> Tables:
+    """The four tables with their initial values; an area that `ranges` does not name has no items.
+
+    Raises:
+        ValueError: a range is impossible, or an initial value does not fit.
+    """
+    tables = {area: kind(area, ranges.get(area, ())) for area, kind in _KINDS.items()}
+    for area, runs in initial.items():
+        for start, values in runs:
+            tables[area].assign(start, values)
+    return tables
