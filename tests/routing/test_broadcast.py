@@ -1,0 +1,68 @@
+"""Unit 0: a write goes to every target once, and the client hears nothing."""
+
+import pytest
+from kit.asker import Asker
+
+from gateway.errors import LineDown
+from gateway.request import Request
+from gateway.routing.broadcast import Broadcast
+
+WRITE = "06 00 01 00 05"
+
+
+class Target:
+    """Keeps what it was given."""
+
+    def __init__(self) -> None:
+        self.requests: list[Request] = []
+
+    def submit(self, request: Request, now: float) -> None:
+        self.requests.append(request)
+
+
+@pytest.fixture
+def targets() -> list[Target]:
+    return [Target(), Target()]
+
+
+@pytest.mark.parametrize(
+    "pdu", ["05 00 01 FF 00", WRITE, "0F 00 00 00 01 01 01", "10 00 00 00 01 02 00 07", "16 00 01 00 F2 00 25"]
+)
+def test_each_target_gets_a_write_once_for_unit_0(targets: list[Target], pdu: str) -> None:
+    Broadcast(targets).submit(Asker().ask(pdu, unit=0), 0.0)
+    assert [[(copy.unit, copy.pdu) for copy in target.requests] for target in targets] == [
+        [(0, bytes.fromhex(pdu))]
+    ] * 2
+
+
+def test_it_ends_without_a_response_once_every_target_is_done(targets: list[Target]) -> None:
+    client = Asker()
+    Broadcast(targets).submit(client.ask(WRITE, unit=0), 0.0)
+    targets[0].requests[0].end()
+    assert client.answers == []
+    targets[1].requests[0].fail(LineDown())
+    assert client.answers == [None]
+
+
+def test_without_targets_it_ends_at_once() -> None:
+    client = Asker()
+    Broadcast([]).submit(client.ask(WRITE, unit=0), 0.0)
+    assert client.answers == [None]
+
+
+@pytest.mark.parametrize(
+    ("pdu", "answer"),
+    [("03 00 00 00 01", "83 01"), ("17 00 00 00 01 00 00 00 01 02 00 00", "97 01"), ("05 00 00 12 34", "85 03")],
+)
+def test_reads_and_malformed_writes_go_nowhere(targets: list[Target], pdu: str, answer: str) -> None:
+    client = Asker()
+    Broadcast(targets).submit(client.ask(pdu, unit=0), 0.0)
+    assert client.answers == [answer]
+    assert not targets[0].requests
+
+
+def test_the_copies_are_gone_when_the_client_is(targets: list[Target]) -> None:
+    client = Asker()
+    Broadcast(targets).submit(client.ask(WRITE, unit=0), 0.0)
+    client.gone = True
+    assert targets[0].requests[0].origin.gone
