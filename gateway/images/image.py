@@ -1,13 +1,12 @@
 """A local register image: a unit that the gateway itself answers for."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
 from gateway.images.functions import FUNCTIONS, perform
 from gateway.images.tables import make_tables
-from gateway.modbus.codes import BROADCAST_FUNCTIONS, BROADCAST_UNIT, Area
+from gateway.modbus.codes import Area
 from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
@@ -27,7 +26,7 @@ class ImageSettings:
 
 @dataclass(slots=True)
 class Counts:
-    """What an image has done: requests taken, broadcasts included, and exception responses among the answers."""
+    """What an image has done: requests taken, and exception responses among the answers."""
 
     requests: int = 0
     exceptions: int = 0
@@ -47,11 +46,8 @@ class Image:
         self._profile = settings.profile
 
     def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image acts at once, whenever that is
-        """Answer `request`; one for unit 0 is a broadcast, which is acted on and never answered."""
+        """Answer `request`."""
         self.counts.requests += 1
-        if request.unit == BROADCAST_UNIT:
-            self._take_broadcast(request)
-            return
         try:
             response = perform(self.tables, self._check(request.pdu))
         except RequestError as error:
@@ -59,12 +55,6 @@ class Image:
             request.fail(error)
         else:
             request.respond(response)
-
-    def _take_broadcast(self, request: Request) -> None:
-        if request.pdu[0] in BROADCAST_FUNCTIONS:
-            with suppress(RequestError):
-                perform(self.tables, self._check(request.pdu))
-        request.end()
 
     def _check(self, pdu: bytes) -> RequestPdu:
         """What `pdu` asks for; nothing was changed yet. The order is that of the specification (A 7).

@@ -3,7 +3,8 @@
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.profiles.profile import Profile
-from gateway.request import Request
+from gateway.request import Request, Target
+from gateway.routing.broadcast import Broadcast
 
 UNIT = 10
 GENERIC = Profile("generic")
@@ -36,10 +37,10 @@ def image(profile: Profile = GENERIC, initial=None, **areas: tuple[tuple[int, in
     return Image(ImageSettings(UNIT, "shift-data", profile, ranges, initial or {}))
 
 
-def exchange(image: Image, pdu: bytes, unit: int = UNIT) -> bytes | None:
-    """The one thing that `image` did with the request: its response, or None for none."""
+def exchange(target: Target, pdu: bytes, unit: int = UNIT) -> bytes | None:
+    """The one thing that `target` did with the request: its response, or None for none."""
     answers = Answers()
-    image.submit(Request(unit, pdu, answers, received_at=0.0), now=0.0)
+    target.submit(Request(unit, pdu, answers, received_at=0.0), now=0.0)
     assert len(answers.came) == 1
     return answers.came[0]
 
@@ -52,8 +53,8 @@ def ask(image: Image, pdu: str) -> str:
 
 
 def broadcast(image: Image, pdu: str) -> None:
-    """Hand over a copy of a broadcast; it must end without a response."""
-    assert exchange(image, bytes.fromhex(pdu), BROADCAST_UNIT) is None
+    """Ask unit 0, behind which only `image` is."""
+    exchange(Broadcast([image]), bytes.fromhex(pdu), BROADCAST_UNIT)
 
 
 def contents(image: Image) -> dict[Area, list[tuple[int, ...]]]:
