@@ -1,0 +1,73 @@
+"""The command `modbus-gateway`: finds the verb's module and hands over.
+
+Each verb is a module of this package with its name. It offers
+
+    def add_arguments(parser: argparse.ArgumentParser) -> None    its own arguments
+    def run(args: argparse.Namespace) -> int                      the work; returns the exit code
+
+and is imported only when it was asked for, so that `--help` is quick. A verb with several words has an underscore
+in its module's name. What stops a verb is raised as a GatewayError: its text is all that the user needs.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Final
+
+from gateway import __version__
+from gateway.errors import GatewayError
+
+FINE: Final = 0
+PROBLEM_FOUND: Final = 1
+WRONG_USAGE: Final = 2
+INTERRUPTED: Final = 130
+
+#: Where the config is when no other place is named.
+DEFAULT_CONFIG: Final = "/etc/modbus-gateway/gateway.toml"
+
+VERBS: Final[Mapping[str, str]] = {
+    "run": "run the gateway in the foreground",
+    "check": "check a config file and show what it means",
+    "profile": "show what a kind of device accepts, and how fast it answers",
+    "ports": "list the serial ports of this machine",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line `arguments` and return the exit code: 0 fine, 1 a problem was found, 2 wrong usage."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    args = _parser(words).parse_args(words)
+    try:
+        code: int = import_module(f"gateway.cli.{args.verb}").run(args)
+        sys.stdout.flush()
+    except GatewayError as error:
+        print(f"modbus-gateway: error: {error}", file=sys.stderr)
+        return PROBLEM_FOUND
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has gone. Python would complain when it flushes at exit: there is nobody to hear it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return PROBLEM_FOUND
+    return code
+
+
+def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser for these words: only the verb among them knows its arguments."""
+    parser = argparse.ArgumentParser(
+        prog="modbus-gateway", description="Modbus clients on one side, serial lines full of devices on the other."
+    )
+    parser.add_argument("--version", action="version", version=f"modbus-gateway {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
+    wanted = next((word for word in words if not word.startswith("-")), None)
+    for verb, summary in VERBS.items():
+        verb_parser = verbs.add_parser(verb, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
+        if verb == wanted:
+            import_module(f"gateway.cli.{verb}").add_arguments(verb_parser)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Durations: text with a unit, such as "250 ms", "5 s" or "10 min"."""
+
+import re
+from typing import Final
+
+from gateway.config.problem import WrongValue
+
+_UNITS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
+
+#: Nothing in a gateway takes longer: a week.
+_LONGEST: Final = 7 * 24 * 3600.0
+
+_DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
+
+
+def parse_duration(value: object) -> float:
+    """Seconds, more than 0.
+
+    Raises:
+        WrongValue: `value` is no text with a unit, or no time at all.
+    """
+    seconds = parse_duration_or_zero(value)
+    if seconds == 0:
+        raise WrongValue("must be longer than 0")
+    return seconds
+
+
+def parse_duration_or_zero(value: object) -> float:
+    """Seconds. Zero needs no unit: "0".
+
+    Raises:
+        WrongValue: `value` is no text with a unit.
+    """
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        raise WrongValue("a duration needs a unit", f'put it in quotes with a unit: "{value} ms" or "{value} s"')
+    if not isinstance(value, str):
+        raise WrongValue("must be a duration", 'a duration is text with a unit, such as "250 ms"')
+    match = _DURATION.fullmatch(value.strip())
+    if match is None:
+        raise WrongValue(f'"{value}" is no duration', 'a duration is a number and a unit, such as "250 ms"')
+    return _seconds(match[1], match[2])
+
+
+def parse_duration_or_auto(value: object) -> float | None:
+    """Seconds, or None for "auto".
+
+    Raises:
+        WrongValue: `value` is neither.
+    """
+    return None if value == "auto" else parse_duration(value)
+
+
+def parse_duration_or_zero_or_auto(value: object) -> float | None:
+    """Seconds, "0" included, or None for "auto".
+
+    Raises:
+        WrongValue: `value` is neither.
+    """
+    return None if value == "auto" else parse_duration_or_zero(value)
+
+
+def show_duration(seconds: float | None) -> str:
+    """A duration as a person would write it: the unit that needs the fewest digits, three figures; "auto" for None."""
+    if seconds is None:
+        return "auto"
+    if seconds == 0:
+        return "0"
+    if seconds < 1:
+        return f"{_three_figures(seconds * 1000)} ms"
+    if seconds >= 60 and seconds % 60 == 0:
+        return f"{seconds / 60:.0f} min"
+    return f"{_three_figures(seconds)} s"
+
+
+def _seconds(number: str, unit: str) -> float:
+    if not unit and float(number) == 0:
+        return 0.0
+    if not unit:
+        raise WrongValue("a duration needs a unit", f'write "{number} ms" or "{number} s"')
+    if unit not in _UNITS:
+        raise WrongValue(f'"{unit}" is no unit of time', "the units are ms, s, min and h")
+    seconds = float(number) * _UNITS[unit]
+    if seconds > _LONGEST:
+        raise WrongValue("is longer than a week")
+    return seconds
+
+
+def _three_figures(number: float) -> str:
+    digits = 2 if number < 10 else 1 if number < 100 else 0
+    text = f"{number:.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

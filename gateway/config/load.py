@@ -1,0 +1,197 @@
+"""From a file to a `Config`, or to everything that is wrong with it."""
+
+import os
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from gateway.config.check import check
+from gateway.config.positions import Positions
+from gateway.config.problem import Path, Problem, error
+from gateway.config.schema import (
+    Access,
+    Config,
+    Control,
+    Image,
+    Line,
+    Listen,
+    Log,
+    ProfileTable,
+    Table,
+    Upstream,
+    Web,
+)
+from gateway.config.wording import keys_of, syntax_problem, unknown_key, value_problems
+from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
+
+#: Sections that are written [[so]], [so], and [so.name].
+_LISTS: Final[Mapping[str, type[Table]]] = {
+    "listen": Listen,
+    "line": Line,
+    "image": Image,
+    "upstream": Upstream,
+    "access": Access,
+}
+_SINGLES: Final[Mapping[str, type[Table]]] = {"web": Web, "control": Control, "log": Log}
+_PROFILE: Final = "profile"
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """What became of a file: its config when it has no error, and its problems in the order of the file."""
+
+    config: Config | None
+    problems: tuple[Problem, ...]
+
+
+def load(path: str | FilePath) -> Loaded:
+    """The config in the file at `path`. Nothing is raised: a file that cannot be read is a problem too."""
+    file = str(path)
+    try:
+        text = FilePath(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError as wrong:
+        return _hopeless(error((), f"is not UTF-8 text: byte {wrong.start} does not belong there"), file)
+    except OSError as wrong:
+        return _hopeless(error((), f"cannot be read: {wrong.strerror}"), file)
+    return parse(text, file)
+
+
+def parse(
+    text: str,
+    file: str = "gateway.toml",
+    port_exists: Callable[[str], bool] = os.path.exists,
+    real_path: Callable[[str], str] = os.path.realpath,
+) -> Loaded:
+    """The config in `text`, which stands in `file`."""
+    text = text.removeprefix("\ufeff").replace("\r\n", "\n")
+    try:
+        document = tomllib.loads(text)
+        positions = Positions(text)
+    except tomllib.TOMLDecodeError as wrong:
+        problem = syntax_problem(wrong, text)
+        return Loaded(None, (problem.located(file, problem.line, problem.column),))
+    except RecursionError:
+        return _hopeless(error((), "is nested too deeply"), file)
+    reader = _Reader(document, positions, FilePath(file).name)
+    config = reader.config()
+    found = [*reader.problems, *check(config, port_exists, real_path, frozenset(reader.failed))]
+    problems = sorted((_located(one, positions, file) for one in found), key=lambda one: (one.line, one.column))
+    has_error = any(one.severity == "error" for one in problems)
+    return Loaded(None if has_error else config, tuple(problems))
+
+
+@lru_cache(maxsize=1)
+def builtin_profiles() -> Mapping[str, ProfileTable]:
+    """The profiles that need not be written, by name."""
+    return {
+        name: ProfileTable.model_validate(tomllib.loads(builtin_text(name))[_PROFILE][name]).placed(
+            (_PROFILE, name), "built in"
+        )
+        for name in BUILTIN_PROFILES
+    }
+
+
+class _Reader:
+    """Turns a TOML document into tables, each on its own, so that one broken table hides no other's problems.
+
+    `failed` are the sections of which a table is missing from the config because something is wrong with it.
+    """
+
+    def __init__(self, document: dict[str, Any], positions: Positions, file: str) -> None:
+        self.problems: list[Problem] = []
+        self.failed: set[str] = set()
+        self._document = document
+        self._positions = positions
+        self._file = file
+
+    def config(self) -> Config:
+        """The config made of every table that is good."""
+        self._find_unknown_sections()
+        lists = {section: tuple(self._rows(section, model)) for section, model in _LISTS.items()}
+        singles = {section: self._single(section, model) for section, model in _SINGLES.items()}
+        present = {section: table for section, table in singles.items() if table is not None}
+        profiles = {**builtin_profiles(), **self._profiles()}
+        return Config.model_validate({"site": self._site(), _PROFILE: profiles, **lists, **present})
+
+    def _find_unknown_sections(self) -> None:
+        known = keys_of(Config)
+        self.problems += [unknown_key((key,), known) for key in self._document if key not in known]
+
+    def _site(self) -> str:
+        site = self._document.get("site", "")
+        if isinstance(site, str):
+            return site
+        self._complain(("site",), "must be text", f'put it in quotes: "{self._written(("site",))}"')
+        return ""
+
+    def _rows(self, section: str, model: type[Table]) -> Iterator[Table]:
+        rows = self._document.get(section, [])
+        if not isinstance(rows, list):
+            self._complain((section,), "is a list of tables", f"write [[{section}]] with two brackets")
+            return
+        for index, raw in enumerate(rows):
+            table = self._table((section, index), raw, model)
+            if table is not None:
+                yield table
+
+    def _single(self, section: str, model: type[Table]) -> Table | None:
+        raw = self._document.get(section)
+        if raw is None:
+            return None
+        if isinstance(raw, list):
+            self._complain((section,), "is one table, not a list", f"write [{section}] with one bracket")
+            return None
+        return self._table((section,), raw, model)
+
+    def _profiles(self) -> dict[str, Table]:
+        profiles = self._document.get(_PROFILE, {})
+        if not isinstance(profiles, dict):
+            self._complain((_PROFILE,), "is a table of tables", f"write [{_PROFILE}.NAME]")
+            return {}
+        tables = {name: self._table((_PROFILE, name), raw, ProfileTable) for name, raw in profiles.items()}
+        return {name: table for name, table in tables.items() if table is not None}
+
+    def _table(self, path: Path, raw: object, model: type[Table]) -> Table | None:
+        try:
+            table = model.model_validate(raw)
+        except ValidationError as wrong:
+            self.failed.add(str(path[0]))
+            self.problems += value_problems(wrong, model, path, self._written)
+            return None
+        self._place(table, path)
+        return table
+
+    def _place(self, table: Table, path: Path) -> None:
+        """Tell a table and those inside it where they stand."""
+        line, _ = self._positions.value(path)
+        table.placed(path, f"{self._file}:{line}")
+        for name, field in type(table).model_fields.items():
+            value = getattr(table, name)
+            key = field.alias or name
+            if isinstance(value, Table):
+                self._place(value, (*path, key))
+            elif isinstance(value, tuple):
+                for index, row in enumerate(value):
+                    if isinstance(row, Table):
+                        self._place(row, (*path, key, index))
+
+    def _complain(self, path: Path, what: str, remedy: str) -> None:
+        self.failed.add(str(path[0]))
+        self.problems.append(error(path, what, remedy))
+
+    def _written(self, path: Path) -> str:
+        return self._positions.written(path)
+
+
+def _located(problem: Problem, positions: Positions, file: str) -> Problem:
+    place = positions.key(problem.path) if problem.on_key else positions.value(problem.path)
+    return problem.located(file, *place)
+
+
+def _hopeless(problem: Problem, file: str) -> Loaded:
+    return Loaded(None, (problem.located(file, 1, 1),))

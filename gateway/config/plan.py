@@ -1,0 +1,205 @@
+"""What a config means: the settings of every part. Nothing behind this module has seen a config file."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from gateway.config.schema import Config, Device, Image, Line, Listen, Log, ProfileTable
+from gateway.images.image import ImageSettings
+from gateway.lines.device import DeviceSettings
+from gateway.lines.line import LineSettings
+from gateway.listeners.session import ListenSettings
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
+from gateway.ports.port import SerialSettings
+from gateway.profiles.profile import Profile
+from gateway.timing.budget import AnswerTime
+from gateway.timing.table import Point, TimingTable
+
+#: Where clients connect when no [[listen]] says it.
+DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=5020)
+
+#: What adapter and driver add to an answer, until the port is open and has found out.
+ASSUMED_LATENCY: Final = 0.005
+
+#: The silence that ends an RTU frame, in characters (S 2.5.1.1), and the shortest turnaround delay (S 2.4.1).
+_IDLE_CHARACTERS: Final = 3.5
+_SHORTEST_TURNAROUND: Final = 0.1
+
+_DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterFormat(7, "E", 1)}
+
+
+@dataclass(frozen=True, slots=True)
+class LinePlan:
+    """A line we ask on: its port, how it behaves, and the devices on it."""
+
+    serial: SerialSettings
+    line: LineSettings
+    devices: tuple[DeviceSettings, ...]
+    #: No device is named: every unit that nobody else answers for passes through.
+    passes_through: bool = False
+
+    @property
+    def latency(self) -> float:
+        """What the port may add to an answer, as far as it is known before the port is open."""
+        return ASSUMED_LATENCY if self.serial.latency is None else self.serial.latency
+
+
+@dataclass(frozen=True, slots=True)
+class LogSettings:
+    """What is logged on standard error, and how it is written."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+    format: Literal["auto", "console", "json"] = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The settings of every part of a gateway."""
+
+    site: str = ""
+    listeners: tuple[ListenSettings, ...] = (DEFAULT_LISTENER,)
+    lines: tuple[LinePlan, ...] = ()
+    images: tuple[ImageSettings, ...] = ()
+    log: LogSettings = LogSettings()
+
+
+def resolve(config: Config) -> Plan:
+    """The settings that `config` asks for. The config must have passed its checks."""
+    profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
+    image_units = {image.unit for image in config.image}
+    return Plan(
+        site=config.site,
+        listeners=tuple(_listener(listen) for listen in config.listen) or (DEFAULT_LISTENER,),
+        lines=tuple(_line(line, profiles, image_units) for line in config.line),
+        images=tuple(_image(image, profiles) for image in config.image),
+        log=_log(config.log),
+    )
+
+
+def profile_of(name: str, table: ProfileTable) -> Profile:
+    """The profile that a table describes."""
+    areas = {area: ranges for area in Area if (ranges := getattr(table, area)) is not None}
+    points: dict[int, list[Point]] = {}
+    for row in table.timing:
+        points.setdefault(row.fc, []).append(Point(row.items, row.time))
+    return Profile(
+        name=name,
+        title=table.title,
+        functions=None if table.functions is None else frozenset(table.functions),
+        limits=table.limits,
+        areas=areas,
+        idle_chars=table.idle_chars,
+        timing=TimingTable.of(points),
+        margin=table.margin,
+        timeout=table.timeout,
+    )
+
+
+def line_timing(line: Line) -> LineTiming:
+    """What mode, rate and character format make of time on `line`."""
+    return LineTiming(line.mode, line.baud, line.format or _DEFAULT_FORMATS[line.mode])
+
+
+def device_name(line: Line, device: Device, unit: int) -> str:
+    """What the device is called that clients know as `unit`."""
+    return f"{line.label}/{unit}" if device.name is None else device.name.replace("*", str(unit))
+
+
+def _listener(listen: Listen) -> ListenSettings:
+    return ListenSettings(
+        name=listen.label,
+        host=listen.bind.host,
+        port=listen.bind.port,
+        clients=listen.clients,
+        idle=listen.idle,
+        in_flight=listen.in_flight,
+        unit0=listen.unit0,
+        source=listen.source,
+    )
+
+
+def _line(line: Line, profiles: dict[str, Profile], image_units: set[int]) -> LinePlan:
+    timing = line_timing(line)
+    serial = SerialSettings(str(line.port), line.baud, timing.format, line.rs485, line.latency)
+    devices = tuple(_devices(line, profiles, image_units))
+    return LinePlan(serial, _line_settings(line, timing, devices), devices, line.devices is None)
+
+
+def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings, ...]) -> LineSettings:
+    quiet = _frame_end(timing, devices)
+    latency = ASSUMED_LATENCY if line.latency is None else line.latency
+    return LineSettings(
+        name=line.label,
+        timing=timing,
+        gap=quiet if line.gap is None else line.gap,
+        silence=quiet + latency if quiet else 0.0,
+        turnaround=_turnaround(devices) if line.turnaround is None else line.turnaround,
+        queue=line.queue,
+        max_wait=line.max_wait,
+        broadcast=line.broadcast,
+        source=line.source,
+    )
+
+
+def _frame_end(timing: LineTiming, devices: Iterable[DeviceSettings]) -> float:
+    """The silence that ends a frame for every device of the line; none in ASCII, whose frames end by themselves."""
+    if timing.mode == "ascii":
+        return 0.0
+    return timing.silence(max([_IDLE_CHARACTERS, *(device.profile.idle_chars for device in devices)]))
+
+
+def _turnaround(devices: Iterable[DeviceSettings]) -> float:
+    """Time for the slowest device to act on a broadcast."""
+    times = (device.answer_time.margin * device.answer_time.table.slowest for device in devices)
+    return max([_SHORTEST_TURNAROUND, *times])
+
+
+def _devices(line: Line, profiles: dict[str, Profile], image_units: set[int]) -> Iterator[DeviceSettings]:
+    if line.devices is None:
+        rest = [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in image_units]
+        row = Device.model_validate({"unit": rest}).placed(line.path, line.source)
+        return _of_row(line, row, profiles)
+    return (one for row in line.devices for one in _of_row(line, row, profiles))
+
+
+def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
+    profile = profiles[row.profile or line.profile]
+    answer_time = _answer_time(line, row, profile)
+    for unit, known_as in zip(row.units, row.client_units, strict=True):
+        yield DeviceSettings(
+            name=device_name(line, row, known_as),
+            unit=unit,
+            known_as=known_as,
+            profile=profile,
+            answer_time=answer_time,
+            priority=row.priority,
+            source=row.source,
+        )
+
+
+def _answer_time(line: Line, row: Device, profile: Profile) -> AnswerTime:
+    """A device's own time-out beats everything, the line's only what no table and no named profile says."""
+    if row.timeout is not None:
+        return AnswerTime(profile.timing, profile.margin, row.timeout, fixed=True)
+    of_line = line.timeout if row.profile is None else None
+    return AnswerTime(profile.timing, profile.margin, of_line or profile.timeout)
+
+
+def _image(image: Image, profiles: dict[str, Profile]) -> ImageSettings:
+    return ImageSettings(
+        unit=image.unit,
+        name=image.label,
+        profile=profiles[image.profile],
+        areas={area: image.ranges(area) for area in Area if image.ranges(area)},
+        initial={
+            area: tuple((row.at, row.values) for row in image.initial.rows(area))
+            for area in Area
+            if image.initial.rows(area)
+        },
+        source=image.source,
+    )
+
+
+def _log(log: Log) -> LogSettings:
+    return LogSettings(log.level, "json" if log.format == "journald" else log.format)

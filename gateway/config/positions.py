@@ -1,0 +1,162 @@
+"""Where keys and values stand in a TOML text that `tomllib` has accepted."""
+
+import re
+import tomllib
+from bisect import bisect_right
+
+from gateway.config.problem import Path
+
+_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_STRING = re.compile(
+    r'"""(?:[^\\]|\\.)*?"""(?:"{0,2})'
+    r"|'''.*?'''(?:'{0,2})"
+    r'|"(?:[^"\\]|\\.)*"'
+    r"|'[^']*'",
+    re.DOTALL,
+)
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_SCALAR = re.compile(r"[^,\]}#\n]+")
+
+
+class Positions:
+    """Line and column, from 1, of every key and value of `text`."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        scanner = _Scanner(text)
+        scanner.document()
+        self._keys, self._values = scanner.keys, scanner.values
+        self._line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
+
+    def key(self, path: Path) -> tuple[int, int]:
+        """Where the key at `path` stands, or the nearest table around it that does."""
+        return self._place(self._keys, path)
+
+    def value(self, path: Path) -> tuple[int, int]:
+        """Where the value at `path` begins, or the nearest table around it. That of a table is its header."""
+        return self._place(self._values, path)
+
+    def written(self, path: Path) -> str:
+        """The number, date or word at `path` as it is written, for values that should have been text."""
+        match = _SCALAR.match(self._text, self._values[path])
+        return match[0].strip() if match else ""
+
+    def __contains__(self, path: Path) -> bool:
+        return path in self._values
+
+    def _place(self, offsets: dict[Path, int], path: Path) -> tuple[int, int]:
+        while path not in offsets:
+            path = path[:-1]
+        line = bisect_right(self._line_starts, offsets[path])
+        return line, offsets[path] - self._line_starts[line - 1] + 1
+
+
+class _Scanner:
+    """Walks once over the text. It checks nothing: it relies on the text being valid."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.at = 0
+        self.keys: dict[Path, int] = {(): 0}
+        self.values: dict[Path, int] = {(): 0}
+        self.lengths: dict[Path, int] = {}
+
+    def document(self) -> None:
+        table: Path = ()
+        while self.skip_blank() < len(self.text):
+            table = self.header() if self.text[self.at] == "[" else self.pair(table)
+
+    def header(self) -> Path:
+        start = self.at
+        is_list = self.text.startswith("[[", start)
+        self.at += 2 if is_list else 1
+        *parents, last = self.key_parts()
+        path = self.current((), [part for part, _ in parents])
+        if is_list:
+            path += (last[0],)
+            self.lengths[path] = self.lengths.get(path, 0) + 1
+            self.note(path, start)
+            path += (self.lengths[path] - 1,)
+        else:
+            path = self.current(path, [last[0]])
+        self.note(path, start)
+        self.at += 2 if is_list else 1
+        return path
+
+    def current(self, path: Path, keys: list[str]) -> Path:
+        """`path` continued by `keys`; of a list of tables its last one is meant."""
+        for key in keys:
+            path += (key,)
+            if path in self.lengths:
+                path += (self.lengths[path] - 1,)
+        return path
+
+    def pair(self, table: Path) -> Path:
+        path = table
+        for part, start in self.key_parts():
+            path += (part,)
+            self.note(path, start)
+        self.at += 1  # the equals sign
+        self.skip_blank()
+        self.value(path)
+        return table
+
+    def key_parts(self) -> list[tuple[str, int]]:
+        parts = []
+        while True:
+            start = self.skip_blank()
+            match = _BARE_KEY.match(self.text, start) or _STRING.match(self.text, start)
+            assert match is not None  # noqa: S101 - tomllib has accepted the text
+            self.at = match.end()
+            parts.append((_unquoted(match[0]), start))
+            if self.text[self.skip_blank()] != ".":
+                return parts
+            self.at += 1
+
+    def value(self, path: Path) -> None:
+        self.values[path] = self.at
+        self.keys.setdefault(path, self.at)
+        opening = self.text[self.at]
+        if opening == "[":
+            self.items(path)
+        elif opening == "{":
+            self.inline_table(path)
+        else:
+            match = _STRING.match(self.text, self.at) or _SCALAR.match(self.text, self.at)
+            assert match is not None  # noqa: S101 - tomllib has accepted the text
+            self.at = match.end()
+
+    def items(self, path: Path) -> None:
+        self.at += 1
+        index = 0
+        while self.text[self.skip_blank()] != "]":
+            self.value((*path, index))
+            index += 1
+            self.skip_comma()
+        self.at += 1
+
+    def inline_table(self, path: Path) -> None:
+        self.at += 1
+        while self.text[self.skip_blank()] != "}":
+            self.pair(path)
+            self.skip_comma()
+        self.at += 1
+
+    def skip_comma(self) -> None:
+        if self.text[self.skip_blank()] == ",":
+            self.at += 1
+
+    def skip_blank(self) -> int:
+        match = _BLANK.match(self.text, self.at)
+        assert match is not None  # noqa: S101 - it may be empty
+        self.at = match.end()
+        return self.at
+
+    def note(self, path: Path, start: int) -> None:
+        """A key, and a table, stands where it is named first."""
+        self.keys.setdefault(path, start)
+        self.values.setdefault(path, start)
+
+
+def _unquoted(key: str) -> str:
+    return str(tomllib.loads(f"key = {key}")["key"]) if key[0] in "\"'" else key

@@ -1,0 +1,69 @@
+"""What can be said about a config file, and where in it."""
+
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+
+#: The way from the top of the file to a key or a value: keys, and indices in lists.
+Path = tuple[str | int, ...]
+
+Severity = Literal["error", "warning"]
+
+
+class WrongValue(ValueError):  # noqa: N818 - it is a value that is wrong, not the program
+    """A value that cannot be used: what is wrong with it, and what to write instead where that can be said."""
+
+    def __init__(self, what: str, remedy: str = "") -> None:
+        super().__init__(what)
+        self.remedy = remedy
+
+
+class NotText(WrongValue):
+    """A value that must be text, and is something else: mostly it lacks its quotes."""
+
+    def __init__(self) -> None:
+        super().__init__("must be text")
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong, or deserves a second look, at `path`.
+
+    With `on_key` the key itself is meant, not its value. Who knows the text fills in `file`, `line` and `column`.
+    """
+
+    severity: Severity
+    path: Path
+    what: str
+    remedy: str = ""
+    on_key: bool = False
+    file: str = ""
+    line: int = 1
+    column: int = 1
+
+    def located(self, file: str, line: int, column: int) -> Self:
+        """The same problem at its place in a file."""
+        return replace(self, file=file, line=line, column=column)
+
+    def __str__(self) -> str:
+        where = f"{self.file}:{self.line}:{self.column}: {self.severity}: "
+        subject = f"{dotted(self.path)}: " if self.path else ""
+        remedy = f"\n  help: {self.remedy}" if self.remedy else ""
+        return where + subject + self.what + remedy
+
+
+def error(path: Path, what: str, remedy: str = "") -> Problem:
+    """A problem that forbids to use the file."""
+    return Problem("error", path, what, remedy)
+
+
+def warning(path: Path, what: str, remedy: str = "") -> Problem:
+    """A problem that the file can be used with."""
+    return Problem("warning", path, what, remedy)
+
+
+def dotted(path: Path) -> str:
+    """A path as text: `line[0].devices[2].unit`."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return text.removeprefix(".")

@@ -1,0 +1,56 @@
+"""Ranges of addresses: a count from address 0, a range "1-99", or a list of ranges."""
+
+import re
+from typing import Final
+
+from gateway.config.problem import WrongValue
+from gateway.profiles.profile import Range
+
+#: Addresses have 16 bits (A 4.4).
+MOST_ITEMS: Final = 65536
+
+_RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
+
+
+def parse_ranges(value: object) -> tuple[Range, ...]:
+    """The ranges that `value` names: ascending, and those that touch joined.
+
+    Raises:
+        WrongValue: `value` is none of the three, or leaves the addresses 0-65535.
+    """
+    if isinstance(value, int) and not isinstance(value, bool):
+        return _from_zero(value)
+    return _joined([_parse_range(part) for part in (value if isinstance(value, list) else [value])])
+
+
+def show_ranges(ranges: tuple[Range, ...]) -> str:
+    """Ranges as text: `0-9, 20-29`, or `none`."""
+    return ", ".join(f"{first}-{last}" for first, last in ranges) or "none"
+
+
+def _from_zero(count: int) -> tuple[Range, ...]:
+    if not 0 <= count <= MOST_ITEMS:
+        raise WrongValue(f"a count is 0 to {MOST_ITEMS}")
+    return ((0, count - 1),) if count else ()
+
+
+def _parse_range(part: object) -> Range:
+    match = _RANGE.fullmatch(part.strip()) if isinstance(part, str) else None
+    if match is None:
+        raise WrongValue("is no range of addresses", 'write a count such as 100, a range "1-99", or a list of ranges')
+    first, last = int(match[1]), int(match[2] or match[1])
+    if first > last:
+        raise WrongValue(f'"{part}" counts backwards', f'write "{last}-{first}"')
+    if last >= MOST_ITEMS:
+        raise WrongValue(f"address {last} is above {MOST_ITEMS - 1}")
+    return first, last
+
+
+def _joined(ranges: list[Range]) -> tuple[Range, ...]:
+    joined: list[Range] = []
+    for first, last in sorted(ranges):
+        if joined and first <= joined[-1][1] + 1:
+            joined[-1] = joined[-1][0], max(last, joined[-1][1])
+        else:
+            joined.append((first, last))
+    return tuple(joined)

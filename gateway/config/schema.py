@@ -1,0 +1,352 @@
+"""Every key of the config file: its type, its default, and what it means. docs/configuration.md is made from this."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+
+from gateway.config.problem import Path
+from gateway.config.values import (
+    Duration,
+    DurationOrAuto,
+    DurationOrZero,
+    DurationOrZeroOrAuto,
+    Format,
+    Item,
+    Limits,
+    Listening,
+    ListOf,
+    Name,
+    Networks,
+    Ranges,
+    SerialPort,
+    Unit0,
+    Units,
+    UnitsOrAll,
+    Upstreams,
+    UpstreamUnits,
+    WebAddress,
+    WireUnits,
+)
+from gateway.modbus.codes import Area
+
+Unit = Annotated[int, Field(ge=1, le=247)]
+FunctionNumber = Annotated[int, Field(ge=1, le=127)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class Table(BaseModel):
+    """A table of the file. `path` and `source` say where it stands in it, once `placed` was called."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    _path: Path = PrivateAttr(default=())
+    _source: str = PrivateAttr(default="")
+
+    @property
+    def path(self) -> Path:
+        """The way to the table from the top of the file."""
+        return self._path
+
+    @property
+    def source(self) -> str:
+        """File and line of the table, such as `gateway.toml:31`."""
+        return self._source
+
+    def placed(self, path: Path, source: str) -> Self:
+        """This table, which now knows where it stands. To be called once, by whoever has read the file."""
+        self._path = path
+        self._source = source
+        return self
+
+    def has(self, key: str) -> bool:
+        """Whether the user has written the field `key`."""
+        return key in self.model_fields_set
+
+
+class Listen(Table):
+    """An address where clients connect."""
+
+    name: Name | None = Field(None, description="What logs and `[[access]]` call it; the address when there is none.")
+    bind: Listening = Field(
+        description="Where to listen: `tcp://`, `tls://` (port 802), `rtu+tcp://`, `ascii+tcp://` or `udp://`, then "
+        "host and port. IPv6: `tcp://[::]:502`. Port 0 takes a free one.",
+    )
+    clients: Count = Field(
+        32, description="Connections at once. When full, the oldest idle one without a request under way is closed."
+    )
+    idle: DurationOrZero = Field(600.0, description='Close a connection that asked nothing for so long; `"0"`: never.')
+    in_flight: Count = Field(16, description="Requests under way per connection; beyond it the gateway stops reading.")
+    unit0: Unit0 = Field(
+        "refuse",
+        description='Requests to unit 0: `"refuse"` answers 0A, `"broadcast"` sends writes to every device, a number '
+        "is the unit to use instead.",
+    )
+
+    @property
+    def label(self) -> str:
+        """Its name, or what it is called without one."""
+        return self.name or str(self.bind)
+
+
+class Device(Table):
+    """A device on a line, or several of one kind in one row."""
+
+    units: WireUnits = Field(alias="unit", description="Its unit on the wire. A set stands for several devices.")
+    known_as: Units | None = Field(
+        None, alias="as", description="The unit that clients use; as many as there are in `unit`. Default: the same."
+    )
+    name: Name | None = Field(
+        None,
+        description="What logs call it; `*` stands for the unit that clients use. Default: line name and unit.",
+    )
+    profile: str | None = Field(None, description="What kind of device it is; the line's `profile` when there is none.")
+    priority: Literal["normal", "high"] = Field(
+        "normal", description="Requests to a device with high priority go before others that wait."
+    )
+    timeout: Duration | None = Field(
+        None, description="How long it may take to begin its answer, whatever its profile says."
+    )
+
+    @property
+    def client_units(self) -> tuple[int, ...]:
+        """The units that clients use for `units`, in the same order."""
+        return self.units if self.known_as is None else self.known_as
+
+
+class Line(Table):
+    """A serial line: its port, how it is spoken to, and its devices."""
+
+    name: Name | None = Field(
+        None, description="What logs and metrics call it; the last part of the port when there is none."
+    )
+    port: SerialPort = Field(
+        description="The serial device, best by its name in `/dev/serial/by-id/`; or a device server: "
+        "`rtu+tcp://host:port`, `ascii+tcp://host:port`.",
+    )
+    mode: Literal["rtu", "ascii"] = Field("rtu", description="What is spoken on the line.")
+    baud: Count = Field(19200, description="Any rate; 14400 and other odd ones are set as custom rates.")
+    format: Format | None = Field(
+        None, description="Data bits, parity, stop bits. Default: `8E1` for RTU, `7E1` for ASCII."
+    )
+    role: Literal["client", "server"] = Field(
+        "client", description="`client`: we ask its devices. `server`: an outside client asks us."
+    )
+    rs485: Literal["adapter", "kernel"] = Field(
+        "adapter", description="Who switches the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."
+    )
+    echo: bool = Field(False, description="True when the adapter returns what we send; exactly that is stripped.")
+    latency: DurationOrAuto = Field(
+        None,
+        description='What adapter and driver may add to an answer. `"auto"`: 5 ms, other USB adapters 20 ms, '
+        "TCP 100 ms.",
+    )
+    profile: str = Field("generic", description="For pass-through, and for devices that name none.")
+    timeout: Duration | None = Field(
+        None,
+        description="How long a device that names no profile may take to begin its answer, where `profile` has no row "
+        "for the function. Default: the `timeout` of `profile` (`generic`: 1 s).",
+    )
+    gap: DurationOrZeroOrAuto = Field(
+        None,
+        description='Silence before each request. `"auto"`: the larger of t3.5 and the `idle_chars` of its devices, '
+        'none for ASCII. `"0"`: none.',
+    )
+    turnaround: DurationOrAuto = Field(
+        None,
+        description='Silence after a broadcast. `"auto"`: 100 ms, or the `margin` x `timing` of the slowest device '
+        "if that is longer.",
+    )
+    late_window: DurationOrAuto = Field(None, description="After a time-out: how long a late answer may still come.")
+    queue: Count = Field(64, description="Requests that may wait; beyond it exception 06.")
+    max_wait: Duration = Field(2.0, description="A request that waited longer is answered 06 and never sent.")
+    retries: Annotated[int, Field(ge=0)] = Field(
+        0, description="Reads only, after a broken frame only, at once; writes are never repeated."
+    )
+    coalesce: bool = Field(True, description="Equal reads that wait share one transaction.")
+    broadcast: bool = Field(True, description="Whether the line accepts broadcasts.")
+    devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
+        None, description="Its devices. Left out on the only client line, every unit 1-247 passes through."
+    )
+    serves: Units | None = Field(None, description="Server lines: the units that we answer for; others get silence.")
+    on_failure: Literal["exception", "silent"] = Field(
+        "exception", description="Server lines: what to do when a device behind us does not answer."
+    )
+    answer_within: Duration = Field(1.0, description="Server lines: older answers are never put on the line.")
+    broadcast_to: Literal["images", "all", "none"] = Field(
+        "images",
+        description="Server lines: who takes broadcasts: the images that the line serves, every line that accepts "
+        "broadcasts too, or nobody.",
+    )
+
+    @property
+    def label(self) -> str:
+        """Its name, or what it is called without one."""
+        return self.name or str(self.port).rstrip("/").rsplit("/", 1)[-1]
+
+
+class Polled(Table):
+    """A range that a mirror reads: one area, and how often."""
+
+    holding: Ranges | None = Field(None, description="Holding registers to read.")
+    input: Ranges | None = Field(None, description="Input registers to read.")
+    coils: Ranges | None = Field(None, description="Coils to read.")
+    discrete: Ranges | None = Field(None, description="Discrete inputs to read.")
+    every: Duration = Field(description="Time from one poll to the next.")
+
+
+class InitialValues(Table):
+    """Values that an image starts with, from one address on."""
+
+    at: Annotated[int, Field(ge=0, le=65535)] = Field(description="Address of the first value.")
+    values: Annotated[tuple[Item, ...], ListOf] = Field(description="The values.")
+
+
+class Initial(Table):
+    """What an image starts with; everything else is 0."""
+
+    holding: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Holding registers.")
+    input: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Input registers.")
+    coils: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Coils.")
+    discrete: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Discrete inputs.")
+
+    def rows(self, area: Area) -> tuple[InitialValues, ...]:
+        """The rows of one area."""
+        rows: tuple[InitialValues, ...] = getattr(self, area)
+        return rows
+
+
+class Image(Table):
+    """A unit that the gateway itself answers for: a local register image, or with `of` a mirror of a device."""
+
+    unit: Unit = Field(description="The unit that clients use.")
+    name: Name | None = Field(None, description="What logs call it. Default: `image-` and the unit.")
+    profile: str = Field("generic", description="What it accepts: functions, limits, addresses.")
+    holding: Ranges = Field((), description="Its holding registers.")
+    input: Ranges = Field((), description="Its input registers.")
+    coils: Ranges = Field((), description="Its coils.")
+    discrete: Ranges = Field((), description="Its discrete inputs.")
+    persist: Literal["never", "interval", "always"] = Field(
+        "never",
+        description="`interval`: at most 1 s of writes is lost, none at a stop. `always`: on disk before a write is "
+        "acknowledged.",
+    )
+    initial: Initial = Field(
+        Initial(), description="Values to start with, such as `initial.holding = [{ at = 0, values = [1, 2, 3] }]`."
+    )
+    of: str | None = Field(
+        None, description="Makes it a mirror: the device that is polled once for any number of clients."
+    )
+    read: Annotated[tuple[Polled, ...], ListOf] = Field((), description="Mirrors: what to poll, and how often.")
+    stale: Duration = Field(2.0, description="Mirrors: older values are answered with exception 0B.")
+
+    @property
+    def label(self) -> str:
+        """Its name, or what it is called without one."""
+        return self.name or f"image-{self.unit}"
+
+    def ranges(self, area: Area) -> tuple[tuple[int, int], ...]:
+        """The addresses of one area that exist."""
+        ranges: tuple[tuple[int, int], ...] = getattr(self, area)
+        return ranges
+
+
+class UpstreamUnit(Table):
+    """Units behind another server."""
+
+    known_as: Units = Field(alias="as", description="The units that clients use.")
+    units: UpstreamUnits = Field(alias="unit", description="The units that the other server knows.")
+
+
+class Upstream(Table):
+    """Another Modbus TCP server, and the units that live behind it."""
+
+    name: Name | None = Field(None, description="What logs call it; the address when there is none.")
+    to: Upstreams = Field(description="Its address.")
+    units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
+    timeout: Duration = Field(1.0, description="How long an answer may take.")
+
+
+class TimingRow(Table):
+    """A point of a timing table."""
+
+    fc: FunctionNumber = Field(description="The function.")
+    items: Count = Field(description="Coils or registers in the request.")
+    time: Duration = Field(description="How long the device takes for them.")
+
+
+class ProfileTable(Table):
+    """What a kind of device accepts, and how fast it answers."""
+
+    title: str = Field("", description="What kind of device it is, for people.")
+    functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
+        None, description="Others get exception 01, and nothing goes on the line. Default: all."
+    )
+    limits: Limits = Field({}, description="Most items per request, by function; more: exception 03.")
+    holding: Ranges | None = Field(
+        None, description="Holding registers that exist; others: exception 02. Default: all."
+    )
+    input: Ranges | None = Field(None, description="Input registers that exist. Default: all.")
+    coils: Ranges | None = Field(None, description="Coils that exist. Default: all.")
+    discrete: Ranges | None = Field(None, description="Discrete inputs that exist. Default: all.")
+    idle_chars: Annotated[float, Field(gt=0, le=1000)] = Field(
+        3.5, description="The silence that ends a frame, in characters."
+    )
+    timing: Annotated[tuple[TimingRow, ...], ListOf] = Field(
+        (), description="Answer time by function and item count; points are joined by straight lines."
+    )
+    margin: Annotated[float, Field(ge=1, le=100)] = Field(1.5, description="Times are multiplied by it, to be safe.")
+    timeout: Duration = Field(1.0, description="For functions that `timing` does not name.")
+
+
+class Access(Table):
+    """A right; the first row that fits a request counts."""
+
+    networks: Networks | None = Field(None, alias="from", description="Networks of the clients that are meant.")
+    listen: Annotated[tuple[str, ...], ListOf] | None = Field(
+        None, description="Listeners that are meant, by name; server lines and `control` too."
+    )
+    role: str | None = Field(None, description="The role that a TLS client's certificate names.")
+    units: UnitsOrAll = Field("all", description="Units that are meant.")
+    allow: Annotated[tuple[Literal["read", "write"], ...], ListOf] | None = Field(
+        None, description="What is allowed; or name `functions`."
+    )
+    functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
+        None, description="Functions that are allowed."
+    )
+
+
+class Web(Table):
+    """The web page and the metrics; without this table there are none over TCP."""
+
+    bind: WebAddress = Field(description="Where to listen.")
+
+
+class Control(Table):
+    """The control socket, through which the other commands talk to the daemon."""
+
+    socket: str = Field("/run/modbus-gateway/control.sock", description="Its path.")
+
+
+class Log(Table):
+    """The log on standard error."""
+
+    level: Literal["debug", "info", "warning", "error"] = Field("info", description="The least that is told.")
+    format: Literal["auto", "console", "json", "journald"] = Field(
+        "auto", description="How it is written; `auto` is made for people on a terminal, else for programs."
+    )
+
+
+class Config(Table):
+    """A whole file."""
+
+    site: str = Field("", description="The name of the plant, for logs and metrics.")
+    listen: Annotated[tuple[Listen, ...], ListOf] = ()
+    line: Annotated[tuple[Line, ...], ListOf] = ()
+    image: Annotated[tuple[Image, ...], ListOf] = ()
+    upstream: Annotated[tuple[Upstream, ...], ListOf] = ()
+    profile: Mapping[str, ProfileTable] = Field({})
+    access: Annotated[tuple[Access, ...], ListOf] = ()
+    web: Web | None = None
+    control: Control | None = None
+    log: Log = Log()

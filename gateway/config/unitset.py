@@ -1,0 +1,62 @@
+"""Unit sets: a number, a range such as "10-13", or a list of both."""
+
+import re
+from collections.abc import Iterable
+
+from gateway.config.problem import WrongValue
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+
+_RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
+
+
+def parse_units(value: object, first: int = FIRST_UNIT, last: int = LAST_UNIT) -> tuple[int, ...]:
+    """The units of a set in the order in which they are written.
+
+    Raises:
+        WrongValue: `value` is no unit set, names a unit twice, or one outside `first` to `last`.
+    """
+    units: list[int] = []
+    for part in value if isinstance(value, list) else [value]:
+        units += _parse_part(part, first, last)
+    if not units:
+        raise WrongValue("names no unit")
+    seen: set[int] = set()
+    for unit in units:
+        if unit in seen:
+            raise WrongValue(f"names unit {unit} twice")
+        seen.add(unit)
+    return tuple(units)
+
+
+def show_units(units: Iterable[int]) -> str:
+    """A unit set as text, ascending, neighbours joined: `1-3, 7`."""
+    runs: list[list[int]] = []
+    for unit in sorted(units):
+        if runs and unit == runs[-1][1] + 1:
+            runs[-1][1] = unit
+        else:
+            runs.append([unit, unit])
+    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
+
+
+def _parse_part(part: object, first: int, last: int) -> range:
+    low, high = _bounds(part)
+    if low > high:
+        raise WrongValue(f'"{part}" counts backwards', f'write "{high}-{low}"')
+    for unit in (low, high):
+        if not first <= unit <= last:
+            raise WrongValue(f"unit {unit} is outside {first}-{last}")
+    return range(low, high + 1)
+
+
+def _bounds(part: object) -> tuple[int, int]:
+    if isinstance(part, int) and not isinstance(part, bool):
+        return part, part
+    match = _RANGE.fullmatch(part.strip()) if isinstance(part, str) else None
+    if match is None:
+        raise WrongValue(f"{_shown(part)} is no unit", 'units are written 5, "10-13", or as a list of both')
+    return int(match[1]), int(match[2] or match[1])
+
+
+def _shown(part: object) -> str:
+    return f'"{part}"' if isinstance(part, str) else str(part).lower()

@@ -1,0 +1,200 @@
+"""The kinds of value that keys have, as types that read what a user wrote and refuse the rest in plain words."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from ipaddress import IPv4Network, IPv6Network, ip_network
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import PlainValidator, Strict
+
+from gateway.config.address import Address, parse_address
+from gateway.config.duration import (
+    parse_duration,
+    parse_duration_or_auto,
+    parse_duration_or_zero,
+    parse_duration_or_zero_or_auto,
+    show_duration,
+)
+from gateway.config.problem import NotText, WrongValue
+from gateway.config.ranges import parse_ranges
+from gateway.config.unitset import parse_units
+from gateway.modbus.chartime import CharacterFormat
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.profiles.profile import Range
+
+#: A line's port is one of these, or a path.
+DEVICE_SERVER_SCHEMES: Final = ("rtu+tcp", "ascii+tcp")
+
+_LONGEST_NAME: Final = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How the documentation calls a kind of value, and how it shows one."""
+
+    name: str
+    show: Callable[[Any], str] = str
+
+
+def parse_name(value: object) -> str:
+    """A name for people and logs.
+
+    Raises:
+        WrongValue: it would not look like one there.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if not value or len(value) > _LONGEST_NAME or not value.isprintable() or value != value.strip():
+        raise WrongValue(f"must have 1 to {_LONGEST_NAME} visible characters, and no space around them")
+    return value
+
+
+def parse_format(value: object) -> CharacterFormat:
+    """A character format such as "8E1".
+
+    Raises:
+        WrongValue: it is none.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    try:
+        return CharacterFormat.parse(value.upper())
+    except ValueError as wrong:
+        raise WrongValue(f'"{value}" is no character format', str(wrong)) from wrong
+
+
+def parse_port(value: object) -> str | Address:
+    """A line's port: the path of a serial device, or the address of a device server.
+
+    Raises:
+        WrongValue: it is neither.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if "://" in value:
+        return parse_address(value, DEVICE_SERVER_SCHEMES)
+    if not value.startswith("/"):
+        raise WrongValue(f'"{value}" is no absolute path', f'did you mean "/dev/{value}"?')
+    return value
+
+
+def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
+    """What becomes of requests to unit 0.
+
+    Raises:
+        WrongValue: nothing that is known.
+    """
+    if value == "refuse":
+        return "refuse"
+    if value == "broadcast":
+        return "broadcast"
+    if isinstance(value, int) and not isinstance(value, bool) and FIRST_UNIT <= value <= LAST_UNIT:
+        return value
+    raise WrongValue(f'must be "refuse", "broadcast" or a unit {FIRST_UNIT} to {LAST_UNIT}')
+
+
+def parse_item(value: object) -> int:
+    """What a register or a coil holds at first: 0 to 65535, or true and false.
+
+    Raises:
+        WrongValue: it does not fit into a register.
+    """
+    if isinstance(value, int) and 0 <= value <= 0xFFFF:
+        return int(value)
+    raise WrongValue("must be 0 to 65535, or for coils true or false")
+
+
+def parse_limits(value: object) -> dict[int, int]:
+    """Most items by function, as in `{ 3 = 99 }`.
+
+    Raises:
+        WrongValue: a key is no function, or a value no quantity.
+    """
+    if not isinstance(value, dict):
+        raise WrongValue("must be a table", "write it as { 3 = 99 }: at most 99 items of function 3")
+    return {_function_number(function): _quantity(function, most) for function, most in value.items()}
+
+
+def parse_networks(value: object) -> tuple[IPv4Network | IPv6Network, ...]:
+    """Networks such as "10.2.0.0/24", or single addresses.
+
+    Raises:
+        WrongValue: one of them is none.
+    """
+    if not isinstance(value, list):
+        raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
+    return tuple(_network(text) for text in value)
+
+
+def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
+    """A unit set, or "all".
+
+    Raises:
+        WrongValue: it is neither.
+    """
+    return "all" if value == "all" else parse_units(value)
+
+
+def _function_number(text: str) -> int:
+    if text.isdecimal() and 1 <= int(text) <= 127:
+        return int(text)
+    raise WrongValue(f'"{text}" is no function number', "functions are numbered 1 to 127")
+
+
+def _quantity(function: str, most: object) -> int:
+    if isinstance(most, int) and not isinstance(most, bool) and most >= 1:
+        return most
+    raise WrongValue(f"the limit of function {function} must be a whole number from 1")
+
+
+def _network(text: object) -> IPv4Network | IPv6Network:
+    if not isinstance(text, str):
+        raise WrongValue(f"{text} is no network", 'write it as "10.2.0.0/24"')
+    try:
+        return ip_network(text, strict=True)
+    except ValueError as wrong:
+        raise WrongValue(f'"{text}" is no network: {wrong}', 'write it as "10.2.0.0/24" or "10.2.0.7"') from wrong
+
+
+def _show_units(units: tuple[int, ...]) -> str:
+    return ", ".join(str(unit) for unit in units)
+
+
+_DURATION_KIND = Kind("duration", show_duration)
+_UNITS_KIND = Kind('units: number, `"10-13"`, or a list of both', _show_units)
+
+Name = Annotated[str, PlainValidator(parse_name), Kind("text")]
+Duration = Annotated[float, PlainValidator(parse_duration), _DURATION_KIND]
+DurationOrZero = Annotated[float, PlainValidator(parse_duration_or_zero), _DURATION_KIND]
+DurationOrAuto = Annotated[
+    float | None, PlainValidator(parse_duration_or_auto), Kind('duration or `"auto"`', show_duration)
+]
+DurationOrZeroOrAuto = Annotated[
+    float | None, PlainValidator(parse_duration_or_zero_or_auto), Kind('duration or `"auto"`', show_duration)
+]
+Format = Annotated[CharacterFormat, PlainValidator(parse_format), Kind("text such as `8E1`")]
+SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address")]
+Unit0 = Annotated[
+    Literal["refuse", "broadcast"] | int, PlainValidator(parse_unit0), Kind('`"refuse"`, `"broadcast"` or a unit')
+]
+Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS_KIND]
+WireUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS_KIND]
+UpstreamUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0, last=255)), _UNITS_KIND]
+UnitsOrAll = Annotated[tuple[int, ...] | Literal["all"], PlainValidator(parse_units_or_all), Kind('units, or `"all"`')]
+Ranges = Annotated[
+    tuple[Range, ...], PlainValidator(parse_ranges), Kind('a count, a range `"1-99"`, or a list of ranges')
+]
+Item = Annotated[int, PlainValidator(parse_item), Kind("number 0 to 65535, or true or false")]
+Limits = Annotated[dict[int, int], PlainValidator(parse_limits), Kind("table such as `{ 3 = 99 }`", lambda _: "none")]
+Networks = Annotated[tuple[IPv4Network | IPv6Network, ...], PlainValidator(parse_networks), Kind("list of networks")]
+Listening = Annotated[
+    Address,
+    PlainValidator(partial(parse_address, schemes=("tcp", "tls", "rtu+tcp", "ascii+tcp", "udp"))),
+    Kind("address"),
+]
+Upstreams = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
+WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http",))), Kind("address")]
+
+#: A TOML list; what stands in it stays as strict as it is.
+ListOf = Strict(False)

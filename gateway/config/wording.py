@@ -1,0 +1,113 @@
+"""What pydantic and tomllib find, in words for people who edit the file."""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from gateway.config.problem import NotText, Path, Problem, WrongValue, error
+from gateway.config.schema import Table
+
+#: A key and a value without quotes, in a line that is not TOML.
+_BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
+
+_TYPES: Mapping[str, str] = {
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "bool_type": "must be true or false, without quotes",
+    "tuple_type": "must be a list",
+    "model_type": "must be a table",
+    "missing": "is missing",
+}
+
+_LIMITS: Mapping[str, str] = {
+    "greater_than_equal": "must be at least {ge:g}",
+    "greater_than": "must be more than {gt:g}",
+    "less_than_equal": "must be at most {le:g}",
+}
+
+
+def value_problems(
+    found: ValidationError, model: type[Table], path: Path, written: Callable[[Path], str]
+) -> Iterator[Problem]:
+    """What is wrong in the table at `path`, which should be a `model`.
+
+    `written` gives the text of a value as it stands in the file.
+    """
+    for one in found.errors(include_url=False):
+        yield _value_problem(one, model, path, written)
+
+
+def unknown_key(path: Path, known: list[str]) -> Problem:
+    """The key at the end of `path` is none of the `known` ones."""
+    close = get_close_matches(str(path[-1]), known, n=1)
+    remedy = f'did you mean "{close[0]}"?' if close else f"known here: {', '.join(known)}"
+    return Problem("error", path, "unknown key", remedy, on_key=True)
+
+
+def syntax_problem(found: tomllib.TOMLDecodeError, text: str) -> Problem:
+    """Where and why `text` is no TOML."""
+    what, _, place = str(found).rpartition(" (at ")
+    match = re.match(r"line (\d+), column (\d+)", place)
+    lines = text.split("\n")
+    line, column = (int(match[1]), int(match[2])) if match else (len(lines), len(lines[-1]) + 1)
+    problem = error((), what[:1].lower() + what[1:], _missing_quotes(lines[line - 1]))
+    return problem.located("", line, column)
+
+
+def keys_of(model: type[Table]) -> list[str]:
+    """The keys of a table, as a user writes them."""
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def row_model(annotation: Any) -> type[Table] | None:
+    """The table inside a type such as `tuple[Device, ...] | None`, if there is one."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return annotation
+    return next((model for part in get_args(annotation) if (model := row_model(part))), None)
+
+
+def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written: Callable[[Path], str]) -> Problem:
+    kind, loc, context = found["type"], found["loc"], found.get("ctx", {})
+    path = base + loc
+    wrong = context.get("error")
+    if kind == "extra_forbidden":
+        return unknown_key(path, keys_of(_model_at(model, loc[:-1])))
+    if kind == "string_type" or isinstance(wrong, NotText):
+        is_scalar = not isinstance(found["input"], (list, dict))
+        return error(path, "must be text", f'put it in quotes: "{written(path)}"' if is_scalar else "")
+    if isinstance(wrong, WrongValue):
+        return error(path, str(wrong), wrong.remedy)
+    if kind == "literal_error":
+        return error(path, f"must be {str(context['expected']).replace(chr(39), chr(34))}")
+    if kind in _LIMITS:
+        return error(path, _LIMITS[kind].format(**context))
+    return error(path, _TYPES[kind])
+
+
+def _model_at(model: type[Table], loc: Path) -> type[Table]:
+    """The table that stands at `loc` inside a table of this model."""
+    for part in loc:
+        if isinstance(part, str):
+            fields = {field.alias or name: field for name, field in model.model_fields.items()}
+            model = row_model(fields[part].annotation) or model
+    return model
+
+
+def _missing_quotes(line: str) -> str:
+    for key, value in _BARE_VALUE.findall(line.partition("#")[0]):
+        if not _is_toml(value):
+            return f'put the value in quotes: {key} = "{value.strip()}"'
+    return ""
+
+
+def _is_toml(value: str) -> bool:
+    try:
+        tomllib.loads(f"key = {value}")
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
