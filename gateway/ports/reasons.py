@@ -1,0 +1,64 @@
+"""Why a serial port cannot be used, in words an operator can act on."""
+
+import errno
+import grp
+import os
+import termios
+from pathlib import Path
+from typing import Final
+
+from gateway.ports.port import SerialSettings
+
+#: How a driver says no or goodbye. SerialException is an OSError, termios.error is not.
+DriverError: Final = (OSError, termios.error)
+
+
+_REASONS: Final = {
+    errno.ENOENT: "{port} does not exist: is the adapter plugged in?",
+    errno.EACCES: "no permission for {port}: add the user to the {group} group",
+    errno.EPERM: "no permission for {port}: add the user to the {group} group",
+    errno.EBUSY: "{port} is held by another program",
+    errno.EAGAIN: "{port} is held by another program",
+    errno.ENXIO: "{port} has no hardware behind it",
+    errno.ENODEV: "{port} has no hardware behind it",
+    errno.EIO: "{port} has no hardware behind it",
+    errno.ENOTTY: "{port} is not a serial port",
+    errno.EINVAL: "{port} refuses {format} at {baud} baud",
+}
+
+
+def why_not_opened(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
+    """What keeps the port from being opened, and what to do about it."""
+    if isinstance(error, ValueError):  # pyserial's way to say that a custom rate could not be set
+        return f"{settings.port} refuses {settings.baud} baud: its driver knows standard rates only"
+    number = _errno(error)
+    reason = _REASONS.get(number, "{port} cannot be opened: {error}")
+    return reason.format(
+        port=settings.port,
+        format=settings.format,
+        baud=settings.baud,
+        group=_group(settings.port),
+        error=os.strerror(number),
+    )
+
+
+def why_lost(port: str, error: OSError | termios.error) -> str:
+    """What happened to a port that was open."""
+    return f"{port} is gone: {os.strerror(_errno(error))}"
+
+
+def _errno(error: BaseException) -> int:
+    """The error's number, or that of the error behind it: pyserial wraps some of them without it."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    if isinstance(error, termios.error) and error.args and isinstance(error.args[0], int):
+        return error.args[0]
+    return _errno(error.__context__) if error.__context__ is not None else errno.EIO
+
+
+def _group(port: str) -> str:
+    """The group that may use the port: dialout on Debian, uucp elsewhere."""
+    try:
+        return grp.getgrgid(Path(port).stat().st_gid).gr_name
+    except (OSError, KeyError):
+        return "dialout"

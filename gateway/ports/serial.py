@@ -1,0 +1,147 @@
+"""An open serial port in the event loop: pyserial-asyncio's transport, made quick, bounded and quiet."""
+
+import asyncio
+import os
+from typing import Final
+
+from serial_asyncio import SerialTransport
+
+from gateway.errors import PortError
+from gateway.ports.opening import OpenDevice, close_device, open_device
+from gateway.ports.port import Port, PortUser, SerialSettings
+from gateway.ports.reasons import DriverError, why_lost
+from gateway.ports.threads import ThreadOfItsOwn
+
+#: More than the longest frame, and small enough for Python's own allocator.
+READ_SIZE: Final = 512
+#: Bytes that may wait for a driver that takes none, beyond its own buffer. A line has one frame under way.
+WRITE_BOUND: Final = 16 * 1024
+#: How long a port that is closed may go on handing them over, in seconds.
+FLUSHING_DEADLINE: Final = 1.0
+
+#: Ports whose driver is still busy opening them, because the attempt was given up before it answered.
+_being_opened: set[str] = set()
+
+
+async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
+    """Open a serial port for `user`; bytes from before are discarded. Cancelled, it leaves nothing open.
+
+    Raises:
+        PortError: the port cannot be used; the message says why and what to do.
+    """
+    if settings.port in _being_opened:
+        raise PortError(f"{settings.port}: its driver hangs in an earlier attempt to open it")
+    loop = asyncio.get_running_loop()
+    _being_opened.add(settings.port)
+    opening = loop.run_in_executor(ThreadOfItsOwn(f"open {settings.port}"), open_device, settings)
+    opening.add_done_callback(lambda _: _being_opened.discard(settings.port))
+    try:
+        device = await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        opening.add_done_callback(_close_unwanted)
+        raise
+    return SerialPort(loop, device, user)
+
+
+class SerialPort(SerialTransport):
+    """One open serial port.
+
+    `latency` in seconds. `virtual`: a pseudo-terminal, which carries bytes at once instead of at the line's rate.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, device: OpenDevice, user: PortUser) -> None:
+        super().__init__(loop, asyncio.Protocol(), device.serial)
+        self.latency = device.latency
+        self.virtual = device.virtual
+        self._device = device
+        self._descriptor = device.serial.fileno()
+        self._user: PortUser | None = user
+        self._received = user.received
+        self._closed = asyncio.Event()
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Send `data` now; what the driver does not take at once follows as soon as it does."""
+        if self._closing:
+            return
+        data = bytes(data)
+        if not self._write_buffer:
+            data = data[self._send(data) :]
+        if data and not self._closing:
+            self._buffer(data)
+
+    def close(self) -> None:
+        """Let go of the port once it has taken what was written, or after FLUSHING_DEADLINE."""
+        super().close()
+        if self._write_buffer:
+            self._loop.call_later(FLUSHING_DEADLINE, self._abort, PortError(f"{self._device.port} takes no more data"))
+
+    async def wait_closed(self) -> None:
+        """Wait until the driver has let go of the port."""
+        await self._closed.wait()
+
+    def __repr__(self) -> str:
+        state = "closing" if self._closing else "open"
+        return f"<SerialPort {self._device.port} {state}, {self.get_write_buffer_size()} bytes to send>"
+
+    def _read_ready(self) -> None:
+        try:
+            data = os.read(self._descriptor, READ_SIZE)
+        except (BlockingIOError, InterruptedError):
+            return
+        except DriverError as error:
+            self._abort(PortError(why_lost(self._device.port, error)))
+            return
+        if data:
+            self._received(data)
+        else:
+            self._abort(PortError(f"{self._device.port} is gone: unplugged, or its driver hung up"))
+
+    def _send(self, data: bytes) -> int:
+        """Write what the driver takes; how many bytes that were."""
+        try:
+            return os.write(self._descriptor, data)
+        except (BlockingIOError, InterruptedError):
+            return 0
+        except DriverError as error:
+            self._abort(PortError(why_lost(self._device.port, error)))
+            return 0
+
+    def _buffer(self, data: bytes) -> None:
+        self._write_buffer.append(data)
+        if self.get_write_buffer_size() > WRITE_BOUND:
+            self._abort(PortError(f"{self._device.port} takes no more data"))
+        else:
+            self._ensure_writer()
+
+    def _write_ready(self) -> None:
+        data = b"".join(self._write_buffer)
+        self._write_buffer.clear()
+        rest = data[self._send(data) :]
+        if rest:
+            self._write_buffer.append(rest)
+            return
+        self._remove_writer()
+        if self._closing:
+            self._close()
+
+    def _call_connection_lost(self, exc: Exception | None) -> None:
+        """Tell the user, once, and close the port in a thread: a driver may take its time."""
+        if self._user is None:
+            return
+        user, self._user = self._user, None
+        self._write_buffer.clear()
+        self._close_in_thread(lost=exc is not None)
+        user.lost(exc if isinstance(exc, PortError) else PortError("closed"))
+
+    def _close_in_thread(self, *, lost: bool) -> None:
+        threads = ThreadOfItsOwn(f"close {self._device.port}")
+        closing = self._loop.run_in_executor(threads, lambda: close_device(self._device, lost=lost))
+        closing.add_done_callback(lambda _: self._closed.set())
+
+
+def _close_unwanted(opening: asyncio.Future[OpenDevice]) -> None:
+    """Close what was opened for somebody who no longer waits for it."""
+    if opening.cancelled() or opening.exception() is not None:
+        return
+    device = opening.result()
+    ThreadOfItsOwn(f"close {device.port}").submit(close_device, device, lost=True)

@@ -1,0 +1,38 @@
+"""Threads for calls into drivers, which may take for ever."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from functools import partial
+from threading import Thread
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class ThreadOfItsOwn(Executor):
+    """Runs each call in a new thread, named after its purpose.
+
+    Why no pool: a driver that hangs would take a worker from all other lines, and Python waits for a pool's workers
+    before it exits. These threads hold up nobody.
+    """
+
+    def __init__(self, purpose: str) -> None:
+        self._purpose = purpose
+
+    def submit(self, call: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Start `call` now; the future gets what it returns or raises."""
+        outcome: Future[T] = Future()
+        job = partial(call, *args, **kwargs)
+        Thread(target=_run, args=(job, outcome), name=self._purpose, daemon=True).start()
+        return outcome
+
+
+def _run(job: Callable[[], T], outcome: Future[T]) -> None:
+    outcome.set_running_or_notify_cancel()
+    try:
+        result = job()
+    except BaseException as error:  # noqa: BLE001 - whatever it is, it is raised again where the outcome is awaited
+        outcome.set_exception(error)
+    else:
+        outcome.set_result(result)

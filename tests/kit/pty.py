@@ -1,0 +1,68 @@
+"""A virtual serial port for tests: a pseudo-terminal behind a symlink, as udev makes one for an adapter."""
+
+import os
+import select
+import tty
+from pathlib import Path
+from typing import Self
+
+from gateway.ports.ioctls import actual_baud
+
+
+class VirtualPort:
+    """The devices' end of a virtual serial port; `path` is what the gateway opens. Plugged in when it is made."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.master = -1
+        self._slave = -1
+        self.plug()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.unplug()
+
+    @property
+    def is_plugged(self) -> bool:
+        """Whether `path` leads anywhere."""
+        return self.master >= 0
+
+    @property
+    def device(self) -> str:
+        """The device that `path` leads to."""
+        return os.ttyname(self._slave)
+
+    @property
+    def baud(self) -> int | None:
+        """The rate that the gateway has set."""
+        return actual_baud(self.master)
+
+    def plug(self) -> None:
+        """Come back as a new device behind the same path, as an adapter does."""
+        self.master, self._slave = os.openpty()  # kept open: without a device end the master reads EIO
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        fresh = self.path.with_name(self.path.name + ".new")
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.replace(self.path)
+
+    def unplug(self) -> None:
+        """Vanish: an open port hangs up, the path leads nowhere."""
+        if self.is_plugged:
+            self.path.unlink()
+            os.close(self._slave)
+            os.close(self.master)
+            self.master = self._slave = -1
+
+    def write(self, data: bytes) -> None:
+        """Devices say `data`."""
+        assert os.write(self.master, data) == len(data)
+
+    def read(self, size: int, timeout: float = 5.0) -> bytes:
+        """What the gateway wrote: `size` bytes, or fewer once `timeout` seconds have passed without any."""
+        data = b""
+        while len(data) < size and select.select([self.master], [], [], timeout)[0]:
+            data += os.read(self.master, size - len(data))
+        return data

@@ -1,0 +1,447 @@
+"""Serial ports against real pseudo-terminals, in real time."""
+
+import asyncio
+import errno
+import fcntl
+import os
+import termios
+import threading
+import time
+from contextlib import asynccontextmanager, closing
+from pathlib import Path
+
+import pytest
+from kit.pty import VirtualPort
+from serial import SerialException
+
+from gateway.errors import PortError
+from gateway.events import LineLost, LineReopened, LineUp
+from gateway.modbus.chartime import CharacterFormat
+from gateway.ports import opening
+from gateway.ports import serial as serial_module
+from gateway.ports.keeper import Keeper
+from gateway.ports.port import SerialSettings
+from gateway.ports.serial import WRITE_BOUND, open_serial
+
+
+class User:
+    """Notes what its port tells it, and when it was lost."""
+
+    def __init__(self):
+        self.heard = b""
+        self.losses = []
+        self.lost_at = None
+
+    def received(self, data):
+        self.heard += data
+
+    def lost(self, error):
+        self.losses.append(str(error))
+        self.lost_at = time.monotonic()
+
+
+class Owner:
+    """A line that only notes."""
+
+    def __init__(self):
+        self.port = None
+        self.heard = b""
+        self.downs = 0
+
+    def port_up(self, port):
+        self.port = port
+
+    def received(self, data):
+        self.heard += data
+
+    def port_down(self, error):
+        self.port = None
+        self.downs += 1
+
+
+@pytest.fixture
+def virtual(tmp_path):
+    with VirtualPort(tmp_path / "adapter") as virtual:
+        yield virtual
+
+
+@pytest.fixture
+def user():
+    return User()
+
+
+def settings(path, format_="8E1", baud=19200, **others):
+    return SerialSettings(str(path), baud, CharacterFormat.parse(format_), **others)
+
+
+@asynccontextmanager
+async def opened(path, user, **kwargs):
+    port = await open_serial(settings(path, **kwargs), user)
+    try:
+        yield port
+    finally:
+        port.close()
+        await asyncio.wait_for(port.wait_closed(), 5)
+
+
+async def until(condition, within=5.0):
+    """Wait for a condition; how long that took."""
+    started = time.monotonic()
+    while not condition():
+        assert time.monotonic() - started < within, "not within the time"
+        await asyncio.sleep(0.002)
+    return time.monotonic() - started
+
+
+def descriptors():
+    return sorted(Path("/proc/self/fd").iterdir())
+
+
+# --- opening ---
+
+
+@pytest.mark.parametrize("format_", ["8E1", "7E1", "8O1", "7O1", "8N1", "8N2", "7E2", "7N2"])
+async def test_every_format_can_be_opened_twice(virtual, user, format_):
+    """A pseudo-terminal takes parity or 7 bits once, and refuses to be configured ever after."""
+    for _ in range(2):
+        async with opened(virtual.path, user, format_=format_) as port:
+            port.write(b"\xff\x80ask")
+            assert virtual.read(5) == b"\xff\x80ask"
+            virtual.write(b"\x9aanswer")
+            await until(lambda: user.heard == b"\x9aanswer")
+        user.heard = b""
+
+
+@pytest.mark.parametrize("baud", [300, 1200, 14400, 19200, 38400, 115200, 123456])
+async def test_any_rate_is_set(virtual, user, baud):
+    async with opened(virtual.path, user, baud=baud):
+        assert virtual.baud == baud
+
+
+async def test_what_was_there_before_is_discarded(virtual, user):
+    virtual.write(b"stale")
+    async with opened(virtual.path, user):
+        virtual.write(b"fresh")
+        await until(lambda: user.heard)
+    assert user.heard == b"fresh"
+
+
+async def test_nothing_is_received_before_the_opener_has_its_port(virtual, user):
+    port = await open_serial(settings(virtual.path), user)
+    virtual.write(b"at once")
+    assert user.heard == b""
+    port.close()
+    await port.wait_closed()
+
+
+async def test_a_virtual_port_says_so_and_has_the_least_latency(virtual, user):
+    async with opened(virtual.path, user) as port:
+        assert (port.virtual, port.latency) == (True, opening.LATENCY)
+    async with opened(virtual.path, user, latency=0.25) as port:
+        assert port.latency == 0.25
+
+
+async def test_a_port_is_open_for_one(virtual, user):
+    async with opened(virtual.path, user):
+        with pytest.raises(PortError, match="held by another program"):
+            await open_serial(settings(virtual.path), User())
+    async with opened(virtual.path, user):
+        pass
+
+
+async def test_an_absent_port(tmp_path, user):
+    with pytest.raises(PortError, match=r"adapter does not exist: is the adapter plugged in\?"):
+        await open_serial(settings(tmp_path / "adapter"), user)
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd", "/tmp"])
+async def test_something_that_is_no_serial_port(path, user):
+    with pytest.raises(PortError, match=f"{path} is not a serial port"):
+        await open_serial(settings(path), user)
+
+
+async def test_a_driver_without_rs485(virtual, user):
+    before = descriptors()
+    with pytest.raises(PortError, match=r'no RS-485 support in its driver; use rs485 = "adapter"'):
+        await open_serial(settings(virtual.path, rs485="kernel"), user)
+    assert descriptors() == before
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (PermissionError(errno.EACCES, "no"), "no permission for .*: add the user to the .* group"),
+        (OSError(errno.EBUSY, "busy"), "is held by another program"),
+        (OSError(errno.EIO, "io"), "has no hardware behind it"),
+        (termios.error(errno.EINVAL, "invalid"), "refuses 8E1 at 19200 baud"),
+        (ValueError("Failed to set custom baud rate"), "refuses 19200 baud"),
+        (OSError(errno.EMFILE, "many"), "cannot be opened: Too many open files"),
+    ],
+)
+async def test_reasons_are_in_an_operators_words(virtual, user, monkeypatch, error, reason):
+    def fail(*args, **kwargs):
+        raise error
+
+    monkeypatch.setattr(opening, "ConfiguredOnce", fail)
+    with pytest.raises(PortError, match=reason):
+        await open_serial(settings(virtual.path), user)
+
+
+async def test_an_adapter_that_sets_another_rate(virtual, user, monkeypatch):
+    monkeypatch.setattr(opening, "actual_baud", lambda descriptor: 13982)
+    with pytest.raises(PortError, match="cannot do 14400 baud: the nearest it can is 13982"):
+        await open_serial(settings(virtual.path, baud=14400), user)
+    async with opened(virtual.path, user, baud=14000):
+        pass
+
+
+async def test_a_driver_that_passes_over_the_format(virtual, user, monkeypatch):
+    """Treated as a real port, a pseudo-terminal is just such a driver."""
+    monkeypatch.setattr(opening, "_VIRTUAL_MAJORS", ())
+    with pytest.raises(PortError, match="cannot do 7E1: its driver set another format"):
+        await open_serial(settings(virtual.path, format_="7E1"), user)
+
+
+async def test_no_other_program_can_open_a_real_port(virtual, user, monkeypatch):
+    monkeypatch.setattr(opening, "_VIRTUAL_MAJORS", ())
+    async with opened(virtual.path, user, format_="8N1") as port:
+        assert exclusive(port._descriptor)
+    with closing(Descriptor(virtual.path)) as again:
+        assert not exclusive(again.number)
+
+
+class Descriptor:
+    def __init__(self, path):
+        self.number = os.open(path, os.O_RDWR | os.O_NOCTTY)
+
+    def close(self):
+        os.close(self.number)
+
+
+def exclusive(descriptor):
+    return int.from_bytes(fcntl.ioctl(descriptor, 0x80045440, bytes(4)), "little")  # TIOCGEXCL
+
+
+# --- opening that takes its time ---
+
+
+async def test_a_driver_that_hangs_at_open_holds_nobody_up(virtual, user, monkeypatch):
+    release = threading.Event()
+    open_device = opening.open_device
+
+    def hang(settings):
+        assert release.wait(10)
+        return open_device(settings)
+
+    monkeypatch.setattr(serial_module, "open_device", hang)
+    with pytest.raises(TimeoutError):
+        await asyncio.wait_for(open_serial(settings(virtual.path), user), 0.05)
+    with pytest.raises(PortError, match="hangs in an earlier attempt"):
+        await open_serial(settings(virtual.path), user)
+    before = descriptors()
+    release.set()
+    await until(lambda: not serial_module._being_opened)
+    await until(lambda: descriptors() == before)  # what was opened for nobody is closed again
+    async with opened(virtual.path, user):
+        pass
+
+
+# --- writing ---
+
+
+async def test_more_than_the_driver_takes_is_sent_in_order(virtual, user):
+    async with opened(virtual.path, user) as port:
+        data = bytes(range(256)) * 64  # a terminal takes a few KiB before it says "not now"
+        while not port.get_write_buffer_size():
+            port.write(data)
+            sent = data if port.get_write_buffer_size() else b""
+            if not sent:
+                virtual.read(len(data), timeout=0.1)
+        rest = b"the end"
+        port.write(rest)
+        received = b""
+        while not received.endswith(rest):
+            await asyncio.sleep(0.001)
+            received += virtual.read(65536, timeout=0)
+        assert received == data + rest
+        assert user.losses == []
+
+
+async def test_a_port_that_takes_nothing_any_more_is_lost(virtual, user):
+    async with opened(virtual.path, user) as port:
+        for _ in range(100):
+            port.write(bytes(1024))
+        await until(lambda: user.losses)
+        port.write(b"ignored")
+        assert port.get_write_buffer_size() <= WRITE_BOUND
+    assert user.losses == [f"{virtual.path} takes no more data"]
+
+
+async def test_what_was_written_is_sent_before_the_port_closes(virtual, user):
+    port = await open_serial(settings(virtual.path), user)
+    while not port.get_write_buffer_size():
+        port.write(bytes(1000))
+    port.write(b"the end")
+    port.close()
+    received = b""
+    while not received.endswith(b"the end"):
+        await asyncio.sleep(0.001)
+        received += virtual.read(65536, timeout=0)
+    await asyncio.wait_for(port.wait_closed(), 5)
+    assert user.losses == ["closed"]
+
+
+async def test_a_port_that_takes_nothing_closes_all_the_same(virtual, user, monkeypatch):
+    monkeypatch.setattr(serial_module, "FLUSHING_DEADLINE", 0.05)
+    port = await open_serial(settings(virtual.path), user)
+    while not port.get_write_buffer_size():
+        port.write(bytes(1000))
+    port.close()
+    await asyncio.wait_for(port.wait_closed(), 5)
+    assert user.losses == [f"{virtual.path} takes no more data"]
+
+
+# --- losing ---
+
+
+async def test_unplugging_is_told_once_and_at_once(virtual, user):
+    async with opened(virtual.path, user) as port:
+        unplugged_at = time.monotonic()
+        virtual.unplug()
+        await until(lambda: user.losses)
+        assert user.lost_at - unplugged_at < 0.25
+        port.write(b"into the void")
+        port.close()
+        await port.wait_closed()
+    assert user.losses == [f"{virtual.path} is gone: unplugged, or its driver hung up"]
+
+
+async def test_unplugging_is_told_once_to_who_is_writing(virtual, user):
+    async with opened(virtual.path, user) as port:
+        virtual.unplug()
+        port.write(b"ask")
+        assert user.losses == []  # told afterwards, never inside a write
+        await until(lambda: user.losses)
+        await asyncio.sleep(0.05)
+    assert user.losses == [f"{virtual.path} is gone: Input/output error"]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [SerialException(errno.EIO, "lost"), OSError(errno.EIO, "lost"), termios.error(errno.EIO, "lost")],
+    ids=["SerialException", "OSError", "termios.error"],
+)
+@pytest.mark.parametrize("call", ["read", "write"])
+async def test_each_way_a_driver_says_goodbye_is_a_loss(virtual, user, monkeypatch, error, call):
+    async with opened(virtual.path, user) as port:
+        await asyncio.sleep(0)
+        with monkeypatch.context() as patch:
+            patch.setattr(serial_module, "os", FailingOs(call, port._descriptor, error))
+            if call == "write":
+                port.write(b"ask")
+            else:
+                virtual.write(b"answer")
+            await until(lambda: user.losses)
+    assert user.losses == [f"{virtual.path} is gone: Input/output error"]
+
+
+class FailingOs:
+    """The os module with one call that fails for one descriptor."""
+
+    def __init__(self, call, descriptor, error):
+        self._broken = (call, descriptor)
+        self._error = error
+
+    def __getattr__(self, name):
+        def call(descriptor, argument):
+            if (name, descriptor) == self._broken:
+                raise self._error
+            return getattr(os, name)(descriptor, argument)
+
+        return call
+
+
+async def test_an_idle_port_is_not_taken_for_one_that_hung_up(virtual, user):
+    async with opened(virtual.path, user) as port:
+        port._read_ready()
+        await asyncio.sleep(0.05)
+        assert user.losses == []
+
+
+async def test_a_driver_that_closes_slowly_does_not_block_the_loop(virtual, user, monkeypatch):
+    def close_slowly(device, *, lost):
+        time.sleep(0.3)
+        opening.close_device(device, lost=lost)
+
+    monkeypatch.setattr(serial_module, "close_device", close_slowly)
+    loop = asyncio.get_running_loop()
+    port = await open_serial(settings(virtual.path), user)
+    port.close()
+    longest, turn = 0.0, loop.time()
+    while not port._closed.is_set():
+        await asyncio.sleep(0.001)
+        longest, turn = max(longest, loop.time() - turn), loop.time()
+    assert longest < 0.2
+    assert user.losses == ["closed"]
+
+
+# --- kept open ---
+
+
+@asynccontextmanager
+async def kept(virtual):
+    owner, events = Owner(), []
+    keeper = Keeper(
+        "hall-a", str(virtual.path), lambda user: open_serial(settings(virtual.path), user), owner, events.append
+    )
+    task = asyncio.create_task(keeper.run(), name="keeper")
+    try:
+        await asyncio.wait_for(keeper.tried.wait(), 5)
+        yield owner, events
+    finally:
+        task.cancel()
+        await asyncio.wait([task])
+
+
+async def test_a_replugged_adapter_is_used_again_under_its_new_name(virtual):
+    async with kept(virtual) as (owner, events):
+        before = virtual.device
+        virtual.unplug()
+        assert await until(lambda: owner.downs == 1) < 0.25
+        await asyncio.sleep(1.5)
+        first, second = os.openpty()  # takes the old name
+        virtual.plug()
+        assert virtual.device != before
+        assert await until(lambda: owner.port) < 2
+        owner.port.write(b"ask")
+        assert virtual.read(3) == b"ask"
+        virtual.write(b"answer")
+        await until(lambda: owner.heard == b"answer")
+        os.close(first)
+        os.close(second)
+    assert [type(event) for event in events] == [LineUp, LineLost, LineLost, LineReopened]
+    assert "does not exist" in events[2].reason
+
+
+async def test_fifty_losses_leave_no_descriptor_and_no_thread_behind(virtual, monkeypatch):
+    monkeypatch.setattr("gateway.ports.keeper.FIRST_PAUSE", 0.002)
+    monkeypatch.setattr("gateway.ports.keeper.LONGEST_PAUSE", 0.002)
+    before, threads = len(descriptors()), threading.active_count()
+    async with kept(virtual) as (owner, events):
+        for cycle in range(1, 51):
+            await until(lambda: owner.port)
+            virtual.unplug()
+            await until(lambda cycle=cycle: owner.downs == cycle)
+            virtual.plug()
+        await until(lambda: owner.port)
+    await until(lambda: threading.active_count() == threads)
+    assert len(descriptors()) == before
+    assert sum(isinstance(event, LineReopened) for event in events) == 50
+
+
+async def test_a_line_that_is_closed_can_be_opened_again_at_once(virtual):
+    """As a reload does: the new keeper starts when the old one has ended."""
+    for _ in range(5):
+        async with kept(virtual) as (owner, events):
+            assert owner.port is not None
+            assert [type(event) for event in events] == [LineUp]
