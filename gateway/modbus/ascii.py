@@ -49,13 +49,8 @@ class AsciiFramer:
         if now - self._last > CHARACTER_GAP:
             self._drop(len(self._buffer))
         self._last = now
-        self._buffer += data.translate(_SEVEN_BITS)
-        frames = []
-        while (end := self._buffer.find(_END)) >= 0:
-            frame = self._decode(self._buffer[:end])
-            self._buffer = self._buffer[end + len(_END) :]
-            if frame is not None:
-                frames.append(frame)
+        *texts, self._buffer = (self._buffer + data.translate(_SEVEN_BITS)).split(_END)
+        frames = [frame for text in texts if (frame := self._decode(text)) is not None]
         self._drop_all_but_the_last_start()
         return frames
 

@@ -20,7 +20,7 @@ from functools import lru_cache
 from struct import Struct
 
 from gateway.errors import IllegalDataValue, IllegalFunction
-from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
+from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area, FunctionCode
 
 COIL_ON = 0xFF00
 COIL_OFF = 0x0000
@@ -78,7 +78,8 @@ class RequestPdu:
 def parse_request(pdu: bytes) -> RequestPdu:
     """What the request PDU asks for. Clients poll, so the same few PDUs come again and again: results are kept.
 
-    A function that is not known here passes unchecked; its response is not foretold.
+    It has at least its function code, as all that framers deliver. A function that is not known here passes unchecked;
+    its response is not foretold.
 
     Raises:
         IllegalFunction: the function code is 0 or above 127.
@@ -166,6 +167,7 @@ def _read_write(pdu: bytes) -> RequestPdu:
 
 
 def _unknown(pdu: bytes) -> RequestPdu:
+    _need(len(pdu) <= MAX_PDU, pdu, f"a PDU has at most {MAX_PDU} bytes")
     return RequestPdu(pdu, pdu[0], None, None, pdu[:1], None)
 
 

@@ -24,8 +24,8 @@ OVERHEAD = 3
 _SHORTEST = OVERHEAD + 1
 #: An exception response: a PDU of two bytes.
 _EXCEPTION_SIZE = OVERHEAD + 2
-#: A frame that is still incomplete begins within so many last bytes.
-_TAIL = MAX_RTU_ADU - 1
+#: As much of a PDU, behind the unit identifier, as foretelling its size looks at.
+_HEAD = slice(1, 11)
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
@@ -69,8 +69,8 @@ class ResponseFramer:
         if frame is not None:
             self._deadline = None
             return [frame]
-        if len(buffer) > _TAIL:
-            del buffer[:-_TAIL]
+        if len(buffer) > MAX_RTU_ADU:  # the response begins later
+            del buffer[:-MAX_RTU_ADU]
             self.heard_noise = True
         if not self._size:
             self._deadline = now + self._silence
@@ -137,15 +137,12 @@ class RequestFramer:
 
     def received(self, data: bytes, now: float) -> list[Frame]:
         """Take bytes that became readable at `now`; requests that are complete with them, in order."""
-        buffer = self._buffer
-        buffer += data
-        if len(buffer) > MAX_RTU_ADU:
-            del buffer[:-_TAIL]
-        frames = []
-        while (size := _complete(buffer, request_size)) and crc_fits(adu := bytes(buffer[:size])):
-            frames.append(Frame(adu[0], adu[1:-2]))
-            del buffer[:size]
-        self._deadline = now + self._silence if buffer else None
+        self._buffer += data
+        frames = self._take_complete()
+        while len(self._buffer) > MAX_RTU_ADU:  # no frame is so long: it begins with noise
+            del self._buffer[0]
+            frames += self._take_complete()
+        self._deadline = now + self._silence if self._buffer else None
         return frames
 
     def deadline(self) -> float | None:
@@ -160,10 +157,17 @@ class RequestFramer:
         self._buffer.clear()
         return list(_frames(data, request_size))
 
+    def _take_complete(self) -> list[Frame]:
+        frames = []
+        while (size := _complete(self._buffer, request_size)) and crc_fits(adu := bytes(self._buffer[:size])):
+            frames.append(Frame(adu[0], adu[1:-2]))
+            del self._buffer[:size]
+        return frames
+
 
 def _complete(data: bytes | bytearray, foretell: Callable[[bytes], int]) -> int:
     """Size of the ADU at the start of `data` when all of it is there, else 0."""
-    size = foretell(bytes(data[1:])) + OVERHEAD
+    size = foretell(bytes(data[_HEAD])) + OVERHEAD
     return size if _SHORTEST <= size <= len(data) else 0
 
 

@@ -1,0 +1,142 @@
+"""The request framer: what a server hears on an RTU line that it may share with others."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from kit.noise import chunkings, flipped, noise, random_chunks
+from kit.vectors import UNIT, exchanges, meaning, seed_frames
+
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import KNOWN_FUNCTIONS
+from gateway.modbus.rtu import RequestFramer, encode
+
+SILENCE = 0.002
+READ = bytes.fromhex("03 00 6B 00 03")
+LONGEST = bytes.fromhex("10 00 00 00 7B F6") + bytes(range(246))
+KNOWN = [exchange for exchange in exchanges() if exchange.known]
+UNKNOWN = [exchange for exchange in exchanges() if not exchange.known]
+
+
+def hear(framer: RequestFramer, *chunks: bytes, at: float = 0.0) -> list[Frame]:
+    """What comes of chunks that follow each other at once, and the silence behind them."""
+    frames = [frame for chunk in chunks for frame in framer.received(chunk, at)]
+    return frames + framer.tick(at + SILENCE)
+
+
+@pytest.mark.parametrize("exchange", exchanges(), ids=meaning)
+class TestVectors:
+    def test_decodes_in_any_chunks(self, exchange):
+        for chunks in chunkings(exchange.request.rtu):
+            assert hear(RequestFramer(SILENCE), *chunks) == [(UNIT, exchange.request.pdu)]
+
+    def test_decodes_behind_noise(self, exchange):
+        for before in (b"\x00\xff", b"\xff", exchange.request.rtu[:-1], noise(100)):
+            assert hear(RequestFramer(SILENCE), before + exchange.request.rtu) == [(UNIT, exchange.request.pdu)]
+
+    def test_a_wrong_bit_makes_it_no_request(self, exchange):
+        for bit in range(8 * len(exchange.request.rtu)):
+            assert hear(RequestFramer(SILENCE), flipped(exchange.request.rtu, bit)) == []
+
+
+@pytest.mark.parametrize("exchange", KNOWN, ids=meaning)
+def test_a_known_request_ends_on_its_last_byte(exchange):
+    framer = RequestFramer(SILENCE)
+    assert framer.received(exchange.request.rtu[:-1], 0.0) == []
+    assert framer.received(exchange.request.rtu[-1:], 0.0) == [(UNIT, exchange.request.pdu)]
+    assert framer.deadline() is None
+
+
+@pytest.mark.parametrize("exchange", KNOWN, ids=meaning)
+def test_noise_behind_a_known_request_does_not_touch_it(exchange):
+    for behind in (b"\x00", noise(3), noise(300)):
+        framer = RequestFramer(SILENCE)
+        assert framer.received(exchange.request.rtu + behind, 0.0) == [(UNIT, exchange.request.pdu)]
+        assert framer.tick(SILENCE) == []
+
+
+@pytest.mark.parametrize("exchange", UNKNOWN, ids=meaning)
+def test_an_unknown_request_ends_by_silence(exchange):
+    framer = RequestFramer(SILENCE)
+    assert framer.received(exchange.request.rtu, 1.0) == []
+    assert framer.deadline() == 1.0 + SILENCE
+    assert framer.tick(1.0 + SILENCE / 2) == []
+    assert framer.tick(1.0 + SILENCE) == [(UNIT, exchange.request.pdu)]
+    assert framer.deadline() is None
+
+
+@pytest.mark.parametrize("frame", [f for f in seed_frames() if f.mode == "rtu" and f.kind == "request"], ids=meaning)
+def test_printed_requests_are_heard(frame):
+    assert RequestFramer(SILENCE).received(frame.data, 0.0) == [(frame.data[0], frame.data[1:-2])]
+    assert encode(frame.data[0], frame.data[1:-2]) == frame.data
+
+
+def test_silence_drops_half_a_request():
+    framer, data = RequestFramer(SILENCE), encode(UNIT, READ)
+    assert hear(framer, data[:5]) == []
+    assert hear(framer, data[5:], at=1.0) == []
+    assert hear(framer, data, at=2.0) == [(UNIT, READ)]
+
+
+def test_without_bytes_there_is_no_silence_to_wait_for():
+    framer = RequestFramer(SILENCE)
+    assert framer.deadline() is None
+    assert framer.tick(100.0) == []
+
+
+def test_glued_requests_are_all_heard():
+    frames = [(unit, READ) for unit in range(1, 65)]
+    data = b"".join(encode(*frame) for frame in frames)
+    assert len(data) == 512
+    assert RequestFramer(SILENCE).received(data, 0.0) == frames
+    assert hear(RequestFramer(SILENCE), *random_chunks(data, seed=1)) == frames
+
+
+def test_the_longest_requests_are_heard_behind_noise():
+    assert hear(RequestFramer(SILENCE), b"\x00\xff\x00" + encode(UNIT, LONGEST)) == [(UNIT, LONGEST)]
+    longest_unknown = b"\x41" + noise(252)
+    assert hear(RequestFramer(SILENCE), b"\x00" + encode(UNIT, longest_unknown)) == [(UNIT, longest_unknown)]
+
+
+def test_a_request_behind_more_noise_than_a_frame_holds_is_heard():
+    data = noise(400) + encode(UNIT, READ) + noise(100, seed=1)
+    assert hear(RequestFramer(SILENCE), data) == [(UNIT, READ)]
+    assert hear(RequestFramer(SILENCE), *random_chunks(data)) == [(UNIT, READ)]
+
+
+@pytest.mark.parametrize("exchange", exchanges(), ids=meaning)
+def test_other_servers_responses_do_not_spoil_the_next_request(exchange):
+    """On a shared line the responses of others are heard too, glued to the next request by the adapter."""
+    other = encode(5, exchange.response.pdu)
+    frames = hear(RequestFramer(SILENCE), other + encode(UNIT, READ))
+    assert frames[-1] == (UNIT, READ)
+    assert [frame for frame in frames if frame.unit == UNIT] == [(UNIT, READ)]
+
+
+def test_endless_noise_is_not_kept():
+    framer = RequestFramer(SILENCE)
+    for _ in range(100):
+        framer.received(noise(512), 0.0)
+    assert len(framer._buffer) <= 256
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 255), st.sampled_from([e.request.pdu for e in KNOWN])), max_size=20), st.data()
+)
+def test_any_cut_gives_the_same_requests(frames, data):
+    stream = b"".join(encode(*frame) for frame in frames)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)))))
+    chunks = [stream[one:two] for one, two in pairwise([0, *cuts, len(stream)])]
+    assert hear(RequestFramer(SILENCE), *chunks) == frames
+
+
+@given(st.integers(0, 255), st.binary(min_size=1, max_size=253).filter(lambda pdu: pdu[0] not in KNOWN_FUNCTIONS))
+def test_whatever_is_encoded_is_decoded(unit, pdu):
+    assert hear(RequestFramer(SILENCE), encode(unit, pdu)) == [(unit, pdu)]
+
+
+@given(st.lists(st.binary(max_size=300)))
+def test_garbage_raises_nothing(chunks):
+    for frame in hear(RequestFramer(SILENCE), *chunks):
+        assert 1 <= len(frame.pdu) <= 253

@@ -1,0 +1,217 @@
+"""The response framer: what a client hears on an RTU line after its request."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from kit.noise import chunkings, noise
+from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
+
+from gateway.modbus.checks import crc_fits
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import exception_response, parse_request
+from gateway.modbus.rtu import ResponseFramer, encode
+
+SILENCE = 0.002
+GOOD = encode(UNIT, ANSWER)
+#: An unknown function: its response ends by silence.
+UNKNOWN = bytes.fromhex("41 01 02 03")
+
+PRINTED = [frame for frame in seed_frames() if frame.mode == "rtu"]
+#: Each response in the manufacturers' documents with the request that is printed before it.
+PRINTED_PAIRS = [(one, two) for one, two in pairwise(PRINTED) if two.kind == "response"]
+
+
+def asked(pdu: bytes = QUESTION, unit: int = UNIT) -> ResponseFramer:
+    framer = ResponseFramer(SILENCE)
+    framer.expect(unit, parse_request(pdu))
+    return framer
+
+
+def hear(framer: ResponseFramer, *chunks: bytes) -> list[Frame]:
+    """What comes of chunks that follow each other at once, and the silence behind them."""
+    frames = [frame for chunk in chunks for frame in framer.received(chunk, 0.0)]
+    return frames + framer.tick(SILENCE)
+
+
+@pytest.mark.parametrize("exchange", exchanges(), ids=meaning)
+class TestVectors:
+    def test_encodes(self, exchange):
+        assert encode(UNIT, exchange.request.pdu) == exchange.request.rtu
+        assert encode(UNIT, exchange.response.pdu) == exchange.response.rtu
+
+    def test_decodes_in_any_chunks(self, exchange):
+        for chunks in chunkings(exchange.response.rtu):
+            framer = asked(exchange.request.pdu)
+            assert hear(framer, *chunks) == [(UNIT, exchange.response.pdu)]
+            assert framer.conclude() == []
+            assert not framer.heard_noise
+
+    def test_decodes_behind_noise(self, exchange):
+        for before in (b"\x00\xff", b"\x00", noise(40), exchange.response.rtu[:-1], exchange.request.rtu[:-2]):
+            framer = asked(exchange.request.pdu)
+            assert hear(framer, before + exchange.response.rtu) == [(UNIT, exchange.response.pdu)]
+            assert framer.heard_noise
+
+
+@pytest.mark.parametrize("exchange", [exchange for exchange in exchanges() if exchange.known], ids=meaning)
+def test_a_response_of_foretold_size_is_found_with_noise_behind(exchange):
+    for behind in (b"\x00", noise(3), noise(300)):
+        framer = asked(exchange.request.pdu)
+        assert hear(framer, exchange.response.rtu + behind) == [(UNIT, exchange.response.pdu)]
+        framer.conclude()
+        assert framer.heard_noise
+
+
+@pytest.mark.parametrize(("request_frame", "response_frame"), PRINTED_PAIRS, ids=lambda frame: frame.meaning)
+def test_printed_frames_are_accepted_from_the_unit_that_answers(request_frame, response_frame):
+    framer = asked(request_frame.data[1:-2], unit=response_frame.data[0])
+    assert hear(framer, response_frame.data) == [(response_frame.data[0], response_frame.data[1:-2])]
+
+
+@pytest.mark.parametrize("frame", [frame for frame in PRINTED if frame.kind == "misprint"], ids=meaning)
+def test_printed_frames_with_a_wrong_check_are_refused(frame):
+    framer = asked(bytes.fromhex("03 00 00 00 01"), unit=frame.data[0])
+    assert hear(framer, frame.data) == framer.conclude() == []
+    assert framer.heard_noise
+
+
+@pytest.mark.parametrize("vector", broken("rtu"), ids=meaning)
+def test_broken_and_foreign_frames_are_no_response(vector):
+    for chunks in chunkings(vector.data):
+        framer = asked()
+        assert hear(framer, *chunks) == []
+        passed_over = framer.conclude()
+        assert framer.heard_noise is not bool(passed_over)
+        if vector.rejected_by == "check":
+            assert passed_over == []
+
+
+@pytest.mark.parametrize("vector", broken("rtu"), ids=meaning)
+def test_a_good_response_behind_a_broken_one_is_found(vector):
+    assert hear(asked(), vector.data + GOOD) == [(UNIT, ANSWER)]
+
+
+def test_a_hole_does_not_end_a_response_of_foretold_size():
+    framer = asked()
+    assert framer.received(GOOD[:4], 0.0) == []
+    assert framer.deadline() is None
+    assert framer.tick(0.4) == []
+    assert framer.received(GOOD[4:], 0.5) == [(UNIT, ANSWER)]
+
+
+def with_fitting_prefix() -> tuple[bytes, bytes]:
+    """A response to UNKNOWN whose first bytes are a frame with a fitting CRC: head, value, CRC, then two bytes more."""
+    prefix = encode(UNIT, b"\x41\x07")
+    return prefix, encode(UNIT, prefix[1:] + b"\x08\x09")
+
+
+def test_a_fitting_crc_does_not_end_a_response_of_unknown_size():
+    prefix, whole = with_fitting_prefix()
+    assert crc_fits(prefix)
+    for chunks in ([prefix, whole[len(prefix) :]], [bytes((byte,)) for byte in whole]):
+        assert hear(asked(UNKNOWN), *chunks) == [(UNIT, whole[1:-2])]
+
+
+def test_a_fitting_crc_does_not_end_a_response_of_foretold_size():
+    values = encode(UNIT, b"\x03\x06\x00\x00")[3:]  # the CRC of the first two bytes of data becomes the next two
+    response = encode(UNIT, b"\x03\x06" + values + b"\x12\x34")
+    assert crc_fits(response[:7])
+    assert hear(asked(), *(bytes((byte,)) for byte in response)) == [(UNIT, response[1:-2])]
+
+
+class TestUnknownFunction:
+    """Its response has no foretold size."""
+
+    RESPONSE = bytes.fromhex("41 04")
+
+    def test_silence_ends_it(self):
+        framer = asked(UNKNOWN)
+        assert framer.received(encode(UNIT, self.RESPONSE), 1.0) == []
+        assert framer.deadline() == 1.0 + SILENCE
+        assert framer.tick(1.0 + SILENCE / 2) == []
+        assert framer.tick(1.0 + SILENCE) == [(UNIT, self.RESPONSE)]
+        assert framer.deadline() is None
+
+    def test_each_byte_puts_the_silence_off(self):
+        framer = asked(UNKNOWN)
+        framer.received(b"\x11", 1.0)
+        framer.received(b"\x41", 1.001)
+        assert framer.deadline() == 1.001 + SILENCE
+
+    def test_its_exception_ends_at_once(self):
+        framer = asked(UNKNOWN)
+        assert framer.received(encode(UNIT, b"\xc1\x01"), 0.0) == [(UNIT, b"\xc1\x01")]
+        assert framer.deadline() is None
+
+    def test_a_hole_longer_than_the_silence_does_not_lose_it(self):
+        framer, data = asked(UNKNOWN), encode(UNIT, self.RESPONSE)
+        assert hear(framer, data[:3]) == []
+        assert hear(framer, data[3:]) == [(UNIT, self.RESPONSE)]
+
+    def test_the_longest_frame_is_found(self):
+        pdu = b"\x41" + noise(252)
+        assert hear(asked(UNKNOWN), encode(UNIT, pdu)) == [(UNIT, pdu)]
+        assert hear(asked(UNKNOWN), noise(100) + encode(UNIT, pdu)) == [(UNIT, pdu)]
+
+    def test_its_head_with_nothing_behind_is_no_response(self):
+        framer = asked(UNKNOWN)
+        assert hear(framer, b"\x11\x41") == framer.conclude() == []
+        assert framer.heard_noise
+
+
+def test_an_exception_of_a_known_function_ends_at_once():
+    assert asked().received(encode(UNIT, exception_response(3, 2)), 0.0) == [(UNIT, b"\x83\x02")]
+
+
+def test_a_well_formed_frame_of_another_unit_is_passed_over_and_told():
+    framer, foreign = asked(), encode(5, ANSWER)
+    assert hear(framer, foreign) == []
+    assert framer.conclude() == [(5, ANSWER)]
+    assert not framer.heard_noise
+
+
+def test_foreign_frames_among_noise_are_told():
+    framer = asked()
+    assert hear(framer, b"\x00\xff" + encode(5, b"\x83\x02") + encode(6, ANSWER) + b"\x00") == []
+    assert framer.conclude() == [(5, b"\x83\x02"), (6, ANSWER)]
+    assert framer.heard_noise
+
+
+def test_silence_is_no_noise():
+    framer = asked()
+    assert framer.conclude() == []
+    assert not framer.heard_noise
+
+
+def test_a_new_request_forgets_what_was_heard():
+    framer = asked()
+    hear(framer, noise(300) + GOOD[:-1])
+    framer.expect(UNIT, parse_request(QUESTION))
+    assert not framer.heard_noise
+    assert framer.received(GOOD[-1:], 0.0) == []
+    assert framer.received(GOOD, 0.0) == [(UNIT, ANSWER)]
+
+
+def test_endless_noise_is_not_kept():
+    framer = asked(UNKNOWN)
+    for _ in range(100):
+        framer.received(noise(512), 0.0)
+    assert len(framer._buffer) <= 256
+    assert framer.heard_noise
+
+
+@given(st.binary(max_size=300), st.binary(max_size=300), st.integers(0, 400))
+def test_any_noise_around_and_any_cut_give_the_same_response(before, behind, cut):
+    data = before + GOOD + behind
+    framer = asked()
+    frames = framer.received(data[:cut], 0.0) or framer.received(data[cut:], 0.0)
+    assert frames == [(UNIT, ANSWER)]
+
+
+@given(st.sampled_from([QUESTION, UNKNOWN]), st.lists(st.binary(max_size=300)))
+def test_garbage_raises_nothing(question, chunks):
+    framer = asked(question)
+    for frame in hear(framer, *chunks) + framer.conclude():
+        assert 1 <= len(frame.pdu) <= 253
