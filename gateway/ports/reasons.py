@@ -37,7 +37,7 @@ def why_not_opened(settings: SerialSettings, error: OSError | termios.error | Va
         port=settings.port,
         format=settings.format,
         baud=settings.baud,
-        group=_group(settings.port),
+        group=group_of(settings.port),
         error=os.strerror(number),
     )
 
@@ -56,7 +56,7 @@ def _errno(error: BaseException) -> int:
     return _errno(error.__context__) if error.__context__ is not None else errno.EIO
 
 
-def _group(port: str) -> str:
+def group_of(port: str) -> str:
     """The group that may use the port: dialout on Debian, uucp elsewhere."""
     try:
         return grp.getgrgid(Path(port).stat().st_gid).gr_name

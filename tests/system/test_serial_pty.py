@@ -4,6 +4,8 @@ import asyncio
 import errno
 import fcntl
 import os
+import subprocess
+import sys
 import termios
 import threading
 import time
@@ -19,6 +21,7 @@ from gateway.events import LineLost, LineReopened, LineUp
 from gateway.modbus.chartime import CharacterFormat
 from gateway.ports import opening
 from gateway.ports import serial as serial_module
+from gateway.ports.holders import _by_lock, holder
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import WRITE_BOUND, open_serial
@@ -208,6 +211,19 @@ async def test_no_other_program_can_open_a_real_port(virtual, user, monkeypatch)
         assert exclusive(port._descriptor)
     with closing(Descriptor(virtual.path)) as again:
         assert not exclusive(again.number)
+
+
+async def test_the_program_that_holds_a_port_is_named(virtual):
+    script = "import fcntl, sys; port = open(sys.argv[1]); fcntl.flock(port, fcntl.LOCK_EX); print(); input()"
+    other = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", script, virtual.path, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    await asyncio.wait_for(other.stdout.readline(), 10)
+    name = Path(f"/proc/{other.pid}/comm").read_text().strip()  # noqa: ASYNC240 - procfs does not block
+    assert holder(virtual.device) == f"{name} (pid {other.pid})"
+    assert list(_by_lock(Path(virtual.device))) == [other.pid]
+    await asyncio.wait_for(other.communicate(b"\n"), 10)
+    assert holder(virtual.device) is None
 
 
 class Descriptor:

@@ -1,0 +1,47 @@
+"""`ports`: the serial ports of this machine, and which path of each belongs in a config."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from gateway.ports.listing import ListedPort, serial_ports
+
+_HEADINGS = ("PORT", "DEVICE", "ADAPTER", "DRIVER", "STATE")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `ports`."""
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """List the ports. Always 0: a machine without serial ports is no problem of its own."""
+    ports = serial_ports()
+    if args.json:
+        print(json.dumps([asdict(port) for port in ports], indent=2, ensure_ascii=False))
+    elif ports:
+        print(_table([_HEADINGS, *(_row(port) for port in ports)]))
+        print(f'\nPut the path in the first column into the config: port = "{ports[0].path}"')
+    else:
+        print("This machine has no serial port. Is the adapter plugged in? `dmesg` tells what became of it.")
+    return 0
+
+
+def _row(port: ListedPort) -> tuple[str, ...]:
+    return (port.path, port.device, port.description, port.driver, _state(port))
+
+
+def _state(port: ListedPort) -> str:
+    match port.state:
+        case "free":
+            return "free"
+        case "in use":
+            return f"in use {port.remark}"
+        case "no permission":
+            return f"no permission: {port.remark}"
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)

@@ -1,0 +1,92 @@
+"""The serial ports of this machine, and which path of each belongs in a config."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from serial.tools.list_ports_common import numsplit
+from serial.tools.list_ports_linux import SysFS
+
+from gateway.ports.holders import holder
+from gateway.ports.reasons import group_of
+
+TERMINALS: Final = Path("/sys/class/tty")
+DEVICES: Final = Path("/dev")
+#: Folders of links that survive a replug, the best first: by the adapter's serial number, by its socket.
+STABLE_LINKS: Final = ("serial/by-id", "serial/by-path")
+
+State = Literal["free", "in use", "no permission"]
+
+
+@dataclass(frozen=True, slots=True)
+class ListedPort:
+    """A serial port with hardware behind it. `path` stays the same when the adapter is plugged in again."""
+
+    path: str
+    device: str
+    description: str
+    driver: str
+    state: State
+    #: What keeps it from being used, and what to do about it; empty for a free port.
+    remark: str
+
+
+def serial_ports() -> list[ListedPort]:
+    """All serial ports with hardware behind them; virtual ones are left out. Opens none of them."""
+    names = sorted((entry.name for entry in TERMINALS.glob("*") if _has_hardware(entry)), key=numsplit)
+    devices = [DEVICES / name.replace("!", "/") for name in names]
+    links = _stable_links()
+    return [_listed(device, links.get(device, device)) for device in devices if device.exists()]
+
+
+def _has_hardware(terminal: Path) -> bool:
+    """Virtual terminals have no device; a UART that was not found has one, of type 0."""
+    if not (terminal / "device").exists():
+        return False
+    return _line(terminal / "type") != "0"
+
+
+def _stable_links() -> dict[Path, Path]:
+    """The best stable link to each device."""
+    links: dict[Path, Path] = {}
+    for folder in STABLE_LINKS:
+        for link in sorted((DEVICES / folder).glob("*")):
+            links.setdefault(link.resolve(), link)
+    return links
+
+
+def _listed(device: Path, path: Path) -> ListedPort:
+    state, remark = _state(device)
+    return ListedPort(str(path), str(device), _description(device), _driver(device), state, remark)
+
+
+def _state(device: Path) -> tuple[State, str]:
+    held_by = holder(str(device))
+    if held_by is not None:
+        return "in use", f"by {held_by}"
+    if not os.access(device, os.R_OK | os.W_OK):
+        return "no permission", f"add the user to the {group_of(str(device))} group"
+    return "free", ""
+
+
+def _description(device: Path) -> str:
+    found = SysFS(str(device))
+    if found.product is None:
+        return "built in"
+    return " ".join(part for part in (found.manufacturer, found.product) if part)
+
+
+def _driver(device: Path) -> str:
+    place = (TERMINALS / device.name / "device").resolve()
+    while (place / "subsystem").resolve().name == "serial-base":  # the kernel's own layer above a UART's driver
+        place = place.parent
+    driver = place / "driver"
+    return driver.resolve().name if driver.exists() else ""
+
+
+def _line(file: Path) -> str | None:
+    try:
+        return file.read_text().strip()
+    except OSError:
+        return None
