@@ -1,13 +1,169 @@
-"""What must fit together in a config."""
+"""What must fit together in a config, though each of its tables is good by itself."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from itertools import groupby, pairwise
+from typing import Final
 
-from gateway.config.problem import Problem
-from gateway.config.schema import Config
+from gateway.config.check_units import (
+    check_device_rows,
+    check_images,
+    check_overlaps,
+    check_passing_through,
+    check_references,
+)
+from gateway.config.not_yet import check_built, is_refused
+from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.schema import Access, Config, Device, Image, Line, Listen, ProfileTable, Table
+
+#: Keys that only one role of a line has.
+_CLIENT_KEYS: Final = (
+    *("devices", "profile", "timeout", "turnaround", "late_window"),
+    *("queue", "max_wait", "retries", "coalesce", "broadcast"),
+)
+_SERVER_KEYS: Final = ("serves", "on_failure", "answer_within", "broadcast_to")
+
+#: What [[access]] calls the control socket.
+_CONTROL: Final = "control"
 
 
 def check(
-    config: Config, port_exists: Callable[[str], bool], real_path: Callable[[str], str], failed: frozenset[str]
+    config: Config,
+    failed: frozenset[str] = frozenset(),
+    port_exists: Callable[[str], bool] = lambda _: True,
+    real_path: Callable[[str], str] = str,
 ) -> Iterator[Problem]:
-    """."""
-    return iter(())
+    """Everything that does not fit together.
+
+    `failed` are the sections of which the config lacks a table, because something was wrong with it: nobody complains
+    about what might refer to that table. `port_exists` and `real_path` look at the paths of ports.
+    """
+    yield from _check_content(config, failed)
+    yield from _check_names(config)
+    yield from _check_listeners(config, failed)
+    yield from _check_ports(config, port_exists, real_path)
+    for line in config.line:
+        yield from _check_format(line)
+        yield from _check_role(line)
+    yield from _check_profiles(config, failed)
+    yield from _check_access(config, failed)
+    yield from check_device_rows(config)
+    yield from check_overlaps(config)
+    yield from check_passing_through(config)
+    yield from check_references(config, failed)
+    yield from check_images(config, failed)
+    yield from check_built(config)
+
+
+def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    if not (config.line or config.image or config.upstream or failed):
+        yield error((), "there is no [[line]], and nothing else to serve", 'add [[line]] with port = "/dev/ttyUSB0"')
+
+
+def _check_names(config: Config) -> Iterator[Problem]:
+    servers = [line for line in config.line if line.role == "server"]
+    listeners: tuple[Listen | Line, ...] = (*config.listen, *servers)
+    for listener in listeners:
+        if listener.name == _CONTROL:
+            yield error((*listener.path, "name"), f'"{_CONTROL}" is what [[access]] calls the control socket')
+    yield from _repeated("name", ((listener.label, listener) for listener in listeners))
+    yield from _repeated("name", ((line.label, line) for line in config.line))
+    yield from _repeated("name", ((image.label, image) for image in config.image))
+    yield from _repeated("name", ((upstream.label, upstream) for upstream in config.upstream))
+    rows = [(line, row) for line in config.line for row in line.devices or ()]
+    yield from _repeated("name", ((name, row) for line, row in rows for name in line.device_names(row)))
+
+
+def _check_listeners(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    binds = [
+        ((listen.bind.scheme == "udp", listen.bind.host, listen.bind.port), listen)
+        for listen in config.listen
+        if listen.bind.port
+    ]
+    yield from _repeated("bind", binds, "this address")
+    if config.access or failed & {"access"}:
+        return
+    for listen in config.listen:
+        if not listen.bind.is_loopback:
+            remedy = 'to let them write, add [[access]] with from = ["10.2.0.0/24"] and allow = ["read", "write"]'
+            later = " (not built yet in this version)" if is_refused(Access) else ""
+            yield warning(
+                (*listen.path, "bind"), "clients from other machines may only read without [[access]]", remedy + later
+            )
+
+
+def _check_ports(
+    config: Config, port_exists: Callable[[str], bool], real_path: Callable[[str], str]
+) -> Iterator[Problem]:
+    yield from _repeated("port", ((_real(line, real_path), line) for line in config.line), "this port")
+    for line in config.line:
+        if isinstance(line.port, str) and not port_exists(line.port):
+            what = "there is no such port at the moment; the line waits for it"
+            yield warning((*line.path, "port"), what, "modbus-gateway ports lists those that exist")
+
+
+def _check_format(line: Line) -> Iterator[Problem]:
+    if line.format is None:
+        return
+    if line.mode == "rtu" and line.format.data_bits == 7:
+        remedy = f'write "8{line.format.parity}{line.format.stop_bits}", or mode = "ascii"'
+        yield error((*line.path, "format"), "RTU needs 8 data bits", remedy)
+    if line.mode == "ascii" and line.format.data_bits == 8 and line.format.parity != "N":
+        remedy = 'most are set to "7E1", "7O1" or "8N1"'
+        yield warning((*line.path, "format"), f"{line.format} is unusual for ASCII devices", remedy)
+
+
+def _check_role(line: Line) -> Iterator[Problem]:
+    foreign = _CLIENT_KEYS if line.role == "server" else _SERVER_KEYS
+    for key in filter(line.has, foreign):
+        other = "client" if line.role == "server" else "server"
+        yield error((*line.path, key), f'only a line with role = "{other}" has this key')
+    if line.role == "server" and line.serves is None:
+        yield error((*line.path, "serves"), "is missing", "name the units that we answer for: serves = [41]")
+
+
+def _check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    for profile in config.profile.values():
+        yield from _check_timing(profile)
+    if "profile" in failed:
+        return
+    rows = [row for line in config.line for row in line.devices or ()]
+    tables: tuple[Line | Device | Image, ...] = (*config.line, *rows, *config.image)
+    for table in tables:
+        if table.profile is not None and table.profile not in config.profile:
+            remedy = did_you_mean(table.profile, config.profile)
+            yield error((*table.path, "profile"), f'there is no profile "{table.profile}"', remedy)
+
+
+def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
+    rows = sorted(profile.timing, key=lambda row: (row.fc, row.items))
+    for function, points in groupby(rows, key=lambda row: row.fc):
+        for fewer, more in pairwise(points):
+            if fewer.items == more.items:
+                yield error((*more.path, "items"), f"function {function} already has a time for {more.items} items")
+            elif more.time < fewer.time:
+                what = f"function {function} takes less time for {more.items} items than for {fewer.items}"
+                yield error((*more.path, "time"), what, "more items cannot take less time")
+
+
+def _check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    servers = [line.label for line in config.line if line.role == "server"]
+    known = [*(listen.label for listen in config.listen), *servers, _CONTROL]
+    for row in config.access:
+        for index, name in enumerate(row.listen or ()):
+            if name not in known and not failed & {"listen", "line"}:
+                yield error((*row.path, "listen", index), f'there is no listener "{name}"', did_you_mean(name, known))
+        if (row.allow is None) == (row.functions is None):
+            yield error(row.path, "must have one of allow and functions", 'such as allow = ["read", "write"]')
+
+
+def _repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}"') -> Iterator[Problem]:
+    """Tables that use a value at `key` which an earlier table has taken. `what` says what that is."""
+    taken: dict[Hashable, Table] = {}
+    for value, table in uses:
+        first = taken.setdefault(value, table)
+        if first is not table:
+            yield error((*table.path, key), f"{what.format(value)} is already used in {first.source}")
+
+
+def _real(line: Line, real_path: Callable[[str], str]) -> str:
+    return real_path(line.port) if isinstance(line.port, str) else str(line.port)

@@ -79,8 +79,9 @@ def parse(
         return _hopeless(error((), "is nested too deeply"), file)
     reader = _Reader(document, positions, FilePath(file).name)
     config = reader.config()
-    found = [*reader.problems, *check(config, port_exists, real_path, frozenset(reader.failed))]
-    problems = sorted((_located(one, positions, file) for one in found), key=lambda one: (one.line, one.column))
+    found = [*reader.problems, *check(config, frozenset(reader.failed), port_exists, real_path)]
+    problems = [_located(one, positions, file) for one in dict.fromkeys(found)]
+    problems.sort(key=lambda one: (one.line, one.column))
     has_error = any(one.severity == "error" for one in problems)
     return Loaded(None if has_error else config, tuple(problems))
 

@@ -101,11 +101,6 @@ def line_timing(line: Line) -> LineTiming:
     return LineTiming(line.mode, line.baud, line.format or _DEFAULT_FORMATS[line.mode])
 
 
-def device_name(line: Line, device: Device, unit: int) -> str:
-    """What the device is called that clients know as `unit`."""
-    return f"{line.label}/{unit}" if device.name is None else device.name.replace("*", str(unit))
-
-
 def _listener(listen: Listen) -> ListenSettings:
     return ListenSettings(
         name=listen.label,
@@ -166,9 +161,9 @@ def _devices(line: Line, profiles: dict[str, Profile], image_units: set[int]) ->
 def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
     profile = profiles[row.profile or line.profile]
     answer_time = _answer_time(line, row, profile)
-    for unit, known_as in zip(row.units, row.client_units, strict=True):
+    for unit, known_as, name in zip(row.units, row.client_units, line.device_names(row), strict=True):
         yield DeviceSettings(
-            name=device_name(line, row, known_as),
+            name=name,
             unit=unit,
             known_as=known_as,
             profile=profile,

@@ -1,12 +1,17 @@
 """What can be said about a config file, and where in it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from difflib import get_close_matches
+from typing import Final, Literal, Self
 
 #: The way from the top of the file to a key or a value: keys, and indices in lists.
 Path = tuple[str | int, ...]
 
 Severity = Literal["error", "warning"]
+
+#: More names than this are no help. The longest table has 24 keys.
+_MOST_NAMES: Final = 30
 
 
 class WrongValue(ValueError):  # noqa: N818 - it is a value that is wrong, not the program
@@ -67,3 +72,12 @@ def dotted(path: Path) -> str:
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}"
     return text.removeprefix(".")
+
+
+def did_you_mean(written: str, known: Iterable[str]) -> str:
+    """A remedy for a name that is none of the `known` ones: the one that was meant, or all when they are not too many."""
+    names = list(dict.fromkeys(known))
+    close = get_close_matches(written, names, n=1)
+    if close:
+        return f'did you mean "{close[0]}"?'
+    return f"known here: {', '.join(names)}" if 0 < len(names) <= _MOST_NAMES else ""

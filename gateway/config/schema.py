@@ -28,9 +28,9 @@ from gateway.config.values import (
     WebAddress,
     WireUnits,
 )
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 
-Unit = Annotated[int, Field(ge=1, le=247)]
+Unit = Annotated[int, Field(ge=FIRST_UNIT, le=LAST_UNIT)]
 FunctionNumber = Annotated[int, Field(ge=1, le=127)]
 Count = Annotated[int, Field(ge=1)]
 
@@ -184,6 +184,18 @@ class Line(Table):
         """Its name, or what it is called without one."""
         return self.name or str(self.port).rstrip("/").rsplit("/", 1)[-1]
 
+    def device_names(self, row: Device) -> list[str]:
+        """What the devices of a row are called, in the order of its units."""
+        name = f"{self.label}/*" if row.name is None else row.name
+        return [name.replace("*", str(unit)) for unit in row.client_units]
+
+    @property
+    def all_device_names(self) -> list[str]:
+        """What all its devices are called, those that nobody has named included."""
+        if self.devices is None:
+            return [f"{self.label}/{unit}" for unit in range(FIRST_UNIT, LAST_UNIT + 1)]
+        return [name for row in self.devices for name in self.device_names(row)]
+
 
 class Polled(Table):
     """A range that a mirror reads: one area, and how often."""
@@ -265,6 +277,11 @@ class Upstream(Table):
     to: Upstreams = Field(description="Its address.")
     units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
     timeout: Duration = Field(1.0, description="How long an answer may take.")
+
+    @property
+    def label(self) -> str:
+        """Its name, or what it is called without one."""
+        return self.name or str(self.to)
 
 
 class TimingRow(Table):

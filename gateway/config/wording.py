@@ -3,13 +3,12 @@
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from difflib import get_close_matches
 from typing import Any, get_args
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from gateway.config.problem import NotText, Path, Problem, WrongValue, error
+from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_mean, error
 from gateway.config.schema import Table
 
 #: A key and a value without quotes, in a line that is not TOML.
@@ -44,9 +43,7 @@ def value_problems(
 
 def unknown_key(path: Path, known: list[str]) -> Problem:
     """The key at the end of `path` is none of the `known` ones."""
-    close = get_close_matches(str(path[-1]), known, n=1)
-    remedy = f'did you mean "{close[0]}"?' if close else f"known here: {', '.join(known)}"
-    return Problem("error", path, "unknown key", remedy, on_key=True)
+    return Problem("error", path, "unknown key", did_you_mean(str(path[-1]), known), on_key=True)
 
 
 def syntax_problem(found: tomllib.TOMLDecodeError, text: str) -> Problem:

@@ -1,0 +1,169 @@
+"""Cross-checks of who answers for which unit, and of the images."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gateway.config.problem import Path, Problem, did_you_mean, error, warning
+from gateway.config.ranges import show_ranges
+from gateway.config.schema import Config, Device, Image, Line
+from gateway.config.unitset import show_units
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
+from gateway.modbus.pdu import Span
+from gateway.profiles.profile import covers
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Somebody answers for `units` towards clients; `path` and `source` are where the file says so."""
+
+    units: tuple[int, ...]
+    owner: str
+    path: Path
+    source: str
+    remedy: str = ""
+
+
+def client_lines(config: Config) -> list[Line]:
+    """The lines on which we ask."""
+    return [line for line in config.line if line.role == "client"]
+
+
+def claims(config: Config) -> Iterator[Claim]:
+    """Who answers for which units, pass-through lines left out: they take what is left."""
+    for line in client_lines(config):
+        for row in line.devices or ():
+            path = (*row.path, "unit" if row.known_as is None else "as")
+            yield Claim(
+                row.client_units, f'of line "{line.label}"', path, row.source, 'give clients other units with "as"'
+            )
+    for image in config.image:
+        yield Claim((image.unit,), f'of image "{image.label}"', (*image.path, "unit"), image.source)
+    for upstream in config.upstream:
+        for units in upstream.units:
+            yield Claim(units.known_as, f'of upstream "{upstream.label}"', (*units.path, "as"), units.source)
+
+
+def served_units(config: Config) -> frozenset[int]:
+    """Every unit that somebody answers for."""
+    if any(line.devices is None for line in client_lines(config)):
+        return frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
+    return frozenset(unit for claim in claims(config) for unit in claim.units)
+
+
+def check_overlaps(config: Config) -> Iterator[Problem]:
+    """A unit that clients use leads to one place only."""
+    owners: dict[int, Claim] = {}
+    for claim in claims(config):
+        taken: dict[str, list[int]] = {}
+        for unit in claim.units:
+            first = owners.setdefault(unit, claim)
+            if first is not claim:
+                taken.setdefault(f"{first.owner} ({first.source})", []).append(unit)
+        for owner, units in taken.items():
+            verb = "is already a unit" if len(units) == 1 else "are already units"
+            yield error(claim.path, f"{show_units(units)} {verb} {owner}", claim.remedy)
+
+
+def check_passing_through(config: Config) -> Iterator[Problem]:
+    """A line without devices takes every unit, so it must be the only one."""
+    lines = client_lines(config)
+    for line in lines:
+        if line.devices is None and len(lines) > 1:
+            yield error(
+                line.path,
+                "has no devices beside another client line: nobody knows which units are on it",
+                "name its devices, such as devices = [{ unit = 1 }]",
+            )
+        if line.devices == ():
+            yield error((*line.path, "devices"), "is empty", "leave it out, and every unit 1-247 passes through")
+
+
+def check_device_rows(config: Config) -> Iterator[Problem]:
+    """Each row says which device is which."""
+    for line in client_lines(config):
+        for row in line.devices or ():
+            yield from _check_row(row)
+        yield from _check_wire_units(line)
+
+
+def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Units that are named elsewhere in the file are those of somebody. Unless a table that may have them failed."""
+    if failed & {"line", "image", "upstream"}:
+        return
+    served = served_units(config)
+    for listen in config.listen:
+        if isinstance(listen.unit0, int) and listen.unit0 not in served:
+            yield error((*listen.path, "unit0"), f"nobody answers for unit {listen.unit0}")
+    for line in config.line:
+        unknown = set(line.serves or ()) - served
+        if unknown:
+            yield error((*line.path, "serves"), f"nobody answers for unit {show_units(unknown)}")
+
+
+def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Images have what they start with, and mirrors have a device to poll."""
+    devices = [name for line in client_lines(config) for name in line.all_device_names]
+    for image in config.image:
+        if image.of is None:
+            yield from _check_local(image)
+            continue
+        yield from _check_mirror(image)
+        if image.of not in devices and "line" not in failed:
+            yield error((*image.path, "of"), f'there is no device "{image.of}"', did_you_mean(image.of, devices))
+
+
+def _check_row(row: Device) -> Iterator[Problem]:
+    if len(row.client_units) != len(row.units):
+        yield error(
+            (*row.path, "as"),
+            f"names {len(row.client_units)} units for clients, but there are {len(row.units)} on the wire",
+            f'as many as in unit = "{show_units(row.units)}" are needed',
+        )
+    if len(row.units) > 1 and row.name is not None and "*" not in row.name:
+        remedy = f'write "{row.name}-*": * becomes the unit that clients use'
+        yield error((*row.path, "name"), f"{len(row.units)} devices cannot have one name", remedy)
+    if 0 in row.client_units:
+        yield error((*row.path, "unit"), "unit 0 stands for every device", "name the unit that clients use: as = 50")
+
+
+def _check_wire_units(line: Line) -> Iterator[Problem]:
+    asked_as: dict[int, int] = {}
+    for row in line.devices or ():
+        for unit, known_as in zip(row.units, row.client_units, strict=False):
+            if asked_as.setdefault(unit, known_as) != known_as:
+                yield warning(
+                    (*row.path, "unit"), f"unit {unit} on the wire is already what clients know as {asked_as[unit]}"
+                )
+
+
+def _check_local(image: Image) -> Iterator[Problem]:
+    for key in ("read", "stale"):
+        if image.has(key):
+            yield error((*image.path, key), "only a mirror has this key", 'name the device to poll: of = "DEVICE"')
+    if not any(image.ranges(area) for area in Area):
+        yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
+    for area in Area:
+        yield from _check_initial(image, area)
+
+
+def _check_initial(image: Image, area: Area) -> Iterator[Problem]:
+    ranges = image.ranges(area)
+    for row in image.initial.rows(area):
+        span = Span(area, row.at, len(row.values))
+        if not covers(ranges, span):
+            what = f"{area} {span.start}-{span.end - 1} do not all exist in this image"
+            yield error(row.path, what, f"its {area}: {show_ranges(ranges)}")
+        if area in {Area.COILS, Area.DISCRETE} and any(value > 1 for value in row.values):
+            yield error((*row.path, "values"), f"{area} can only be 0 or 1")
+
+
+def _check_mirror(image: Image) -> Iterator[Problem]:
+    for key in ("profile", "persist", "initial", *Area):
+        if image.has(key):
+            yield error((*image.path, key), "a mirror has what its device has", "take the key out, or of")
+    if not image.read:
+        remedy = 'write read = [{ holding = "0-1", every = "500 ms" }]'
+        yield error(image.path, "is a mirror that polls nothing", remedy)
+    for row in image.read:
+        if sum(row.has(area) for area in Area) != 1:
+            yield error(row.path, "must name one of holding, input, coils and discrete")

@@ -1,0 +1,75 @@
+"""What the config file can say and this version cannot do. Whoever builds it deletes its lines here."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from gateway.config.address import Address
+from gateway.config.problem import Path, Problem, error, warning
+from gateway.config.schema import Access, Config, Control, Device, Image, Line, Listen, Log, Table, Upstream, Web
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A use of a table that is not built: `applies` to a table of that kind, at `key` ("" is the table itself)."""
+
+    kind: type[Table]
+    key: str
+    applies: Callable[[Any], bool]
+    what: str
+
+    def found_at(self, table: Table) -> Path | None:
+        """Where `table` asks for what is missing, or None."""
+        if not isinstance(table, self.kind) or not self.applies(table):
+            return None
+        return (*table.path, self.key) if self.key else table.path
+
+
+#: The gateway could not do what the file asks for: errors.
+REFUSED: Final = (
+    Gap(Listen, "bind", lambda listen: listen.bind.scheme != "tcp", "a listener other than tcp://"),
+    Gap(Line, "role", lambda line: line.role == "server", 'role = "server"'),
+    Gap(Line, "port", lambda line: isinstance(line.port, Address), "a device server as the port of a line"),
+    Gap(Line, "echo", lambda line: line.echo, "echo = true"),
+    Gap(Line, "retries", lambda line: line.retries > 0, "retries above 0"),
+    Gap(Device, "unit", lambda device: 0 in device.units, "unit = 0 for a device"),
+    Gap(Image, "persist", lambda image: image.persist != "never", "persist other than never"),
+    Gap(Image, "of", lambda image: image.of is not None, "a mirror"),
+    Gap(Upstream, "", lambda _: True, "[[upstream]]"),
+    Gap(Access, "", lambda _: True, "[[access]]"),
+    Gap(Web, "", lambda _: True, "[web]"),
+    Gap(Log, "format", lambda log: log.format == "journald", 'format = "journald"'),
+)
+
+#: The gateway works as well without: one warning for each of them.
+WITHOUT_EFFECT: Final = (
+    Gap(Control, "", lambda _: True, "[control]"),
+    Gap(Line, "coalesce", lambda line: line.has("coalesce") and line.coalesce, "coalesce = true"),
+    Gap(Line, "late_window", lambda line: line.has("late_window"), "late_window"),
+    Gap(Device, "priority", lambda device: device.priority == "high", 'priority = "high"'),
+)
+
+
+def check_built(config: Config) -> Iterator[Problem]:
+    """What this version refuses, everywhere, and what has no effect, once each."""
+    tables = list(_tables(config))
+    for gap in REFUSED:
+        places = filter(None, map(gap.found_at, tables))
+        yield from (error(path, f"{gap.what} is not built yet in this version") for path in places)
+    for gap in WITHOUT_EFFECT:
+        first = next(filter(None, map(gap.found_at, tables)), None)
+        if first is not None:
+            yield warning(first, f"{gap.what} has no effect yet in this version")
+
+
+def is_refused(kind: type[Table]) -> bool:
+    """Whether every table of this kind is refused."""
+    return any(gap.kind is kind and not gap.key for gap in REFUSED)
+
+
+def _tables(config: Config) -> Iterator[Table]:
+    """Every table of which a use may be missing."""
+    yield from (*config.listen, *config.image, *config.upstream, *config.access, config.log)
+    for line in config.line:
+        yield from (line, *(line.devices or ()))
+    yield from filter(None, (config.web, config.control))
