@@ -8,12 +8,18 @@ from functools import partial
 from pathlib import Path
 
 from gateway import events
+from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.observe.log import open_log
 from gateway.ports.serial import open_serial
 from gateway.service.build import build
 from gateway.service.supervisor import Stop, serve
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `run`."""
+    parser.add_argument("config", nargs="?", default=DEFAULT_CONFIG, help=f"the config file (default {DEFAULT_CONFIG})")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -23,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     for problem in loaded.problems:
         print(problem, file=sys.stderr)
     if loaded.config is None:
-        return 1
+        return PROBLEM_FOUND
     plan = resolve(loaded.config)
     emit = open_log(plan.log.level, plan.log.format)
     emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
@@ -39,9 +45,9 @@ async def _run(plan: Plan, emit: events.Emit) -> int:
     try:
         await serve(gateway, stop, emit)
     except OSError as error:
-        print(f"modbus-gateway: {error.strerror}", file=sys.stderr)
-        return 1
-    return 0
+        print(f"modbus-gateway: error: {error.strerror}", file=sys.stderr)
+        return PROBLEM_FOUND
+    return FINE
 
 
 def _units(plan: Plan) -> int:

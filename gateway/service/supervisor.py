@@ -2,6 +2,8 @@
 
 import asyncio
 import traceback
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 from gateway import events
 from gateway.ports.keeper import Keeper
@@ -20,8 +22,8 @@ class Stop:
 
     def __init__(self) -> None:
         self.reason = ""
-        self._asked = asyncio.Event()
         self.at_once = False
+        self._asked = asyncio.Event()
 
     def order(self, reason: str) -> None:
         """Order an end, or a quicker one."""
@@ -40,29 +42,38 @@ async def serve(gateway: Gateway, stop: Stop, emit: events.Emit) -> None:
     Raises:
         OSError: a listener cannot be bound; no port has been opened.
     """
-    lines: list[asyncio.Task[None]] = []
     try:
         for listener in gateway.listeners:
             await listener.bind()
-        lines += [asyncio.create_task(_keep(*line, emit), name=f"line:{line[0]}") for line in gateway.keepers.items()]
-        await _start(gateway, emit)
-        await stop.asked()
-        emit(events.Stopping(stop.reason))
-        await _drain(gateway, stop)
+        async with keep_lines_open(gateway, emit):
+            await _open_doors(gateway, emit)
+            await stop.asked()
+            emit(events.Stopping(stop.reason))
+            await _drain(gateway, stop)
     finally:
         for listener in gateway.listeners:
             listener.close()
-        for line in lines:
-            line.cancel()
-        await asyncio.gather(*lines, return_exceptions=True)
-        for driver in gateway.drivers:
-            driver.close()
     emit(events.Stopped())
 
 
-async def _start(gateway: Gateway, emit: events.Emit) -> None:
-    for keeper in gateway.keepers.values():
-        await keeper.tried.wait()
+@asynccontextmanager
+async def keep_lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[None]:
+    """Open the port of every line and keep it open; on entry each one was tried once. At the end all are closed."""
+    keepers = gateway.keepers.items()
+    tasks = [asyncio.create_task(_keep(name, keeper, emit), name=f"line:{name}") for name, keeper in keepers]
+    try:
+        for _, keeper in keepers:
+            await keeper.tried.wait()
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for driver in gateway.drivers:
+            driver.close()
+
+
+async def _open_doors(gateway: Gateway, emit: events.Emit) -> None:
     for listener in gateway.listeners:
         await listener.start()
     up = sum(keeper.error is None for keeper in gateway.keepers.values())
@@ -86,4 +97,4 @@ async def _drain(gateway: Gateway, stop: Stop) -> None:
     for listener in gateway.listeners:
         listener.stop_accepting()
     while loop.time() < end and not stop.at_once and not all(each.is_idle for each in gateway.listeners):
-        await asyncio.sleep(_DRAIN_STEP)
+        await asyncio.sleep(_DRAIN_STEP)  # noqa: ASYNC110 - requests end in plain calls, which set no event

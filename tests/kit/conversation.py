@@ -1,0 +1,95 @@
+"""Conversations: scripts that read as what passes between a client, the gateway and a line.
+
+    # R02 a silent device
+    client >> 01 03 00 10 00 01          the client sends: unit, PDU
+    rtu    >> 01 03 00 10 00 01 85 CF    the gateway puts this on the line `rtu`
+    rtu    << 01 03 02 01 10 B8 18       a device says this
+    wait 200 ms
+    client << 01 83 0B                   the client gets: unit, PDU
+    rtu    silent                        nothing else was put on the line
+
+Frames of ASCII lines are written as text, without their CR LF; `\\r` and `\\n` stand for themselves in longer ones.
+"""
+
+import asyncio
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from kit.house import PATIENCE, Client, House
+
+_STEP = re.compile(r"(\w+)\s+(>>|<<|silent)?\s*(.*)")
+
+
+@dataclass(frozen=True)
+class Conversation:
+    """A title and its steps."""
+
+    title: str
+    steps: tuple[str, ...]
+
+
+def conversations(file: Path) -> list[Conversation]:
+    """Those in a file: a comment is a title, an empty line ends the one before."""
+    found = []
+    for block in file.read_text().strip().split("\n\n"):
+        title, *steps = block.splitlines()
+        found.append(Conversation(title.removeprefix("# "), tuple(step for step in steps if not step.startswith("#"))))
+    return found
+
+
+class Stage:
+    """Plays conversations in a house. Lines are known by their port's name."""
+
+    def __init__(self, home: House) -> None:
+        self._home = home
+        self._clients: dict[str, Client] = {}
+
+    async def play(self, conversation: Conversation) -> None:
+        for step in conversation.steps:
+            who, what, rest = _STEP.fullmatch(step.strip()).groups()
+            if who == "wait":
+                await asyncio.sleep(_seconds(rest))
+            elif who.startswith("client"):
+                await self._client(who, what, rest)
+            else:
+                await self._line(who, what, rest)
+
+    async def _client(self, who: str, what: str, text: str) -> None:
+        client = self._clients.setdefault(who, self._home.client(f"{who}:1"))
+        if what == ">>":
+            unit, _, pdu = text.partition(" ")
+            client.ask(int(unit, 16), pdu)
+        elif what == "silent":
+            assert client.responses.empty(), client.responses.get_nowait()
+        else:
+            async with asyncio.timeout(PATIENCE):
+                _, unit, pdu = await client.responses.get()
+            assert f"{unit:02X} {pdu}" == text
+
+    async def _line(self, who: str, what: str, text: str) -> None:
+        line = self._home.lines[who]
+        if what == "<<":
+            line.deliver(_frame(text))
+            return
+        if what == ">>":
+            async with asyncio.timeout(PATIENCE):
+                while not line.written:  # noqa: ASYNC110 - virtual time
+                    await asyncio.sleep(0.0001)
+        assert _shown(line.take_written(), text) == text
+
+
+def _frame(text: str) -> bytes:
+    if ":" in text:
+        text = text if "\\" in text else text + "\\r\\n"
+        return text.encode().decode("unicode_escape").encode("latin-1")
+    return bytes.fromhex(text)
+
+
+def _shown(data: bytes, like: str) -> str:
+    return data.decode().removesuffix("\r\n") if like.startswith(":") else data.hex(" ").upper()
+
+
+def _seconds(text: str) -> float:
+    number, unit = text.split()
+    return float(number) * {"s": 1.0, "ms": 0.001}[unit]

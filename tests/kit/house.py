@@ -1,0 +1,119 @@
+"""A whole gateway in virtual time: its config as a text, its lines in memory, its clients in the test's hands."""
+
+import asyncio
+from contextlib import asynccontextmanager
+
+from gateway.config.load import parse
+from gateway.config.plan import resolve
+from gateway.events import Event
+from gateway.listeners.session import Session
+from gateway.modbus import mbap
+from gateway.ports.memory import MemoryLine
+from gateway.ports.port import OpenPort, SerialSettings
+from gateway.service.build import Gateway, build
+from gateway.service.supervisor import keep_lines_open
+from kit.device import SimulatedLine
+
+#: How long a test waits for something that should have come, in virtual seconds.
+PATIENCE = 30.0
+
+
+class Client:
+    """A Modbus TCP client without a socket. `responses` holds (transaction, unit, PDU in hex) in the order they came."""
+
+    def __init__(self, gateway: Gateway, name: str = "10.0.0.9:49152", *, may_write: bool = True) -> None:
+        self._loop = asyncio.get_running_loop()
+        listener = gateway.listeners[0]
+        self.session = Session(
+            name,
+            may_write=may_write,
+            router=listener.router,
+            connection=self,
+            in_flight=listener.settings.in_flight,
+            now=self._loop.time(),
+        )
+        self.responses: asyncio.Queue[tuple[int, int, str]] = asyncio.Queue()
+        self.came_at = 0.0
+        self._transaction = 0
+        self._from_gateway = mbap.MbapFramer()
+
+    def now(self) -> float:
+        """Virtual seconds."""
+        return self._loop.time()
+
+    def ask(self, unit: int, pdu: str) -> int:
+        """Send a request; its transaction identifier."""
+        self._transaction += 1
+        adu = mbap.encode(self._transaction, unit, bytes.fromhex(pdu))
+        self.session.room()[: len(adu)] = adu
+        self.session.received(len(adu), self._loop.time())
+        return self._transaction
+
+    async def answer(self) -> str:
+        """The next response's PDU."""
+        async with asyncio.timeout(PATIENCE):
+            _, _, pdu = await self.responses.get()
+        return pdu
+
+    async def asks(self, unit: int, pdu: str) -> str:
+        """Send a request and wait for its response."""
+        self.ask(unit, pdu)
+        return await self.answer()
+
+    def send(self, data: bytes) -> None:
+        self.came_at = self._loop.time()
+        self._from_gateway.room()[: len(data)] = data
+        self._from_gateway.filled(len(data))
+        while adu := self._from_gateway.next():
+            self.responses.put_nowait((adu.transaction, adu.unit, adu.pdu.hex(" ").upper()))
+
+    def pause(self) -> None:
+        pass
+
+    def resume(self) -> None:
+        self._loop.call_soon(lambda: self.session.proceed(self._loop.time()))
+
+    def close(self) -> None:
+        self.session.closed()
+
+    def reject(self, reason: str) -> None:
+        self.session.closed()
+
+
+class House:
+    """A gateway that runs, and the other ends of everything: `lines` by port without /dev/, `events` as they were told."""
+
+    def __init__(self, config: str) -> None:
+        loaded = parse(config, port_exists=lambda port: True, real_path=lambda port: port)
+        assert loaded.config is not None, "\n".join(map(str, loaded.problems))
+        self.events: list[Event] = []
+        self.lines: dict[str, MemoryLine] = {}
+        self.gateway = build(resolve(loaded.config), asyncio.get_running_loop(), self._open, self.events.append)
+
+    def client(self, name: str = "10.0.0.9:49152", *, may_write: bool = True) -> Client:
+        return Client(self.gateway, name, may_write=may_write)
+
+    def attach(self, port: str, devices: SimulatedLine) -> None:
+        """Let simulated devices answer on the line at `port`."""
+        loop = asyncio.get_running_loop()
+        line = self.lines[port]
+
+        def answer(data: bytes) -> None:
+            for delay, response in devices.received(data, loop.time()):
+                loop.call_later(delay, line.deliver, response)
+
+        line.on_write = answer
+
+    def _open(self, settings: SerialSettings) -> OpenPort:
+        line = MemoryLine(settings.port, latency=settings.latency if settings.latency is not None else 0.005)
+        self.lines[settings.port.removeprefix("/dev/")] = line
+        return line.open_port
+
+
+@asynccontextmanager
+async def house(config: str):
+    """A running gateway with this config, every line up and quiet."""
+    home = House(config)
+    async with keep_lines_open(home.gateway, home.events.append):
+        await asyncio.sleep(1.0)
+        yield home

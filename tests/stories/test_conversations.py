@@ -1,0 +1,38 @@
+"""The rules of both kinds of line, as conversations through the whole gateway."""
+
+from pathlib import Path
+
+import pytest
+
+from kit.conversation import Conversation, Stage, conversations
+from kit.house import house
+
+LINE_RULES = conversations(Path(__file__).with_name("line-rules.conversations"))
+
+CONFIG = """
+[[listen]]
+bind  = "tcp://127.0.0.1:0"
+unit0 = "broadcast"
+
+[[line]]
+name    = "rtu"
+port    = "/dev/rtu"
+baud    = 19200
+format  = "8E1"
+devices = [{ unit = 1, timeout = "200 ms" }]
+
+[[line]]
+name      = "ascii"
+port      = "/dev/ascii"
+mode      = "ascii"
+baud      = 9600
+format    = "7E1"
+broadcast = false
+devices   = [{ unit = 2, timeout = "300 ms" }, { unit = 3, timeout = "3 s" }]
+"""
+
+
+@pytest.mark.parametrize("conversation", LINE_RULES, ids=lambda conversation: conversation.title)
+async def test_a_line_keeps_the_rules(conversation: Conversation) -> None:
+    async with house(CONFIG) as home:
+        await Stage(home).play(conversation)
