@@ -51,6 +51,14 @@ def actual_baud(descriptor: int) -> int | None:
     return int(_TERMIOS2.unpack(answer)[-1])
 
 
+def take_breaks_as_noise(descriptor: int) -> None:
+    """A break on the line reads as a zero byte. The setting before (`stty sane`) may discard all that was received."""
+    attributes = termios.tcgetattr(descriptor)
+    if attributes[0] & termios.BRKINT:
+        attributes[0] &= ~termios.BRKINT
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+
+
 def bytes_to_send(descriptor: int) -> int:
     """How many bytes wait in the driver to be sent."""
     count = array("i", [0])

@@ -21,6 +21,7 @@ from gateway.ports.ioctls import (
     flags_of,
     is_usb,
     switch_rs485_on,
+    take_breaks_as_noise,
     want_low_latency,
 )
 from gateway.ports.port import SerialSettings
@@ -119,6 +120,7 @@ def _configured(settings: SerialSettings, format_: CharacterFormat) -> Serial:
 
 def _settled(descriptor: int, settings: SerialSettings, *, virtual: bool) -> float:
     """See to what pyserial does not: that the driver did as told, RS-485, and the least latency, which is returned."""
+    take_breaks_as_noise(descriptor)
     if not virtual:
         _check_format(descriptor, settings)
     _check_baud(descriptor, settings)

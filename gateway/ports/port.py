@@ -35,7 +35,7 @@ class PortUser(Protocol):
 
 
 #: Opens a port for a user. Raises PortError with the reason, in words an operator can act on.
-#: Cancelled, it leaves nothing open.
+#: The user hears nothing before its opener has the port. Cancelled, it leaves nothing open.
 OpenPort = Callable[[PortUser], Awaitable[Port]]
 
 

@@ -16,7 +16,7 @@ DriverError: Final = (OSError, termios.error)
 _REASONS: Final = {
     errno.ENOENT: "{port} does not exist: is the adapter plugged in?",
     errno.EACCES: "no permission for {port}: add the user to the {group} group",
-    errno.EPERM: "no permission for {port}: add the user to the {group} group",
+    errno.EPERM: "{port} is kept from this service: allow it with DeviceAllow= in its unit",
     errno.EBUSY: "{port} is held by another program",
     errno.EAGAIN: "{port} is held by another program",
     errno.ENXIO: "{port} has no hardware behind it",

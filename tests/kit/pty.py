@@ -14,8 +14,8 @@ class VirtualPort:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.master = -1
-        self._slave = -1
+        self.far_end = -1
+        self._near_end = -1
         self.plug()
 
     def __enter__(self) -> Self:
@@ -27,42 +27,42 @@ class VirtualPort:
     @property
     def is_plugged(self) -> bool:
         """Whether `path` leads anywhere."""
-        return self.master >= 0
+        return self.far_end >= 0
 
     @property
     def device(self) -> str:
         """The device that `path` leads to."""
-        return os.ttyname(self._slave)
+        return os.ttyname(self._near_end)
 
     @property
     def baud(self) -> int | None:
         """The rate that the gateway has set."""
-        return actual_baud(self.master)
+        return actual_baud(self.far_end)
 
     def plug(self) -> None:
         """Come back as a new device behind the same path, as an adapter does."""
-        self.master, self._slave = os.openpty()  # kept open: without a device end the master reads EIO
-        tty.setraw(self._slave)
-        os.set_blocking(self.master, False)
+        self.far_end, self._near_end = os.openpty()  # kept open: closed, the far end would read EIO
+        tty.setraw(self._near_end)
+        os.set_blocking(self.far_end, False)
         fresh = self.path.with_name(self.path.name + ".new")
-        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.symlink_to(os.ttyname(self._near_end))
         fresh.replace(self.path)
 
     def unplug(self) -> None:
         """Vanish: an open port hangs up, the path leads nowhere."""
         if self.is_plugged:
             self.path.unlink()
-            os.close(self._slave)
-            os.close(self.master)
-            self.master = self._slave = -1
+            os.close(self._near_end)
+            os.close(self.far_end)
+            self.far_end = self._near_end = -1
 
     def write(self, data: bytes) -> None:
         """Devices say `data`."""
-        assert os.write(self.master, data) == len(data)
+        assert os.write(self.far_end, data) == len(data)
 
     def read(self, size: int, timeout: float = 5.0) -> bytes:
         """What the gateway wrote: `size` bytes, or fewer once `timeout` seconds have passed without any."""
         data = b""
-        while len(data) < size and select.select([self.master], [], [], timeout)[0]:
-            data += os.read(self.master, size - len(data))
+        while len(data) < size and select.select([self.far_end], [], [], timeout)[0]:
+            data += os.read(self.far_end, size - len(data))
         return data

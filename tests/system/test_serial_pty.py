@@ -137,6 +137,16 @@ async def test_nothing_is_received_before_the_opener_has_its_port(virtual, user)
     await port.wait_closed()
 
 
+async def test_a_break_discards_nothing_whatever_was_set_before(virtual, user):
+    with closing(Descriptor(virtual.path)) as before:
+        attributes = termios.tcgetattr(before.number)
+        attributes[0] |= termios.BRKINT
+        termios.tcsetattr(before.number, termios.TCSANOW, attributes)
+        async with opened(virtual.path, user, baud=14400):
+            assert not termios.tcgetattr(before.number)[0] & termios.BRKINT
+            assert virtual.baud == 14400
+
+
 async def test_a_virtual_port_says_so_and_has_the_least_latency(virtual, user):
     async with opened(virtual.path, user) as port:
         assert (port.virtual, port.latency) == (True, opening.LATENCY)
@@ -174,6 +184,7 @@ async def test_a_driver_without_rs485(virtual, user):
     ("error", "reason"),
     [
         (PermissionError(errno.EACCES, "no"), "no permission for .*: add the user to the .* group"),
+        (PermissionError(errno.EPERM, "no"), "allow it with DeviceAllow= in its unit"),
         (OSError(errno.EBUSY, "busy"), "is held by another program"),
         (OSError(errno.EIO, "io"), "has no hardware behind it"),
         (termios.error(errno.EINVAL, "invalid"), "refuses 8E1 at 19200 baud"),
