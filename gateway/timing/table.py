@@ -3,6 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Self
 
 
@@ -29,7 +30,7 @@ class TimingTable:
         """
         rows = {function: tuple(sorted(row, key=lambda point: point.items)) for function, row in points.items()}
         for function, row in rows.items():
-            for one, next_one in zip(row, row[1:], strict=False):
+            for one, next_one in pairwise(row):
                 if one.items == next_one.items:
                     raise ValueError(f"function {function} has two times for {one.items} items")
                 if one.time > next_one.time:

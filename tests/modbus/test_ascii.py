@@ -132,10 +132,11 @@ def test_a_longer_frame_is_noise():
 
 
 def test_endless_noise_is_not_kept():
-    for endless in (noise(512).replace(b":", b""), b":" + b"0" * 511):
+    for start in (b"", b":"):
         framer = AsciiFramer()
+        framer.received(start, 0.0)
         for _ in range(100):
-            framer.received(endless, 0.0)
+            framer.received(b"0" * 512, 0.0)
             assert len(framer._buffer) <= 513
         assert framer.heard_noise
 

@@ -100,7 +100,7 @@ def test_the_longest_requests_are_heard_behind_noise():
 
 
 def test_a_request_behind_more_noise_than_a_frame_holds_is_heard():
-    data = noise(400) + encode(UNIT, READ) + noise(100, seed=1)
+    data = noise(400) + encode(UNIT, READ) + noise(300, seed=1)
     assert hear(RequestFramer(SILENCE), data) == [(UNIT, READ)]
     assert hear(RequestFramer(SILENCE), *random_chunks(data)) == [(UNIT, READ)]
 

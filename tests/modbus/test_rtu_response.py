@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kit.noise import chunkings, noise
 from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
 
-from gateway.modbus.checks import crc_fits
+from gateway.modbus.checks import crc_fits, with_crc
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response, parse_request
 from gateway.modbus.rtu import ResponseFramer, encode
@@ -152,13 +152,21 @@ class TestUnknownFunction:
 
     def test_the_longest_frame_is_found(self):
         pdu = b"\x41" + noise(252)
-        assert hear(asked(UNKNOWN), encode(UNIT, pdu)) == [(UNIT, pdu)]
+        framer = asked(UNKNOWN)
+        assert hear(framer, encode(UNIT, pdu)) == [(UNIT, pdu)]
+        assert not framer.heard_noise
         assert hear(asked(UNKNOWN), noise(100) + encode(UNIT, pdu)) == [(UNIT, pdu)]
 
     def test_its_head_with_nothing_behind_is_no_response(self):
         framer = asked(UNKNOWN)
         assert hear(framer, b"\x11\x41") == framer.conclude() == []
         assert framer.heard_noise
+
+    def test_a_unit_and_a_fitting_crc_are_no_response(self):
+        """The CRC of unit 17 begins with 7F: without a PDU it looks like function 127."""
+        data = with_crc(bytes((UNIT,)))
+        framer = asked(data[1:2])
+        assert hear(framer, data) == []
 
 
 def test_an_exception_of_a_known_function_ends_at_once():
@@ -177,6 +185,12 @@ def test_foreign_frames_among_noise_are_told():
     assert hear(framer, b"\x00\xff" + encode(5, b"\x83\x02") + encode(6, ANSWER) + b"\x00") == []
     assert framer.conclude() == [(5, b"\x83\x02"), (6, ANSWER)]
     assert framer.heard_noise
+
+
+def test_a_frame_inside_a_foreign_frame_is_data():
+    framer, foreign = asked(), encode(5, b"\x03\x06" + encode(6, b"\x83\x02") + b"\x00")
+    assert hear(framer, foreign) == []
+    assert framer.conclude() == [(5, foreign[1:-2])]
 
 
 def test_silence_is_no_noise():

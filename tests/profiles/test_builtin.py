@@ -1,0 +1,64 @@
+"""The built-in profiles say what the manufacturers' documents say."""
+
+import tomllib
+from importlib.resources import files
+
+import pytest
+
+from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
+
+
+def profile(name: str) -> dict:
+    (table,) = tomllib.loads(builtin_text(name))["profile"].values()
+    return table
+
+
+@pytest.mark.parametrize("name", BUILTIN_PROFILES)
+def test_each_file_holds_the_one_profile_of_its_name(name):
+    assert list(tomllib.loads(builtin_text(name))) == ["profile"]
+    assert list(tomllib.loads(builtin_text(name))["profile"]) == [name]
+    assert profile(name)["title"]
+
+
+def test_every_file_of_the_package_is_a_built_in_profile():
+    names = {file.name for file in files("gateway.profiles").iterdir() if file.name.endswith(".toml")}
+    assert names == {f"{name}.toml" for name in BUILTIN_PROFILES}
+
+
+def test_generic_knows_no_rule():
+    assert set(profile("generic")) == {"title", "timeout"}
+
+
+def test_mint_has_the_functions_and_registers_of_its_application_note():
+    mint = profile("mint")
+    assert mint["functions"] == [1, 2, 3, 5, 16, 23]
+    assert mint["holding"] == "1-99"
+    assert mint["limits"] == {"3": 99}
+
+
+def test_mint_has_the_answer_times_of_its_application_note():
+    points = [(point["fc"], point["items"], point["time"]) for point in profile("mint")["timing"]]
+    assert points == [
+        (1, 1, "10 ms"),
+        (1, 16, "10 ms"),
+        (2, 1, "10 ms"),
+        (2, 16, "10 ms"),
+        (3, 1, "10 ms"),
+        (3, 99, "420 ms"),
+        (5, 1, "10 ms"),
+        (16, 1, "10 ms"),
+        (16, 99, "240 ms"),
+        (23, 1, "14 ms"),
+        (23, 99, "500 ms"),
+    ]
+
+
+def test_v80_has_its_own_limits_and_silence():
+    v80 = profile("v80")
+    assert v80["functions"] == [1, 2, 3, 4, 5, 6, 15, 16]
+    assert v80["limits"] == {"1": 1024, "3": 125}
+    assert v80["idle_chars"] == 4.5
+
+
+def test_the_weigher_reads_and_writes_registers_only():
+    assert profile("weigher")["functions"] == [3, 16]
