@@ -33,12 +33,12 @@ REFUSED: Final = (
     Gap(Line, "echo", lambda line: line.echo, "echo = true"),
     Gap(Line, "retries", lambda line: line.retries > 0, "retries above 0"),
     Gap(Device, "unit", lambda device: 0 in device.units, "unit = 0 for a device"),
-    Gap(Image, "persist", lambda image: image.persist != "never", "persist other than never"),
+    Gap(Image, "persist", lambda image: image.persist != "never", 'persist other than "never"'),
     Gap(Image, "of", lambda image: image.of is not None, "a mirror"),
     Gap(Upstream, "", lambda _: True, "[[upstream]]"),
     Gap(Access, "", lambda _: True, "[[access]]"),
     Gap(Web, "", lambda _: True, "[web]"),
-    Gap(Log, "format", lambda log: log.format == "journald", 'format = "journald"'),
+    Gap(Log, "format", lambda log: log.format == "journald", 'the log format "journald"'),
 )
 
 #: The gateway works as well without: one warning for each of them.

@@ -26,7 +26,7 @@ ASSUMED_LATENCY: Final = 0.005
 _IDLE_CHARACTERS: Final = 3.5
 _SHORTEST_TURNAROUND: Final = 0.1
 
-_DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterFormat(7, "E", 1)}
+DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterFormat(7, "E", 1)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
 
 def line_timing(line: Line) -> LineTiming:
     """What mode, rate and character format make of time on `line`."""
-    return LineTiming(line.mode, line.baud, line.format or _DEFAULT_FORMATS[line.mode])
+    return LineTiming(line.mode, line.baud, line.format or DEFAULT_FORMATS[line.mode])
 
 
 def _listener(listen: Listen) -> ListenSettings:

@@ -75,7 +75,7 @@ def dotted(path: Path) -> str:
 
 
 def did_you_mean(written: str, known: Iterable[str]) -> str:
-    """A remedy for a name that is none of the `known` ones: the one that was meant, or all when they are not too many."""
+    """A remedy for a name that is none of the `known` ones: the one that was meant, or all unless they are too many."""
     names = list(dict.fromkeys(known))
     close = get_close_matches(written, names, n=1)
     if close:

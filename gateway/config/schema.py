@@ -13,17 +13,18 @@ from gateway.config.values import (
     DurationOrZeroOrAuto,
     Format,
     Item,
+    Kind,
     Limits,
-    Listening,
+    ListenAddress,
     ListOf,
     Name,
     Networks,
     Ranges,
     SerialPort,
+    ServerAddress,
     Unit0,
     Units,
     UnitsOrAll,
-    Upstreams,
     UpstreamUnits,
     WebAddress,
     WireUnits,
@@ -31,7 +32,7 @@ from gateway.config.values import (
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 
 Unit = Annotated[int, Field(ge=FIRST_UNIT, le=LAST_UNIT)]
-FunctionNumber = Annotated[int, Field(ge=1, le=127)]
+FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
 Count = Annotated[int, Field(ge=1)]
 
 
@@ -68,7 +69,7 @@ class Listen(Table):
     """An address where clients connect."""
 
     name: Name | None = Field(None, description="What logs and `[[access]]` call it; the address when there is none.")
-    bind: Listening = Field(
+    bind: ListenAddress = Field(
         description="Where to listen: `tcp://`, `tls://` (port 802), `rtu+tcp://`, `ascii+tcp://` or `udp://`, then "
         "host and port. IPv6: `tcp://[::]:502`. Port 0 takes a free one.",
     )
@@ -211,7 +212,7 @@ class InitialValues(Table):
     """Values that an image starts with, from one address on."""
 
     at: Annotated[int, Field(ge=0, le=65535)] = Field(description="Address of the first value.")
-    values: Annotated[tuple[Item, ...], ListOf] = Field(description="The values.")
+    values: Annotated[tuple[Item, ...], ListOf] = Field(description="The values: 0-65535, or `true` and `false`.")
 
 
 class Initial(Table):
@@ -274,7 +275,7 @@ class Upstream(Table):
     """Another Modbus TCP server, and the units that live behind it."""
 
     name: Name | None = Field(None, description="What logs call it; the address when there is none.")
-    to: Upstreams = Field(description="Its address.")
+    to: ServerAddress = Field(description="Its address.")
     units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
     timeout: Duration = Field(1.0, description="How long an answer may take.")
 
@@ -320,7 +321,7 @@ class Access(Table):
     """A right; the first row that fits a request counts."""
 
     networks: Networks | None = Field(None, alias="from", description="Networks of the clients that are meant.")
-    listen: Annotated[tuple[str, ...], ListOf] | None = Field(
+    listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
         None, description="Listeners that are meant, by name; server lines and `control` too."
     )
     role: str | None = Field(None, description="The role that a TLS client's certificate names.")

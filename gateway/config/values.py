@@ -157,43 +157,44 @@ def _network(text: object) -> IPv4Network | IPv6Network:
         raise WrongValue(f'"{text}" is no network: {wrong}', 'write it as "10.2.0.0/24" or "10.2.0.7"') from wrong
 
 
-def _show_units(units: tuple[int, ...]) -> str:
-    return ", ".join(str(unit) for unit in units)
+def _in_quotes(seconds: float | None) -> str:
+    return f'"{show_duration(seconds)}"'
 
 
-_DURATION_KIND = Kind("duration", show_duration)
-_UNITS_KIND = Kind('units: number, `"10-13"`, or a list of both', _show_units)
+_DURATION = Kind("duration", _in_quotes)
+_DURATION_OR_AUTO = Kind('duration or `"auto"`', _in_quotes)
+_UNITS = Kind("units")
 
 Name = Annotated[str, PlainValidator(parse_name), Kind("text")]
-Duration = Annotated[float, PlainValidator(parse_duration), _DURATION_KIND]
-DurationOrZero = Annotated[float, PlainValidator(parse_duration_or_zero), _DURATION_KIND]
-DurationOrAuto = Annotated[
-    float | None, PlainValidator(parse_duration_or_auto), Kind('duration or `"auto"`', show_duration)
-]
-DurationOrZeroOrAuto = Annotated[
-    float | None, PlainValidator(parse_duration_or_zero_or_auto), Kind('duration or `"auto"`', show_duration)
-]
-Format = Annotated[CharacterFormat, PlainValidator(parse_format), Kind("text such as `8E1`")]
+Duration = Annotated[float, PlainValidator(parse_duration), _DURATION]
+DurationOrZero = Annotated[float, PlainValidator(parse_duration_or_zero), _DURATION]
+DurationOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_auto), _DURATION_OR_AUTO]
+DurationOrZeroOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_zero_or_auto), _DURATION_OR_AUTO]
+Format = Annotated[CharacterFormat, PlainValidator(parse_format), Kind('text such as `"8E1"`')]
 SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address")]
 Unit0 = Annotated[
-    Literal["refuse", "broadcast"] | int, PlainValidator(parse_unit0), Kind('`"refuse"`, `"broadcast"` or a unit')
+    Literal["refuse", "broadcast"] | int,
+    PlainValidator(parse_unit0),
+    Kind('`"refuse"`, `"broadcast"` or a unit', '"{}"'.format),
 ]
-Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS_KIND]
-WireUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS_KIND]
-UpstreamUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0, last=255)), _UNITS_KIND]
-UnitsOrAll = Annotated[tuple[int, ...] | Literal["all"], PlainValidator(parse_units_or_all), Kind('units, or `"all"`')]
-Ranges = Annotated[
-    tuple[Range, ...], PlainValidator(parse_ranges), Kind('a count, a range `"1-99"`, or a list of ranges')
+Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS]
+WireUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS]
+UpstreamUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0, last=255)), _UNITS]
+UnitsOrAll = Annotated[
+    tuple[int, ...] | Literal["all"], PlainValidator(parse_units_or_all), Kind('units or `"all"`', '"{}"'.format)
 ]
-Item = Annotated[int, PlainValidator(parse_item), Kind("number 0 to 65535, or true or false")]
-Limits = Annotated[dict[int, int], PlainValidator(parse_limits), Kind("table such as `{ 3 = 99 }`", lambda _: "none")]
-Networks = Annotated[tuple[IPv4Network | IPv6Network, ...], PlainValidator(parse_networks), Kind("list of networks")]
-Listening = Annotated[
+Ranges = Annotated[tuple[Range, ...], PlainValidator(parse_ranges), Kind("addresses")]
+Item = Annotated[int, PlainValidator(parse_item), Kind("value")]
+Limits = Annotated[dict[int, int], PlainValidator(parse_limits), Kind("table such as `{ 3 = 99 }`")]
+Networks = Annotated[
+    tuple[IPv4Network | IPv6Network, ...], PlainValidator(parse_networks), Kind('list such as `["10.2.0.0/24"]`')
+]
+ListenAddress = Annotated[
     Address,
     PlainValidator(partial(parse_address, schemes=("tcp", "tls", "rtu+tcp", "ascii+tcp", "udp"))),
     Kind("address"),
 ]
-Upstreams = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
+ServerAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
 WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http",))), Kind("address")]
 
 #: A TOML list; what stands in it stays as strict as it is.

@@ -1,0 +1,235 @@
+"""`check`: what is wrong with a config file, and what it means."""
+
+import argparse
+import json
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
+
+from gateway.cli.columns import aligned
+from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.config.duration import show_duration
+from gateway.config.forecast import FunctionLimits, function_limits, longest_wait
+from gateway.config.load import Loaded, load
+from gateway.config.plan import LinePlan, Plan, resolve
+from gateway.config.problem import Problem, dotted
+from gateway.config.ranges import show_ranges
+from gateway.config.unitset import show_units
+from gateway.images.image import ImageSettings
+from gateway.lines.device import DeviceSettings
+from gateway.listeners.session import ListenSettings
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `check`."""
+    parser.add_argument("config", nargs="?", default=DEFAULT_CONFIG, help=f"the config file (default {DEFAULT_CONFIG})")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print every problem, and the picture of a file without errors. 1 when there is an error."""
+    loaded = load(args.config)
+    plan = None if loaded.config is None else resolve(loaded.config)
+    print(json.dumps(_as_json(loaded, plan), indent=2, ensure_ascii=False) if args.json else _as_text(loaded, plan))
+    return PROBLEM_FOUND if plan is None else FINE
+
+
+@dataclass(frozen=True, slots=True)
+class _Unit:
+    """A unit of a line, or all units of a line that passes them through."""
+
+    units: str
+    wire_units: str
+    device: DeviceSettings
+    limits: tuple[FunctionLimits, ...]
+    longest_wait: float
+
+    @property
+    def device_name(self) -> str:
+        return self.device.name if self.units == str(self.device.known_as) else "(each)"
+
+
+def _units(plan: LinePlan) -> list[_Unit]:
+    if plan.passes_through and plan.devices:
+        units = show_units(device.known_as for device in plan.devices)
+        return [_unit(plan, plan.devices[0], units, "same")]
+    return [_unit(plan, device, str(device.known_as), str(device.unit)) for device in plan.devices]
+
+
+def _unit(plan: LinePlan, device: DeviceSettings, units: str, wire_units: str) -> _Unit:
+    limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
+    return _Unit(units, wire_units, device, limits, longest_wait(plan, device))
+
+
+def _as_text(loaded: Loaded, plan: Plan | None) -> str:
+    parts = ["\n".join(map(str, loaded.problems))] if loaded.problems else []
+    if plan is None:
+        return "\n".join([*parts, _verdict(loaded.problems)])
+    parts.append(_listeners(plan.listeners))
+    parts += [_line(line) for line in plan.lines]
+    if plan.images:
+        parts.append(_images(plan.images))
+    if plan.lines:
+        parts.append("Set each client's time-out above the longest wait of the units that it asks.")
+    return "\n\n".join([*parts, _verdict(loaded.problems)])
+
+
+def _verdict(problems: tuple[Problem, ...]) -> str:
+    errors = sum(problem.severity == "error" for problem in problems)
+    warnings = len(problems) - errors
+    return f"{_counted(errors, 'error')}, {_counted(warnings, 'warning')}"
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _listeners(listeners: tuple[ListenSettings, ...]) -> str:
+    rows = [(one.name, _address(one), str(one.clients), _idle(one), str(one.unit0)) for one in listeners]
+    return "Listeners\n" + aligned([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0"), *rows], "  ")
+
+
+def _address(listener: ListenSettings) -> str:
+    host = f"[{listener.host}]" if ":" in listener.host else listener.host
+    return f"tcp://{host}:{listener.port}"
+
+
+def _idle(listener: ListenSettings) -> str:
+    return show_duration(listener.idle) if listener.idle else "never"
+
+
+def _line(plan: LinePlan) -> str:
+    timing = plan.line.timing
+    units = _units(plan)
+    return "\n".join(
+        [
+            f"Line {plan.line.name}: {plan.serial.port}",
+            f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}",
+            aligned([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
+            *_limits(units),
+        ]
+    )
+
+
+def _gap(plan: LinePlan) -> str:
+    return show_duration(plan.line.gap) if plan.line.gap else "none"
+
+
+def _latency(plan: LinePlan) -> str:
+    return show_duration(plan.latency) + (" (some USB adapters: 20 ms)" if plan.serial.latency is None else "")
+
+
+def _row(unit: _Unit) -> tuple[str, ...]:
+    rounded_up = ceil(unit.longest_wait * 100) / 100
+    return unit.units, unit.wire_units, unit.device_name, unit.device.profile.name, show_duration(rounded_up)
+
+
+def _limits(units: list[_Unit]) -> list[str]:
+    """A table for each kind of device on the line."""
+    alike: dict[tuple[str, tuple[FunctionLimits, ...]], list[_Unit]] = {}
+    for unit in units:
+        alike.setdefault((unit.device.profile.name, unit.limits), []).append(unit)
+    return [
+        f"  Time limits of {name}, {_numbered(same)}\n{limits_table(limits, '    ')}"
+        for (name, limits), same in alike.items()
+    ]
+
+
+def _numbered(units: list[_Unit]) -> str:
+    text = units[0].units if len(units) == 1 else show_units(unit.device.known_as for unit in units)
+    return f"unit{'' if text.isdecimal() else 's'} {text}"
+
+
+def limits_table(limits: tuple[FunctionLimits, ...], indent: str) -> str:
+    """The limits of each function as a table."""
+    rows = [
+        (
+            "others" if one.function is None else str(one.function),
+            show_duration(one.one_item),
+            str(one.most) if one.most else "-",
+            show_duration(one.most_items),
+        )
+        for one in limits
+    ]
+    return aligned([("FUNCTION", "1 ITEM", "MOST", "LIMIT THEN"), *rows], indent)
+
+
+def _images(images: tuple[ImageSettings, ...]) -> str:
+    rows = [(str(image.unit), image.name, image.profile.name, _areas(image)) for image in images]
+    return "Images\n" + aligned([("UNIT", "NAME", "PROFILE", "ADDRESSES"), *rows], "  ")
+
+
+def _areas(image: ImageSettings) -> str:
+    return "; ".join(f"{area} {show_ranges(ranges)}" for area, ranges in image.areas.items())
+
+
+def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
+    picture: dict[str, Any] = {"problems": [_problem_as_json(problem) for problem in loaded.problems]}
+    if plan is not None:
+        picture["listeners"] = [
+            {"name": one.name, "address": _address(one), "clients": one.clients, "unit0": one.unit0}
+            for one in plan.listeners
+        ]
+        picture["lines"] = [_line_as_json(line) for line in plan.lines]
+        picture["images"] = [
+            {"unit": image.unit, "name": image.name, "profile": image.profile.name, "areas": image.areas}
+            for image in plan.images
+        ]
+    return picture
+
+
+def _problem_as_json(problem: Problem) -> dict[str, Any]:
+    return {
+        "severity": problem.severity,
+        "file": problem.file,
+        "line": problem.line,
+        "column": problem.column,
+        "path": dotted(problem.path),
+        "what": problem.what,
+        "help": problem.remedy,
+    }
+
+
+def _line_as_json(plan: LinePlan) -> dict[str, Any]:
+    timing = plan.line.timing
+    return {
+        "name": plan.line.name,
+        "port": plan.serial.port,
+        "mode": timing.mode,
+        "baud": timing.baud,
+        "format": str(timing.format),
+        "gap_ms": milliseconds(plan.line.gap),
+        "turnaround_ms": milliseconds(plan.line.turnaround),
+        "latency_ms": milliseconds(plan.latency),
+        "passes_through": plan.passes_through,
+        "units": [_unit_as_json(unit) for unit in _units(plan)],
+    }
+
+
+def _unit_as_json(unit: _Unit) -> dict[str, Any]:
+    return {
+        "unit": unit.units,
+        "on_the_wire": unit.wire_units,
+        "device": unit.device_name,
+        "profile": unit.device.profile.name,
+        "longest_wait_ms": milliseconds(unit.longest_wait),
+        "limits": limits_as_json(unit.limits),
+    }
+
+
+def limits_as_json(limits: tuple[FunctionLimits, ...]) -> list[dict[str, Any]]:
+    """The limits of each function; that of functions which are not known here has none."""
+    return [
+        {
+            "function": one.function,
+            "one_item_ms": milliseconds(one.one_item),
+            "most_items": one.most,
+            "most_items_ms": milliseconds(one.most_items),
+        }
+        for one in limits
+    ]
+
+
+def milliseconds(seconds: float) -> float:
+    """A time as JSON tells it."""
+    return round(seconds * 1000, 3)

@@ -1,0 +1,141 @@
+"""`profile`: what a kind of device accepts, how fast it answers, and the time limits that follow."""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from gateway.cli.check import limits_as_json, limits_table, milliseconds
+from gateway.cli.columns import aligned
+from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE
+from gateway.config.duration import show_duration
+from gateway.config.forecast import FunctionLimits, function_limits
+from gateway.config.load import builtin_profiles, load
+from gateway.config.plan import ASSUMED_LATENCY, DEFAULT_FORMATS, profile_of
+from gateway.config.problem import WrongValue, did_you_mean
+from gateway.config.ranges import show_ranges
+from gateway.config.schema import ProfileTable
+from gateway.config.values import parse_format
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.profiles.profile import Profile
+from gateway.timing.budget import AnswerTime
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `profile`."""
+    parser.add_argument("name", nargs="?", help="the profile; without it all are listed")
+    parser.add_argument("--baud", type=_baud, default=19200, metavar="N", help="rate of the line (default 19200)")
+    parser.add_argument("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
+    parser.add_argument("--mode", choices=("rtu", "ascii"), default="rtu", help="what is spoken (default rtu)")
+    parser.add_argument("--config", metavar="FILE", help="a config file that has profiles of its own")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print one profile, or the list of them. 1 when the config file has errors, 2 when there is no such profile."""
+    tables = _tables(args.config)
+    if tables is None:
+        return PROBLEM_FOUND
+    if args.name is None:
+        print(_list_as_json(tables) if args.json else _list_as_text(tables))
+        return FINE
+    if args.name not in tables:
+        remedy = did_you_mean(args.name, tables)
+        print(f'modbus-gateway: error: there is no profile "{args.name}"; {remedy}', file=sys.stderr)
+        return WRONG_USAGE
+    profile = profile_of(args.name, tables[args.name])
+    timing = LineTiming(args.mode, args.baud, args.format or DEFAULT_FORMATS[args.mode])
+    answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
+    limits = function_limits(profile, answer_time, timing, ASSUMED_LATENCY)
+    print(_as_json(profile, timing, limits) if args.json else _as_text(profile, timing, limits))
+    return FINE
+
+
+def _baud(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f'"{text}" is no rate; write a number such as 9600')
+    return int(text)
+
+
+def _format(text: str) -> CharacterFormat:
+    try:
+        return parse_format(text)
+    except WrongValue as wrong:
+        raise argparse.ArgumentTypeError(f"{wrong}: {wrong.remedy}") from wrong
+
+
+def _tables(config: str | None) -> Mapping[str, ProfileTable] | None:
+    """The built-in profiles and those of a config file, or None when that has errors."""
+    if config is None:
+        return builtin_profiles()
+    loaded = load(config)
+    if loaded.config is None:
+        print("\n".join(map(str, loaded.problems)), file=sys.stderr)
+        return None
+    return loaded.config.profile
+
+
+def _list_as_text(tables: Mapping[str, ProfileTable]) -> str:
+    rows = [(name, table.title, table.source) for name, table in tables.items()]
+    return aligned([("NAME", "TITLE", "FROM"), *rows])
+
+
+def _list_as_json(tables: Mapping[str, ProfileTable]) -> str:
+    rows = [{"name": name, "title": table.title, "from": table.source} for name, table in tables.items()]
+    return json.dumps(rows, indent=2, ensure_ascii=False)
+
+
+def _as_text(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...]) -> str:
+    line = f"{timing.mode} {timing.baud} {timing.format}, latency {show_duration(ASSUMED_LATENCY)}"
+    parts = [
+        f"{profile.name}: {profile.title}" if profile.title else profile.name,
+        aligned(_accepted(profile), "  "),
+        *([f"Answer times\n{_timing_table(profile)}"] if profile.timing.rows else []),
+        f"Time limits, counted from the end of the request: {line}\n{limits_table(limits, '  ')}",
+    ]
+    return "\n\n".join(parts)
+
+
+def _accepted(profile: Profile) -> list[tuple[str, str]]:
+    functions = "all" if profile.functions is None else ", ".join(map(str, sorted(profile.functions)))
+    limits = "; ".join(f"{most} items of function {function}" for function, most in profile.limits.items())
+    areas = "; ".join(f"{area} {show_ranges(ranges)}" for area, ranges in profile.areas.items())
+    return [
+        ("functions", functions),
+        ("most items", limits or "as the protocol allows"),
+        ("addresses", areas or "all"),
+        ("end of frame", f"{profile.idle_chars:g} characters of silence"),
+        ("margin", f"{profile.margin:g} x the answer times"),
+        ("time-out", f"{show_duration(profile.timeout)} for functions without an answer time"),
+    ]
+
+
+def _timing_table(profile: Profile) -> str:
+    rows = [
+        (str(function), str(point.items), show_duration(point.time))
+        for function, row in profile.timing.rows.items()
+        for point in row
+    ]
+    return aligned([("FUNCTION", "ITEMS", "TIME"), *rows], "  ")
+
+
+def _as_json(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...]) -> str:
+    picture: dict[str, Any] = {
+        "name": profile.name,
+        "title": profile.title,
+        "functions": None if profile.functions is None else sorted(profile.functions),
+        "limits": profile.limits,
+        "areas": profile.areas,
+        "idle_chars": profile.idle_chars,
+        "margin": profile.margin,
+        "timeout_ms": milliseconds(profile.timeout),
+        "timing": [
+            {"function": function, "items": point.items, "time_ms": milliseconds(point.time)}
+            for function, row in profile.timing.rows.items()
+            for point in row
+        ],
+        "line": {"mode": timing.mode, "baud": timing.baud, "format": str(timing.format)},
+        "time_limits": limits_as_json(limits),
+    }
+    return json.dumps(picture, indent=2, ensure_ascii=False)

@@ -1,0 +1,222 @@
+"""Writes docs/configuration.md from the schema: `python -m gateway.config.document > docs/configuration.md`."""
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from types import NoneType
+from typing import Annotated, Any, Final, Literal, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+
+from gateway.config.load import builtin_profiles
+from gateway.config.not_yet import REFUSED, WITHOUT_EFFECT
+from gateway.config.schema import Config, Table
+from gateway.config.values import Kind
+from gateway.config.wording import keys_of, row_model
+
+SMALLEST: Final = """\
+[[line]]
+port   = "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
+baud   = 19200
+format = "8E1"
+"""
+
+EXAMPLE: Final = """\
+site = "plant-2"                 # for logs and metrics
+
+[[listen]]                       # where clients connect
+name    = "scada"
+bind    = "tcp://0.0.0.0:502"
+unit0   = "broadcast"            # a write to unit 0 goes to every device
+
+[[line]]                         # an RS-485 line with six devices of three kinds
+name    = "hall-a"
+port    = "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
+baud    = 19200
+format  = "8E1"
+devices = [                      # unit = address on the wire, as = unit that clients use
+  { unit = 1, as = 41, name = "silo-1", profile = "weigher" },
+  { unit = 6, as = 46, name = "press",  profile = "v80", timeout = "400 ms" },
+  { unit = "10-13", as = "110-113", name = "drive-*", profile = "generic" },
+]
+
+[[line]]                         # a line of its own for a motion controller that speaks ASCII
+name    = "axis"
+port    = "/dev/ttyS1"
+mode    = "ascii"
+format  = "7E1"
+profile = "mint"
+devices = [{ unit = 2 }]
+
+[[image]]                        # registers that the gateway itself keeps, for clients to share
+unit    = 200
+name    = "shift-data"
+holding = 100
+coils   = 16
+initial.holding = [{ at = 0, values = [1, 2, 3] }]
+
+[profile.slow-drive]             # a kind of device of your own; name it in `profile` of a line or a device
+title     = "Drive with a slow processor"
+functions = [3, 6, 16]           # anything else is refused, and the line stays free
+limits    = { 3 = 20 }           # its manual allows 20 registers in a request
+timing    = [                    # from its manual: 15 ms for one register, 60 ms for 20
+  { fc = 3, items = 1, time = "15 ms" }, { fc = 3, items = 20, time = "60 ms" },
+]
+timeout   = "500 ms"             # for the functions that `timing` does not name
+"""
+
+_OPENING: Final = f"""\
+# Configuration
+
+<!-- Made by `python -m gateway.config.document` from gateway/config/schema.py: change the text there. -->
+
+The gateway reads one file, `/etc/modbus-gateway/gateway.toml`, or the one that you name: `modbus-gateway run FILE`.
+It is written in [TOML](https://toml.io). The smallest useful file names a port and how it is set:
+
+```toml
+{SMALLEST}```
+
+Clients of this machine then connect to `tcp://127.0.0.1:5020`, and every unit from 1 to 247 passes through to the
+line. `modbus-gateway ports` lists the ports of the machine. `modbus-gateway check FILE` says everything that is wrong
+with a file, with line and column, and shows what it means: who listens where, which device stands behind which unit,
+and the longest that a client may have to wait for each. Set the time-outs of your clients above that.
+
+## An example
+
+```toml
+{EXAMPLE}```
+
+## How values are written
+
+| value | written |
+|---|---|
+| duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`. `"0"` only where it says so |
+| units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]` |
+| addresses | protocol addresses from 0: a count `100` (0-99), a range `"1-99"`, or a list of ranges; register 40001 is 0 |
+| address | `"tcp://host:port"`; an IPv6 address stands in brackets: `"tcp://[::1]:502"` |
+| format | data bits, parity, stop bits, in quotes: `"8E1"`, `"8N2"`, `"7O1"` |
+
+Keys that are not on this page are errors. Time limits follow from these settings: a device must have answered within
+
+    time of the longest expected response on the wire + margin x timing(function, items) + latency
+
+after the last character of the request has left. Between the points of `timing` the time is on a straight line, below
+the first it stays the same, and above the last it goes on with the last slope. A `timeout` stands in place of
+`margin x timing`: that of a device always, that of a profile for functions that its `timing` does not name.
+`modbus-gateway profile NAME` prints the limits of a profile.
+"""
+
+_PLAIN: Final[Mapping[Any, str]] = {int: "number", float: "number", str: "text", bool: "`true` or `false`"}
+
+#: The sections in the order of the page, as they are written.
+_HEADINGS: Final = {
+    "listen": "[[listen]]",
+    "line": "[[line]]",
+    "image": "[[image]]",
+    "upstream": "[[upstream]]",
+    "profile": "[profile.NAME]",
+    "access": "[[access]]",
+    "web": "[web]",
+    "control": "[control]",
+    "log": "[log]",
+}
+
+
+def document() -> str:
+    """The whole page."""
+    parts = [_OPENING, *_sections(), _profiles(), _not_yet()]
+    return "\n".join(parts)
+
+
+def _sections() -> Iterator[str]:
+    site = Config.model_fields["site"]
+    yield f"## Every key\n\nAt the top of the file: `site`, text. {site.description}\n"
+    for key, heading in _HEADINGS.items():
+        model = row_model(Config.model_fields[key].annotation)
+        if model is not None:
+            yield f"### `{heading}`\n\n{model.__doc__}\n\n{_keys(model)}"
+            yield from _inner_tables(model, key)
+
+
+def _inner_tables(model: type[Table], path: str) -> Iterator[str]:
+    """The tables inside a table; keys whose values are alike are told together."""
+    inner: dict[type[Table], list[str]] = {}
+    for key, field in zip(keys_of(model), model.model_fields.values(), strict=True):
+        row = row_model(field.annotation)
+        if row is not None:
+            inner.setdefault(row, []).append(f"{path}.{key}")
+    for row, paths in inner.items():
+        named = ", ".join(f"`{one}`" for one in paths)
+        yield f"#### In {named}\n\n{row.__doc__}\n\n{_keys(row)}"
+        yield from _inner_tables(row, paths[0])
+
+
+def _keys(model: type[Table]) -> str:
+    rows = [
+        f"| `{key}` | {_kind(field.annotation, field.metadata)} | {_default(field)} | {field.description} |"
+        for key, field in zip(keys_of(model), model.model_fields.values(), strict=True)
+    ]
+    return "\n".join(["| key | value | default | meaning |", "|---|---|---|---|", *rows, ""])
+
+
+def _kind(annotation: Any, metadata: Sequence[Any] = ()) -> str:
+    """What a value of this type is called."""
+    named = next((one.name for one in metadata if isinstance(one, Kind)), None)
+    if named is not None:
+        return str(named)
+    if annotation in _PLAIN:
+        return _PLAIN[annotation]
+    if row_model(annotation) is not None:
+        return "table" if isinstance(annotation, type) else "list of tables"
+    return _kind_of_compound(get_origin(annotation), get_args(annotation))
+
+
+def _kind_of_compound(origin: Any, parts: tuple[Any, ...]) -> str:
+    if origin is Annotated:
+        return _kind(parts[0], parts[1:])
+    if origin is Literal:
+        return " or ".join(f'`"{choice}"`' for choice in parts)
+    if origin is tuple:
+        item = _kind(parts[0])
+        return f"list of {item}" if item.endswith("`") else f"list of {item}s"
+    return " or ".join(_kind(part) for part in parts if part is not NoneType)
+
+
+def _default(field: FieldInfo) -> str:
+    """The default as it would be written in a file."""
+    if field.is_required():
+        return "**must be given**"
+    value = field.default
+    for one in field.metadata:
+        if isinstance(one, Kind) and value not in ((), {}):
+            return f"`{one.show(value)}`"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, str):
+        return f'`"{value}"`'
+    return "" if value in (None, (), {}) or isinstance(value, Table) else f"`{value}`"
+
+
+def _profiles() -> str:
+    rows = [f"| `{name}` | {table.title} |" for name, table in builtin_profiles().items()]
+    return "\n".join(["## Profiles that are built in", "", "| name | for |", "|---|---|", *rows, ""])
+
+
+def _not_yet() -> str:
+    return "\n".join(
+        [
+            "## Not built yet",
+            "",
+            "This version refuses these, so that nobody relies on what is not there:",
+            "",
+            *(f"- {gap.what}" for gap in REFUSED),
+            "",
+            "It accepts these, and they have no effect:",
+            "",
+            *(f"- {gap.what}" for gap in WITHOUT_EFFECT),
+            "",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    sys.stdout.write(document())

@@ -1,0 +1,104 @@
+"""What time limits a plan leads to: how long a client may have to wait for each unit."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.config.plan import LinePlan
+from gateway.lines.device import DeviceSettings
+from gateway.modbus.chartime import LineTiming
+from gateway.modbus.codes import MAX_PDU, Area
+from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
+from gateway.profiles.profile import Profile
+from gateway.timing.budget import AnswerTime, Budget
+
+#: Most items that a request can have, by function (A 6). FC23 can write 121 registers.
+_MOST_ITEMS: Final = {1: 2000, 2: 2000, 3: 125, 4: 125, 5: 1, 6: 1, 15: 1968, 16: 123, 22: 1, 23: 125}
+_MOST_WRITTEN: Final = 121
+
+_AREAS: Final = {1: Area.COILS, 2: Area.DISCRETE, 4: Area.INPUT, 5: Area.COILS, 15: Area.COILS}
+
+#: Stands for all functions that are not known here.
+_UNKNOWN_FUNCTION: Final = 65
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionLimits:
+    """Time limits of one function in seconds: for `one` item, and for the `most` items a device takes.
+
+    `function` None means every function that is not known here, and `most` is 0 for those. `request` is the largest
+    request on the wire.
+    """
+
+    function: int | None
+    most: int
+    one_item: float
+    most_items: float
+    request: float
+
+
+def function_limits(
+    profile: Profile, answer_time: AnswerTime, timing: LineTiming, latency: float
+) -> tuple[FunctionLimits, ...]:
+    """The limits of every function that a device may be asked."""
+    budget = Budget(timing, answer_time)
+    return tuple(_limits_of(function, profile, budget, latency) for function in _functions(profile))
+
+
+def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
+    """The longest a client may wait for this device: in the queue, for the line to be quiet, and for the answer."""
+    limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
+    return plan.line.max_wait + plan.line.gap + max(one.request + one.most_items for one in limits)
+
+
+def _functions(profile: Profile) -> Iterator[int]:
+    if profile.functions is None:
+        yield from (*sorted(KNOWN_FUNCTIONS), _UNKNOWN_FUNCTION)
+    else:
+        yield from sorted(profile.functions)
+
+
+def _limits_of(function: int, profile: Profile, budget: Budget, latency: float) -> FunctionLimits:
+    if function not in KNOWN_FUNCTIONS:
+        asked = parse_request(bytes((function, *bytes(MAX_PDU - 1))))
+        limit = budget.limit(asked, latency)
+        named = None if profile.functions is None else function
+        return FunctionLimits(named, 0, limit, limit, budget.request_wire_time(asked))
+    most = _most_items(function, profile)
+    largest = _request(function, most)
+    return FunctionLimits(
+        function,
+        most,
+        budget.limit(_request(function, 1), latency),
+        budget.limit(largest, latency),
+        budget.request_wire_time(largest),
+    )
+
+
+def _most_items(function: int, profile: Profile) -> int:
+    """The most that protocol, profile and the addresses of the device allow; 1 at least."""
+    ranges = profile.areas.get(_AREAS.get(function, Area.HOLDING))
+    longest = _MOST_ITEMS[function] if ranges is None else max((last - first + 1 for first, last in ranges), default=1)
+    return min(_MOST_ITEMS[function], longest, profile.limits.get(function, longest))
+
+
+def _request(function: int, items: int) -> RequestPdu:
+    """A request for so many items from address 0 on."""
+    start, count = b"\0\0", items.to_bytes(2, "big")
+    head = bytes((function,)) + start
+    match function:
+        case 1 | 2 | 3 | 4:
+            pdu = head + count
+        case 15:
+            size = (items + 7) // 8
+            pdu = head + count + bytes((size,)) + bytes(size)
+        case 16:
+            pdu = head + count + bytes((2 * items,)) + bytes(2 * items)
+        case 23:
+            written = min(items, _MOST_WRITTEN)
+            pdu = head + count + start + bytes((0, written, 2 * written)) + bytes(2 * written)
+        case 22:
+            pdu = head + bytes(4)
+        case _:
+            pdu = head + bytes(2)
+    return parse_request(pdu)
