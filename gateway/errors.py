@@ -18,7 +18,8 @@ GatewayError
 │       ├── BrokenResponse       0B  what came within the limit was no response to the request
 │       └── LineLost             0B  the port died while the request was on the line
 ├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
-└── PortError                    a serial port cannot be opened or has been lost
+├── PortError                    a serial port cannot be opened or has been lost
+└── ListenError                  no clients can be accepted at an address
 
 Requests under way are not ended by raising: `Request.fail` turns a RequestError into the exception response.
 """
@@ -131,3 +132,7 @@ class NotModbus(GatewayError):
 
 class PortError(GatewayError):
     """A serial port cannot be opened or was lost; the message says why and what to do."""
+
+
+class ListenError(GatewayError):
+    """An address cannot be listened on; the message says why and what to do."""

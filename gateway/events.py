@@ -61,11 +61,11 @@ class ConfigWarning(Event):
 
 @dataclass(frozen=True)
 class ConfigRejected(Event):
-    """A config file has errors and is not used."""
+    """A config file is not used; the one in force, if any, stays."""
 
     level = Level.ERROR
     file: str
-    problems: int
+    reason: str
 
 
 @dataclass(frozen=True)

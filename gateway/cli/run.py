@@ -23,31 +23,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until SIGTERM or SIGINT. 0 after a stop, 1 when the config or an address cannot be used."""
+    """Run until SIGTERM or SIGINT.
+
+    Raises:
+        ListenError: a listener's address cannot be used.
+    """
     file = Path(args.config)
     loaded = load(file)
-    for problem in loaded.problems:
-        print(problem, file=sys.stderr)
     if loaded.config is None:
+        print(*loaded.problems, sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
     plan = resolve(loaded.config)
     emit = open_log(plan.log.level, plan.log.format)
     emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
-    return asyncio.run(_run(plan, emit))
+    for problem in loaded.problems:
+        emit(events.ConfigWarning(str(problem)))
+    asyncio.run(_run(plan, file, emit))
+    return FINE
 
 
-async def _run(plan: Plan, emit: events.Emit) -> int:
+async def _run(plan: Plan, file: Path, emit: events.Emit) -> None:
     loop = asyncio.get_running_loop()
     gateway = build(plan, loop, lambda settings: partial(open_serial, settings), emit)
     stop = Stop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
-    try:
-        await serve(gateway, stop, emit)
-    except OSError as error:
-        print(f"modbus-gateway: error: {error.strerror}", file=sys.stderr)
-        return PROBLEM_FOUND
-    return FINE
+    refused = events.ConfigRejected(str(file), "reload is not built yet in this version; restart to apply changes")
+    loop.add_signal_handler(signal.SIGHUP, emit, refused)
+    await serve(gateway, stop, emit)
 
 
 def _units(plan: Plan) -> int:

@@ -1,12 +1,15 @@
 """Modbus TCP: the listening socket, and the driver that joins a session to its connection."""
 
 import asyncio
+import errno
+import os
 import socket
 import traceback
 from collections.abc import Callable
 from typing import cast
 
 from gateway import events
+from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings, Session
 from gateway.request import Target
 from gateway.routing.access import may_write
@@ -34,20 +37,22 @@ class TcpListener:
     def address(self) -> str:
         """The bound address, `tcp://127.0.0.1:5020`."""
         server = cast("asyncio.Server", self._server)
-        host, port = server.sockets[0].getsockname()[:2]
-        return f"tcp://[{host}]:{port}" if ":" in host else f"tcp://{host}:{port}"
+        return _url(*server.sockets[0].getsockname()[:2])
 
     async def bind(self) -> None:
         """Take the address without accepting anybody yet.
 
         Raises:
-            OSError: it is in use, or not an address of this machine.
+            ListenError: it is in use, needs more rights, or is no address of this machine.
         """
         loop = asyncio.get_running_loop()
         settings = self.settings
-        self._server = await loop.create_server(
-            lambda: TcpConnection(self, loop.time), settings.host, settings.port, start_serving=False
-        )
+        try:
+            self._server = await loop.create_server(
+                lambda: TcpConnection(self, loop.time), settings.host, settings.port, start_serving=False
+            )
+        except OSError as error:
+            raise ListenError(f"{settings.source}: cannot listen on {_url(settings.host, settings.port)}: {_why(error)}") from error
 
     async def start(self) -> None:
         """Accept clients."""
@@ -116,7 +121,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         listener = self._listener
         host, port = self.transport.get_extra_info("peername")[:2]
         self.session = Session(
-            f"[{host}]:{port}" if ":" in host else f"{host}:{port}",
+            _pair(host, port),
             may_write=may_write(host),
             router=listener.router,
             connection=self,
@@ -193,6 +198,22 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._listener.emit(events.PartFailed(f"client {self.session.client}", repr(error), text))
         self.session.closed()
         self.transport.abort()
+
+
+def _url(host: str, port: int) -> str:
+    return f"tcp://{_pair(host, port)}"
+
+
+def _pair(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _why(error: OSError) -> str:
+    if error.errno == errno.EACCES:
+        return "permission denied; ports below 1024 need root or CAP_NET_BIND_SERVICE"
+    if error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno).lower()
+    return str(error.strerror).lower()
 
 
 def _keep_alive(sock: socket.socket) -> None:

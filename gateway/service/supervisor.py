@@ -40,7 +40,7 @@ async def serve(gateway: Gateway, stop: Stop, emit: events.Emit) -> None:
     """Run `gateway` until `stop`. It is ready when clients can connect and every line was tried once.
 
     Raises:
-        OSError: a listener cannot be bound; no port has been opened.
+        ListenError: an address cannot be used; no port has been opened.
     """
     try:
         for listener in gateway.listeners:

@@ -1,0 +1,84 @@
+"""The gateway as a process of its own, as an operator starts it."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from queue import Empty, Queue
+from typing import Any, Self
+
+#: How long a process may take for anything, in seconds. Real machines are slow at times.
+PATIENCE = 20.0
+
+COMMAND = [sys.executable, "-m", "gateway.cli.main"]
+
+
+def command(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run `modbus-gateway WORDS` to its end."""
+    return subprocess.run([*COMMAND, *words], capture_output=True, text=True, timeout=PATIENCE, check=False)
+
+
+class GatewayProcess:
+    """`modbus-gateway run` with a config; a context in which it is ready. `log` holds its events, `rest` other lines."""
+
+    def __init__(self, folder: Path, config: str) -> None:
+        self.config = folder / "gateway.toml"
+        self.config.write_text(config + '\n[log]\nformat = "json"\nlevel = "debug"\n')
+        self.log: list[dict[str, Any]] = []
+        self.rest: list[str] = []
+        self._events: Queue[dict[str, Any]] = Queue()
+
+    def __enter__(self) -> Self:
+        self._process = subprocess.Popen([*COMMAND, "run", str(self.config)], stderr=subprocess.PIPE, text=True)
+        self._reader = threading.Thread(target=self._read_log, name="gateway's log")
+        self._reader.start()
+        ready = self.wait_for("ready")
+        self.port = int(ready["listeners"][0].rsplit(":", 1)[1])
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        self._reader.join()
+        self._process.stderr.close()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def wait_for(self, event: str) -> dict[str, Any]:
+        """The next event of this name."""
+        while True:
+            try:
+                found = self._events.get(timeout=PATIENCE)
+            except Empty:
+                raise AssertionError(f"no event {event}; log: {self.log}, {self.rest}") from None
+            if found["event"] == event:
+                return found
+
+    def signal(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def stop(self) -> int:
+        """SIGTERM; the exit code."""
+        self.signal(signal.SIGTERM)
+        return self.wait()
+
+    def wait(self) -> int:
+        """The exit code, once it has ended and all of its log has been read."""
+        code = self._process.wait(PATIENCE)
+        self._reader.join()
+        return code
+
+    def _read_log(self) -> None:
+        for line in self._process.stderr:
+            try:
+                event = json.loads(line)
+            except ValueError:
+                self.rest.append(line)
+                continue
+            self.log.append(event)
+            self._events.put(event)
+        self._events.put({"event": "the process has ended"})

@@ -1,0 +1,111 @@
+"""Other people's clients and servers around the gateway: pymodbus and mbpoll ask, pymodbus answers, three lines at once."""
+
+import asyncio
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.framer import FramerType
+from pymodbus.server import ModbusSerialServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.process import PATIENCE, GatewayProcess
+from kit.pty import VirtualPort
+from kit.serial_line import Cable, SerialDevices
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[line]]
+name    = "hall-a"
+port    = "{hall_a}"
+baud    = 9600
+devices = [{{ unit = 1, as = 41 }}, {{ unit = 6, as = 46, profile = "v80" }}]
+
+[[line]]
+name    = "hall-b"
+port    = "{hall_b}"
+baud    = 19200
+format  = "8N1"
+devices = [{{ unit = 3, as = 43 }}]
+
+[[line]]
+name    = "press"
+port    = "{press}"
+mode    = "ascii"
+baud    = 19200
+devices = [{{ unit = 2, as = 52, profile = "mint" }}]
+
+[[image]]
+unit    = 200
+holding = 100
+coils   = 16
+"""
+
+
+@pytest.fixture
+def gateway(tmp_path: Path) -> Iterator[GatewayProcess]:
+    """A running gateway; devices of our kit on two lines, those of pymodbus on `hall-b` behind the port `server`."""
+    with ExitStack() as stack:
+        ports = {name: stack.enter_context(VirtualPort(tmp_path / name)) for name in ("hall_a", "hall_b", "press")}
+        server = stack.enter_context(VirtualPort(tmp_path / "server"))
+        stack.enter_context(Cable(ports["hall_b"], server))
+        on_a, on_press = SimulatedLine("rtu", device(1), device(6)), SimulatedLine("ascii", device(2))
+        stack.enter_context(SerialDevices({ports["hall_a"]: on_a, ports["press"]: on_press}))
+        config = CONFIG.format(**{name: port.path for name, port in ports.items()})
+        yield stack.enter_context(GatewayProcess(tmp_path, config))
+
+
+def device(unit: int) -> SimulatedDevice:
+    simulated = SimulatedDevice(unit, delay=0.005)
+    simulated.holding = [unit * 256 + address for address in range(200)]
+    return simulated
+
+
+@pytest.fixture
+async def pymodbus_device(gateway: GatewayProcess, tmp_path: Path):
+    """pymodbus as the device of unit 3: holding registers 0-99 with the value 768 + address."""
+    values = [3 * 256 + address for address in range(100)]
+    simulated = SimDevice(3, simdata=[SimData(0, values=values, datatype=DataType.REGISTERS)])
+    server = ModbusSerialServer(simulated, framer=FramerType.RTU, port=str(tmp_path / "server"), baudrate=19200)
+    await server.serve_forever(background=True)
+    yield
+    await server.shutdown()
+
+
+@pytest.mark.usefixtures("pymodbus_device")
+async def test_pymodbus_reads_and_writes_three_lines_and_an_image_at_once(gateway: GatewayProcess) -> None:
+    async def use(unit: int, value: int) -> None:
+        async with AsyncModbusTcpClient("127.0.0.1", port=gateway.port, timeout=PATIENCE) as client:
+            for turn in range(10):
+                read = await client.read_holding_registers(20 + turn, count=2, device_id=unit)
+                assert read.registers == [value + 20 + turn, value + 21 + turn] if unit != 200 else [0, 0]
+                written = await client.write_registers(50, [turn, unit], device_id=unit)
+                assert not written.isError()
+                read = await client.read_holding_registers(50, count=2, device_id=unit)
+                assert read.registers == [turn, unit]
+
+    await asyncio.gather(use(41, 256), use(46, 6 * 256), use(43, 3 * 256), use(52, 2 * 256), use(200, 0))
+
+
+@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
+@pytest.mark.usefixtures("pymodbus_device")
+async def test_mbpoll_reads_and_writes_three_lines_and_an_image(gateway: GatewayProcess) -> None:
+    for unit, register in ((41, 256 + 9), (46, 6 * 256 + 9), (43, 3 * 256 + 9), (52, 2 * 256 + 9), (200, 0)):
+        assert f"[10]: \t{register}" in await mbpoll(gateway, unit, "-r", "10", "-c", "2")
+        assert "Written 2 references" in await mbpoll(gateway, unit, "-r", "60", values=("7", "8"))
+        assert "[61]: \t8" in await mbpoll(gateway, unit, "-r", "60", "-c", "2")
+
+
+async def mbpoll(gateway: GatewayProcess, unit: int, *options: str, values: tuple[str, ...] = ()) -> str:
+    words = ["mbpoll", "-m", "tcp", "-p", str(gateway.port), "-a", str(unit), "-t", "4", *options]
+    words += ["-1", "127.0.0.1", *values]
+    done = await asyncio.to_thread(subprocess.run, words, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
