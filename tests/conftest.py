@@ -7,6 +7,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+
 from kit.virtual_time import VirtualTimeLoop
 
 _TESTS = Path(__file__).parent

@@ -52,7 +52,8 @@ class TcpListener:
                 lambda: TcpConnection(self, loop.time), settings.host, settings.port, start_serving=False
             )
         except OSError as error:
-            raise ListenError(f"{settings.source}: cannot listen on {_url(settings.host, settings.port)}: {_why(error)}") from error
+            address = _url(settings.host, settings.port)
+            raise ListenError(f"{settings.source}: cannot listen on {address}: {_why(error)}") from error
 
     async def start(self) -> None:
         """Accept clients."""

@@ -1,4 +1,4 @@
-"""The built-in profiles, as the text of the TOML files beside this module. They are written as a user would write his own."""
+"""The built-in profiles: the TOML files beside this module, written as users write their own."""
 
 from importlib.resources import files
 

@@ -97,4 +97,4 @@ async def _drain(gateway: Gateway, stop: Stop) -> None:
     for listener in gateway.listeners:
         listener.stop_accepting()
     while loop.time() < end and not stop.at_once and not all(each.is_idle for each in gateway.listeners):
-        await asyncio.sleep(_DRAIN_STEP)  # noqa: ASYNC110 - requests end in plain calls, which set no event
+        await asyncio.sleep(_DRAIN_STEP)

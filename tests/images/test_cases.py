@@ -4,10 +4,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from images.asking import ask, image
 
 from gateway.images.image import Image
 from gateway.modbus.codes import Area
+from images.asking import ask, image
 
 _CASES = tomllib.loads((Path(__file__).parents[1] / "vectors" / "image-cases.toml").read_text())["case"]
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from images.asking import UNIT, exchange, image
 
 from gateway.images.image import Image
 from gateway.modbus.codes import Area
+from images.asking import UNIT, exchange, image
 
 _CASES = json.loads((Path(__file__).parents[1] / "vectors" / "conformance-tcp.json").read_text())["cases"]
 _HEADER = 7

@@ -1,13 +1,13 @@
 """What an image is besides its functions: limits, profiles, ranges, broadcasts, counts."""
 
 import pytest
-from images.asking import GENERIC, MINT, ask, broadcast, contents, exchange, image
 
 from gateway.images.functions import FUNCTIONS
 from gateway.images.image import Counts
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import KNOWN_FUNCTIONS
 from gateway.profiles.profile import Profile
+from images.asking import GENERIC, MINT, ask, broadcast, contents, exchange, image
 
 
 @pytest.fixture

@@ -2,12 +2,12 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from images.asking import exchange, image
-from images.model import Model
 
 from gateway.images.image import Image
 from gateway.modbus.codes import MAX_PDU, Area
 from gateway.routing.broadcast import Broadcast
+from images.asking import exchange, image
+from images.model import Model
 
 _RANGES = {
     Area.COILS: ((0, 40), (100, 2200)),

@@ -19,7 +19,7 @@ PATIENCE = 30.0
 
 
 class Client:
-    """A Modbus TCP client without a socket. `responses` holds (transaction, unit, PDU in hex) in the order they came."""
+    """A Modbus TCP client without a socket. `responses` holds (transaction, unit, PDU in hex) as they came."""
 
     def __init__(self, gateway: Gateway, name: str = "10.0.0.9:49152", *, may_write: bool = True) -> None:
         self._loop = asyncio.get_running_loop()
@@ -81,7 +81,7 @@ class Client:
 
 
 class House:
-    """A gateway that runs, and the other ends of everything: `lines` by port without /dev/, `events` as they were told."""
+    """A gateway that runs, and the other ends of everything: `lines` by port without /dev/, `events` as told."""
 
     def __init__(self, config: str) -> None:
         loaded = parse(config, port_exists=lambda port: True, real_path=lambda port: port)

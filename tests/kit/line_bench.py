@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from kit.asker import Asker
-
 from gateway.events import Event
 from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.line import Line, LineSettings
@@ -14,6 +12,7 @@ from gateway.modbus.rtu import ResponseFramer, encode
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
+from kit.asker import Asker
 
 TIMING = LineTiming("rtu", 19200, CharacterFormat.parse("8E1"))
 SETTINGS = LineSettings("hall-a", TIMING, gap=TIMING.t35, silence=TIMING.t35, turnaround=0.1)

@@ -21,7 +21,7 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 class GatewayProcess:
-    """`modbus-gateway run` with a config; a context in which it is ready. `log` holds its events, `rest` other lines."""
+    """`modbus-gateway run` with a config; in its context it is ready. `log` holds its events, `rest` other lines."""
 
     def __init__(self, folder: Path, config: str) -> None:
         self.config = folder / "gateway.toml"

@@ -1,8 +1,8 @@
 import pytest
-from kit.device import Answer, SimulatedDevice, SimulatedLine
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
+from kit.device import Answer, SimulatedDevice, SimulatedLine
 
 
 def ask(device: SimulatedDevice, pdu: str) -> str:

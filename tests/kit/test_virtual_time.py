@@ -3,6 +3,7 @@ import os
 import socket
 
 import pytest
+
 from kit.virtual_time import DescriptorRefused, VirtualTimeLoop, WaitsForEver
 
 

@@ -1,10 +1,10 @@
 """What a device refuses by its profile, before anything goes on the line."""
 
 import pytest
-from kit.line_bench import Bench
 
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
+from kit.line_bench import Bench
 
 MINT = Profile("mint", functions=frozenset({1, 2, 3, 5, 16, 23}), limits={3: 99}, areas={Area.HOLDING: ((1, 99),)})
 

@@ -2,15 +2,14 @@
 
 import asyncio
 
-from kit.asker import Asker
-from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench
-
 from gateway.errors import PortError
 from gateway.events import Event, PartFailed
 from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.modbus.rtu import ResponseFramer
+from kit.asker import Asker
+from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench
 
 
 class FakePort:

@@ -1,12 +1,12 @@
 """One line's transactions: what goes out when, which response is accepted, and what a client gets instead of one."""
 
 import pytest
-from kit.asker import Asker
-from kit.line_bench import LATENCY, READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, TIMING, Bench, frame
 
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
+from kit.asker import Asker
+from kit.line_bench import LATENCY, READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, TIMING, Bench, frame
 
 REQUEST_TIME = 8 * TIMING.character
 LIMIT = 0.2 + 7 * TIMING.character + LATENCY

@@ -1,12 +1,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kit.noise import chunkings, noise
-from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
 
 from gateway.modbus.ascii import AsciiFramer, encode
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
+from kit.noise import chunkings, noise
+from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
 
 GOOD = encode(UNIT, ANSWER)
 #: Noise of a line with seven data bits, without what means something in ASCII framing.

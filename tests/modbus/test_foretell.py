@@ -1,7 +1,7 @@
 import pytest
-from kit.vectors import exchanges, meaning
 
 from gateway.modbus.foretell import request_size, response_size
+from kit.vectors import exchanges, meaning
 
 
 @pytest.mark.parametrize("exchange", [exchange for exchange in exchanges() if exchange.known], ids=meaning)

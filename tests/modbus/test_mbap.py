@@ -1,11 +1,11 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kit.noise import chunkings
-from kit.vectors import TRANSACTION, UNIT, exchanges, meaning
 
 from gateway.errors import NotModbus
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
+from kit.noise import chunkings
+from kit.vectors import TRANSACTION, UNIT, exchanges, meaning
 
 READ = bytes.fromhex("03 00 6B 00 03")
 

@@ -1,7 +1,6 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kit.vectors import ANSWER, QUESTION, exchanges, malformed, meaning
 
 from gateway import errors
 from gateway.modbus.codes import Area
@@ -15,6 +14,7 @@ from gateway.modbus.pdu import (
     parse_request,
     unpack_bits,
 )
+from kit.vectors import ANSWER, QUESTION, exchanges, malformed, meaning
 
 
 @pytest.mark.parametrize("exchange", exchanges(), ids=meaning)

@@ -5,12 +5,12 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kit.noise import chunkings, flipped, noise, random_chunks
-from kit.vectors import UNIT, exchanges, meaning, seed_frames
 
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import KNOWN_FUNCTIONS
 from gateway.modbus.rtu import RequestFramer, encode
+from kit.noise import chunkings, flipped, noise, random_chunks
+from kit.vectors import UNIT, exchanges, meaning, seed_frames
 
 SILENCE = 0.002
 READ = bytes.fromhex("03 00 6B 00 03")

@@ -5,13 +5,13 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kit.noise import chunkings, noise
-from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
 
 from gateway.modbus.checks import crc_fits, with_crc
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response, parse_request
 from gateway.modbus.rtu import ResponseFramer, encode
+from kit.noise import chunkings, noise
+from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
 
 SILENCE = 0.002
 GOOD = encode(UNIT, ANSWER)

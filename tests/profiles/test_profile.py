@@ -1,10 +1,10 @@
 import pytest
-from kit.vectors import malformed
 
 from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span, parse_request
 from gateway.profiles.profile import Profile, covers
+from kit.vectors import malformed
 
 MINT = Profile(
     name="mint",

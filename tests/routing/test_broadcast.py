@@ -1,11 +1,11 @@
 """Unit 0: a write goes to every target once, and the client hears nothing."""
 
 import pytest
-from kit.asker import Asker
 
 from gateway.errors import LineDown
 from gateway.request import Request
 from gateway.routing.broadcast import Broadcast
+from kit.asker import Asker
 
 WRITE = "06 00 01 00 05"
 

@@ -1,12 +1,12 @@
 """Which target gets a request, and who is refused."""
 
 import pytest
-from kit.asker import Asker
 
 from gateway.events import AccessDenied, Event
 from gateway.request import Request
 from gateway.routing.access import may_write
 from gateway.routing.router import Router
+from kit.asker import Asker
 
 
 class Echo:

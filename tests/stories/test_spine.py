@@ -49,7 +49,7 @@ UNITS = [
 def furnish(home: House) -> dict[int, SimulatedDevice]:
     """A device behind every unit; the value of a register says whose and which it is."""
     devices = {}
-    for known_as, port, unit in UNITS:
+    for known_as, _, unit in UNITS:
         device = SimulatedDevice(unit, delay=0.01)
         device.holding = [known_as * 256 + address for address in range(200)]
         devices[known_as] = device

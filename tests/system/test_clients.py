@@ -1,4 +1,4 @@
-"""Other people's clients and servers around the gateway: pymodbus and mbpoll ask, pymodbus answers, three lines at once."""
+"""Clients and servers of others around the gateway: pymodbus and mbpoll ask, pymodbus answers, three lines at once."""
 
 import asyncio
 import shutil

@@ -13,7 +13,6 @@ from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
 import pytest
-from kit.pty import VirtualPort
 from serial import SerialException
 
 from gateway.errors import PortError
@@ -25,6 +24,7 @@ from gateway.ports.holders import _by_lock, holder
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import WRITE_BOUND, open_serial
+from kit.pty import VirtualPort
 
 
 class User:
