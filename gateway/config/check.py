@@ -69,7 +69,7 @@ def _check_names(config: Config) -> Iterator[Problem]:
     yield from _repeated("name", ((line.label, line) for line in config.line))
     yield from _repeated("name", ((image.label, image) for image in config.image))
     yield from _repeated("name", ((upstream.label, upstream) for upstream in config.upstream))
-    rows = [(line, row) for line in config.line for row in line.devices or ()]
+    rows = [(line, row) for line in config.line for row in line.devices or () if row.name is not None]
     yield from _repeated("name", ((name, row) for line, row in rows for name in line.device_names(row)))
 
 

@@ -91,7 +91,7 @@ and the longest that a client may have to wait for each. Set the time-outs of yo
 |---|---|
 | duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`. `"0"` only where it says so |
 | units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]` |
-| addresses | protocol addresses from 0: a count `100` (0-99), a range `"1-99"`, or a list of ranges; register 40001 is 0 |
+| addresses | protocol addresses from 0: a count `100` (0-99), a range `"1-99"`, or a list of ranges; 40001 is 0 |
 | address | `"tcp://host:port"`; an IPv6 address stands in brackets: `"tcp://[::1]:502"` |
 | format | data bits, parity, stop bits, in quotes: `"8E1"`, `"8N2"`, `"7O1"` |
 

@@ -26,7 +26,7 @@ from gateway.config.schema import (
     Upstream,
     Web,
 )
-from gateway.config.wording import keys_of, syntax_problem, unknown_key, value_problems
+from gateway.config.wording import keys_of, not_text, syntax_problem, unknown_key, value_problems
 from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
 
 #: Sections that are written [[so]], [so], and [so.name].
@@ -53,9 +53,10 @@ def load(path: str | FilePath) -> Loaded:
     """The config in the file at `path`. Nothing is raised: a file that cannot be read is a problem too."""
     file = str(path)
     try:
-        text = FilePath(path).read_text(encoding="utf-8")
+        text = FilePath(path).read_bytes().decode("utf-8")
     except UnicodeDecodeError as wrong:
-        return _hopeless(error((), f"is not UTF-8 text: byte {wrong.start} does not belong there"), file)
+        line = wrong.object.count(b"\n", 0, wrong.start) + 1
+        return _hopeless(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
     except OSError as wrong:
         return _hopeless(error((), f"cannot be read: {wrong.strerror}"), file)
     return parse(text, file)
@@ -72,9 +73,9 @@ def parse(
     try:
         document = tomllib.loads(text)
         positions = Positions(text)
-    except tomllib.TOMLDecodeError as wrong:
+    except ValueError as wrong:  # mostly a TOMLDecodeError; a number of 5000 digits is not
         problem = syntax_problem(wrong, text)
-        return Loaded(None, (problem.located(file, problem.line, problem.column),))
+        return _hopeless(problem, file, problem.line, problem.column)
     except RecursionError:
         return _hopeless(error((), "is nested too deeply"), file)
     reader = _Reader(document, positions, FilePath(file).name)
@@ -121,13 +122,16 @@ class _Reader:
 
     def _find_unknown_sections(self) -> None:
         known = keys_of(Config)
-        self.problems += [unknown_key((key,), known) for key in self._document if key not in known]
+        unknown = [key for key in self._document if key not in known]
+        self.failed.update(unknown)
+        self.problems += [unknown_key((key,), known) for key in unknown]
 
     def _site(self) -> str:
         site = self._document.get("site", "")
         if isinstance(site, str):
             return site
-        self._complain(("site",), "must be text", f'put it in quotes: "{self._written(("site",))}"')
+        self.failed.add("site")
+        self.problems.append(not_text(("site",), site, self._positions.written))
         return ""
 
     def _rows(self, section: str, model: type[Table]) -> Iterator[Table]:
@@ -162,7 +166,7 @@ class _Reader:
             table = model.model_validate(raw)
         except ValidationError as wrong:
             self.failed.add(str(path[0]))
-            self.problems += value_problems(wrong, model, path, self._written)
+            self.problems += value_problems(wrong, model, path, self._positions.written)
             return None
         self._place(table, path)
         return table
@@ -185,14 +189,11 @@ class _Reader:
         self.failed.add(str(path[0]))
         self.problems.append(error(path, what, remedy))
 
-    def _written(self, path: Path) -> str:
-        return self._positions.written(path)
-
 
 def _located(problem: Problem, positions: Positions, file: str) -> Problem:
     place = positions.key(problem.path) if problem.on_key else positions.value(problem.path)
     return problem.located(file, *place)
 
 
-def _hopeless(problem: Problem, file: str) -> Loaded:
-    return Loaded(None, (problem.located(file, 1, 1),))
+def _hopeless(problem: Problem, file: str, line: int = 1, column: int = 1) -> Loaded:
+    return Loaded(None, (problem.located(file, line, column),))

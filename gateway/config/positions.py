@@ -41,9 +41,6 @@ class Positions:
         match = _SCALAR.match(self._text, self._values[path])
         return match[0].strip() if match else ""
 
-    def __contains__(self, path: Path) -> bool:
-        return path in self._values
-
     def _place(self, offsets: dict[Path, int], path: Path) -> tuple[int, int]:
         while path not in offsets:
             path = path[:-1]

@@ -126,7 +126,9 @@ class Line(Table):
         "`rtu+tcp://host:port`, `ascii+tcp://host:port`.",
     )
     mode: Literal["rtu", "ascii"] = Field("rtu", description="What is spoken on the line.")
-    baud: Count = Field(19200, description="Any rate; 14400 and other odd ones are set as custom rates.")
+    baud: Annotated[int, Field(ge=1, le=100_000_000)] = Field(
+        19200, description="Any rate; 14400 and other odd ones are set as custom rates."
+    )
     format: Format | None = Field(
         None, description="Data bits, parity, stop bits. Default: `8E1` for RTU, `7E1` for ASCII."
     )

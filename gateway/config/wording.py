@@ -14,6 +14,9 @@ from gateway.config.schema import Table
 #: A key and a value without quotes, in a line that is not TOML.
 _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
 
+_SYNTAX_ERROR = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
+_DECLARED_TWICE = re.compile(r"Cannot declare \('([^']+)',\) twice")
+
 _TYPES: Mapping[str, str] = {
     "int_type": "must be a whole number",
     "float_type": "must be a number",
@@ -24,9 +27,9 @@ _TYPES: Mapping[str, str] = {
 }
 
 _LIMITS: Mapping[str, str] = {
-    "greater_than_equal": "must be at least {ge:g}",
-    "greater_than": "must be more than {gt:g}",
-    "less_than_equal": "must be at most {le:g}",
+    "greater_than_equal": "must be at least {ge:.12g}",
+    "greater_than": "must be more than {gt:.12g}",
+    "less_than_equal": "must be at most {le:.12g}",
 }
 
 
@@ -46,14 +49,20 @@ def unknown_key(path: Path, known: list[str]) -> Problem:
     return Problem("error", path, "unknown key", did_you_mean(str(path[-1]), known), on_key=True)
 
 
-def syntax_problem(found: tomllib.TOMLDecodeError, text: str) -> Problem:
+def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Problem:
+    """The value at `path` must be text: if it is a number, a date or a word, it lacks its quotes."""
+    is_scalar = not isinstance(value, (list, dict))
+    return error(path, "must be text", f'put it in quotes: "{written(path)}"' if is_scalar else "")
+
+
+def syntax_problem(found: ValueError, text: str) -> Problem:
     """Where and why `text` is no TOML."""
-    what, _, place = str(found).rpartition(" (at ")
-    match = re.match(r"line (\d+), column (\d+)", place)
+    match = _SYNTAX_ERROR.fullmatch(str(found))
+    if match is None:
+        return error((), str(found))
     lines = text.split("\n")
-    line, column = (int(match[1]), int(match[2])) if match else (len(lines), len(lines[-1]) + 1)
-    problem = error((), what[:1].lower() + what[1:], _missing_quotes(lines[line - 1]))
-    return problem.located("", line, column)
+    line, column = (int(match[2]), int(match[3])) if match[2] else (len(lines), len(lines[-1]) + 1)
+    return _in_words(match[1], lines[line - 1]).located("", line, column)
 
 
 def keys_of(model: type[Table]) -> list[str]:
@@ -75,8 +84,7 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
     if kind == "extra_forbidden":
         return unknown_key(path, keys_of(_model_at(model, loc[:-1])))
     if kind == "string_type" or isinstance(wrong, NotText):
-        is_scalar = not isinstance(found["input"], (list, dict))
-        return error(path, "must be text", f'put it in quotes: "{written(path)}"' if is_scalar else "")
+        return not_text(path, found["input"], written)
     if isinstance(wrong, WrongValue):
         return error(path, str(wrong), wrong.remedy)
     if kind == "literal_error":
@@ -93,6 +101,15 @@ def _model_at(model: type[Table], loc: Path) -> type[Table]:
             fields = {field.alias or name: field for name, field in model.model_fields.items()}
             model = row_model(fields[part].annotation) or model
     return model
+
+
+def _in_words(what: str, line: str) -> Problem:
+    twice = _DECLARED_TWICE.match(what)
+    if twice is not None:
+        return error((), f"[{twice[1]}] is there twice", f"write [[{twice[1]}]] if there are several")
+    if what == "Cannot overwrite a value":
+        return error((), "this key is there twice")
+    return error((), what[:1].lower() + what[1:], _missing_quotes(line))
 
 
 def _missing_quotes(line: str) -> str:

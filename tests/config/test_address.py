@@ -1,0 +1,57 @@
+"""Network addresses: scheme, host and port."""
+
+import pytest
+
+from gateway.config.address import Address, parse_address
+from gateway.config.problem import WrongValue
+
+SCHEMES = ("tcp", "tls", "rtu+tcp", "udp")
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("tcp://0.0.0.0:502", Address("tcp", "0.0.0.0", 502)),
+        ("tcp://[::]:502", Address("tcp", "::", 502)),
+        ("tcp://[fe80::1%eth0]:502", Address("tcp", "fe80::1%eth0", 502)),
+        ("tcp://plc.example:1502", Address("tcp", "plc.example", 1502)),
+        ("tcp://127.0.0.1:0", Address("tcp", "127.0.0.1", 0)),
+        ("tcp://10.0.0.1", Address("tcp", "10.0.0.1", 502)),
+        ("tls://10.0.0.1", Address("tls", "10.0.0.1", 802)),
+        ("rtu+tcp://10.0.0.1:4001", Address("rtu+tcp", "10.0.0.1", 4001)),
+    ],
+)
+def test_scheme_host_and_port(text, address):
+    assert parse_address(text, SCHEMES) == address
+
+
+@pytest.mark.parametrize(
+    ("value", "what", "remedy"),
+    [
+        ("0.0.0.0:502", "is no address", 'write it as "tcp://127.0.0.1:502"; an IPv6 address stands in brackets'),
+        ("tcp://::1:502", "is no address", 'write it as "tcp://127.0.0.1:502"; an IPv6 address stands in brackets'),
+        (502, "is no address", 'write it as "tcp://127.0.0.1:502"; an IPv6 address stands in brackets'),
+        ("http://x:1", "http:// is not known here", "it can be tcp://, tls://, rtu+tcp://, udp://"),
+        ("tcp://:502", "names no host", '"tcp://0.0.0.0:502" stands for every IPv4 address'),
+        ("tcp://*:502", "names no host", '"tcp://0.0.0.0:502" stands for every IPv4 address'),
+        ("rtu+tcp://x", "names no port", 'write "rtu+tcp://x:PORT"'),
+        ("tcp://x:70000", "port 70000 is above 65535", ""),
+    ],
+)
+def test_what_is_no_address_is_refused(value, what, remedy):
+    with pytest.raises(WrongValue) as caught:
+        parse_address(value, SCHEMES)
+    assert (str(caught.value), caught.value.remedy) == (what, remedy)
+
+
+@pytest.mark.parametrize(
+    ("host", "loopback"),
+    [("127.0.0.1", True), ("127.8.9.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("plc", False)],
+)
+def test_only_loopback_addresses_are_for_this_machine_alone(host, loopback):
+    assert Address("tcp", host, 502).is_loopback is loopback
+
+
+def test_an_address_is_shown_as_it_is_written():
+    assert str(Address("tcp", "10.0.0.1", 502)) == "tcp://10.0.0.1:502"
+    assert str(Address("tcp", "::", 502)) == "tcp://[::]:502"

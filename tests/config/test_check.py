@@ -1,0 +1,526 @@
+"""What must fit together: each rule with a file that breaks it."""
+
+from textwrap import dedent
+
+import pytest
+
+from gateway.config.check import check
+from gateway.config.load import parse
+from gateway.config.not_yet import REFUSED
+from gateway.config.problem import dotted
+
+LINE = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1, name = "one" }]\n'
+
+
+def problems(text, port_exists=lambda _: True, real_path=str, *, also_not_built=False):
+    """What is said about `text`, without its place in the file; what is not built yet is left out unless asked for."""
+    found = parse(dedent(text), "gateway.toml", port_exists, real_path).problems
+    return [
+        f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "")
+        for one in found
+        if also_not_built or " yet in this version" not in one.what
+    ]
+
+
+def test_an_empty_file_serves_nothing():
+    said = 'error: : there is no [[line]], and nothing else to serve | add [[line]] with port = "/dev/ttyUSB0"'
+    assert problems("") == [said]
+
+
+def test_an_image_alone_is_something_to_serve():
+    assert problems("[[image]]\nunit = 200\nholding = 10\n") == []
+
+
+def test_the_checks_can_be_had_for_a_config_without_any_file():
+    config = parse(LINE).config
+    assert config is not None
+    assert list(check(config)) == []
+
+
+# Names
+
+
+def test_two_listeners_with_one_name():
+    text = (
+        LINE
+        + '[[listen]]\nname = "x"\nbind = "tcp://127.0.0.1:1"\n[[listen]]\nname = "x"\nbind = "tcp://127.0.0.1:2"\n'
+    )
+    assert problems(text) == ['error: listen[1].name: "x" is already used in gateway.toml:5']
+
+
+def test_two_lines_with_one_name():
+    text = LINE + '[[line]]\nname = "a"\nport = "/dev/b"\ndevices = [{ unit = 2 }]\n'
+    assert problems(text) == ['error: line[1].name: "a" is already used in gateway.toml:1']
+
+
+def test_two_lines_that_are_called_after_ports_of_one_name():
+    text = (
+        '[[line]]\nport = "/dev/x/a"\ndevices = [{ unit = 1 }]\n[[line]]\nport = "/dev/y/a"\ndevices = [{ unit = 2 }]\n'
+    )
+    assert 'error: line[1].name: "a" is already used in gateway.toml:1' in problems(text)
+
+
+def test_two_devices_with_one_name():
+    text = LINE.replace("}]", '},\n  { unit = 2, name = "one" }]')
+    assert problems(text) == ['error: line[0].devices[1].name: "one" is already used in gateway.toml:4']
+
+
+def test_two_images_with_one_name():
+    text = '[[image]]\nunit = 1\ncoils = 1\nname = "x"\n[[image]]\nunit = 2\ncoils = 1\nname = "x"\n'
+    assert problems(text) == ['error: image[1].name: "x" is already used in gateway.toml:1']
+
+
+def test_two_upstreams_with_one_name():
+    one = '[[upstream]]\nname = "x"\nto = "tcp://10.0.0.1"\nunits = [{{ as = {0}, unit = 1 }}]\n'
+    assert problems(one.format(1) + one.format(2)) == ['error: upstream[1].name: "x" is already used in gateway.toml:1']
+
+
+def test_the_name_of_the_control_socket_is_taken():
+    text = LINE + '[[listen]]\nname = "control"\nbind = "tcp://127.0.0.1:1"\n'
+    assert problems(text) == ['error: listen[0].name: "control" is what [[access]] calls the control socket']
+
+
+def test_several_devices_cannot_have_one_name():
+    text = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = "1-3", name = "x" }]\n'
+    assert problems(text) == [
+        (
+            "error: line[0].devices[0].name: 3 devices cannot have one name"
+            ' | write "x-*": * becomes the unit that clients use'
+        )
+    ]
+
+
+# Listeners
+
+
+def test_two_listeners_at_one_address():
+    text = (
+        LINE
+        + '[[listen]]\nname = "x"\nbind = "tcp://127.0.0.1:1"\n[[listen]]\nname = "y"\nbind = "tcp://127.0.0.1:1"\n'
+    )
+    assert problems(text) == ["error: listen[1].bind: this address is already used in gateway.toml:5"]
+
+
+def test_two_listeners_may_both_take_a_free_port():
+    text = (
+        LINE
+        + '[[listen]]\nname = "x"\nbind = "tcp://127.0.0.1:0"\n[[listen]]\nname = "y"\nbind = "tcp://127.0.0.1:0"\n'
+    )
+    assert problems(text) == []
+
+
+def test_udp_and_tcp_ports_are_not_the_same():
+    text = (
+        LINE
+        + '[[listen]]\nname = "x"\nbind = "tcp://127.0.0.1:1"\n[[listen]]\nname = "y"\nbind = "udp://127.0.0.1:1"\n'
+    )
+    assert problems(text) == []
+
+
+NETWORK = '[[listen]]\nbind = "tcp://0.0.0.0:502"\n'
+
+
+def test_who_listens_to_the_network_is_told_that_others_only_read():
+    row = 'to let them write, add [[access]] with from = ["10.2.0.0/24"] and allow = ["read", "write"]'
+    assert problems(LINE + NETWORK) == [
+        (
+            f"warning: listen[0].bind: clients from other machines may only read without [[access]]"
+            f" | {row} (not built yet in this version)"
+        )
+    ]
+
+
+def test_once_access_is_built_the_row_to_add_is_all_that_is_said(monkeypatch):
+    monkeypatch.setattr("gateway.config.check.is_refused", lambda _: False)
+    (said,) = problems(LINE + NETWORK)
+    assert said.endswith('and allow = ["read", "write"]')
+
+
+@pytest.mark.parametrize("access", ['[[access]]\nallow = ["read"]\n', '[[access]]\nallow = "read"\n'])
+def test_who_has_written_rights_is_not_told_about_them(access):
+    assert not [said for said in problems(LINE + NETWORK + access) if "may only read" in said]
+
+
+# Ports
+
+
+def test_one_port_on_two_lines():
+    text = LINE + '[[line]]\nname = "b"\nport = "/dev/a"\ndevices = [{ unit = 2 }]\n'
+    assert problems(text) == ["error: line[1].port: this port is already used in gateway.toml:1"]
+
+
+def test_one_port_under_two_names():
+    text = LINE + '[[line]]\nname = "b"\nport = "/dev/by-id/a"\ndevices = [{ unit = 2 }]\n'
+    said = ["error: line[1].port: this port is already used in gateway.toml:1"]
+    assert problems(text, real_path=lambda path: path.replace("/by-id", "")) == said
+    assert problems(text) == []
+
+
+def test_one_device_server_on_two_lines():
+    line = '[[line]]\nname = "{0}"\nport = "rtu+tcp://10.0.0.1:4001"\ndevices = [{{ unit = {0} }}]\n'
+    said = ["error: line[1].port: this port is already used in gateway.toml:1"]
+    assert problems(line.format(1) + line.format(2), port_exists=lambda _: False) == said
+
+
+def test_an_absent_port_is_a_warning():
+    assert problems(LINE, port_exists=lambda path: path != "/dev/a") == [
+        (
+            "warning: line[0].port: there is no such port at the moment; the line waits for it"
+            " | modbus-gateway ports lists those that exist"
+        )
+    ]
+
+
+# Lines
+
+
+@pytest.mark.parametrize(
+    ("mode", "character_format", "said"),
+    [
+        ("rtu", "7E1", ['error: line[0].format: RTU needs 8 data bits | write "8E1", or mode = "ascii"']),
+        ("rtu", "8N2", []),
+        (
+            "ascii",
+            "8E1",
+            ['warning: line[0].format: 8E1 is unusual for ASCII devices | most are set to "7E1", "7O1" or "8N1"'],
+        ),
+        ("ascii", "8N1", []),
+        ("ascii", "7O1", []),
+    ],
+)
+def test_the_format_fits_the_mode(mode, character_format, said):
+    assert problems(LINE + f'mode = "{mode}"\nformat = "{character_format}"\n') == said
+
+
+def test_a_client_line_has_no_keys_of_a_server_line():
+    assert problems(LINE + 'serves = 1\nanswer_within = "1 s"\n') == [
+        'error: line[0].serves: only a line with role = "server" has this key',
+        'error: line[0].answer_within: only a line with role = "server" has this key',
+    ]
+
+
+SERVER = '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\n'
+
+
+def test_a_server_line_has_no_keys_of_a_client_line():
+    text = LINE + SERVER + "serves = 1\nretries = 1\ndevices = [{ unit = 5 }]\n"
+    assert problems(text) == [
+        'error: line[1].retries: only a line with role = "client" has this key',
+        'error: line[1].devices: only a line with role = "client" has this key',
+    ]
+
+
+def test_a_server_line_serves_something():
+    assert problems(LINE + SERVER) == [
+        "error: line[1].serves: is missing | name the units that we answer for: serves = [41]"
+    ]
+
+
+def test_a_server_line_serves_units_that_somebody_answers_for():
+    assert problems(LINE + SERVER + 'serves = ["1-3"]\n') == ["error: line[1].serves: nobody answers for unit 2-3"]
+
+
+def test_a_server_line_stands_beside_a_line_that_passes_through():
+    assert problems('[[line]]\nport = "/dev/a"\n' + SERVER + 'serves = "1-247"\n') == []
+
+
+def test_two_server_lines_with_one_name_are_told_once():
+    text = LINE + SERVER + "serves = 1\n" + SERVER.replace("/dev/p", "/dev/q") + "serves = 1\n"
+    assert problems(text) == ['error: line[2].name: "panel" is already used in gateway.toml:5']
+
+
+def test_a_line_without_devices_must_be_alone():
+    assert problems(LINE + '[[line]]\nname = "b"\nport = "/dev/b"\n') == [
+        (
+            "error: line[1]: has no devices beside another client line: nobody knows which units are on it"
+            " | name its devices, such as devices = [{ unit = 1 }]"
+        )
+    ]
+
+
+def test_an_empty_list_of_devices_is_no_passing_through():
+    assert problems('[[line]]\nport = "/dev/a"\ndevices = []\n') == [
+        "error: line[0].devices: is empty | leave it out, and every unit 1-247 passes through"
+    ]
+
+
+# Units
+
+
+def test_a_unit_that_clients_use_leads_to_one_device():
+    text = LINE + '[[line]]\nname = "b"\nport = "/dev/b"\ndevices = [{ unit = "1-3" }, { unit = 9, as = 3 }]\n'
+    assert problems(text) == [
+        (
+            'error: line[1].devices[0].unit: 1 is already a unit of line "a" (gateway.toml:4)'
+            ' | give clients other units with "as"'
+        ),
+        (
+            'error: line[1].devices[1].as: 3 is already a unit of line "b" (gateway.toml:8)'
+            ' | give clients other units with "as"'
+        ),
+    ]
+
+
+def test_an_image_has_a_unit_of_its_own():
+    assert problems(LINE + "[[image]]\nunit = 1\ncoils = 1\n") == [
+        'error: image[0].unit: 1 is already a unit of line "a" (gateway.toml:4)'
+    ]
+
+
+def test_an_upstream_has_units_of_its_own():
+    text = "[[image]]\nunit = 1\ncoils = 1\n[[image]]\nunit = 2\ncoils = 1\n"
+    text += '[[upstream]]\nto = "tcp://10.0.0.1"\nunits = [{ as = "1-2", unit = "1-2" }]\n'
+    assert problems(text) == [
+        'error: upstream[0].units[0].as: 1 is already a unit of image "image-1" (gateway.toml:1)',
+        'error: upstream[0].units[0].as: 2 is already a unit of image "image-2" (gateway.toml:4)',
+    ]
+
+
+def test_several_units_of_one_owner_are_told_at_once():
+    text = LINE.replace("unit = 1", 'unit = "1-9"').replace("one", "*") + '[[line]]\nname = "b"\nport = "/dev/b"\n'
+    assert problems(text + 'devices = [{ unit = "8-12" }]\n') == [
+        (
+            'error: line[1].devices[0].unit: 8-9 are already units of line "a" (gateway.toml:4)'
+            ' | give clients other units with "as"'
+        )
+    ]
+
+
+def test_an_image_takes_its_unit_from_a_line_that_passes_through():
+    assert problems('[[line]]\nport = "/dev/a"\n[[image]]\nunit = 200\ncoils = 1\n') == []
+
+
+def test_as_names_as_many_units_as_there_are_on_the_wire():
+    text = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = "10-13", as = "110-112" }]\n'
+    assert problems(text) == [
+        (
+            "error: line[0].devices[0].as: names 3 units for clients, but there are 4 on the wire"
+            ' | as many as in unit = "10-13" are needed'
+        )
+    ]
+
+
+def test_a_device_that_clients_know_twice_is_a_warning():
+    text = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = 1, as = 41 },\n { unit = 1, as = 42 }]\n'
+    assert problems(text) == ["warning: line[0].devices[1].unit: unit 1 on the wire is already what clients know as 41"]
+
+
+def test_unit_0_needs_a_unit_for_clients():
+    text = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = 0 }]\n'
+    assert problems(text) == [
+        "error: line[0].devices[0].unit: unit 0 stands for every device | name the unit that clients use: as = 50"
+    ]
+
+
+def test_unit0_names_a_unit_that_somebody_answers_for():
+    listen = '[[listen]]\nbind = "tcp://127.0.0.1:1"\nunit0 = {}\n'
+    assert problems(LINE + listen.format(99)) == ["error: listen[0].unit0: nobody answers for unit 99"]
+    assert problems(LINE + listen.format(1)) == []
+    assert problems('[[line]]\nport = "/dev/a"\n' + listen.format(99)) == []
+
+
+# Profiles
+
+
+@pytest.mark.parametrize(
+    ("text", "path"),
+    [
+        (LINE + 'profile = "wiegher"\n', "line[0]"),
+        (LINE.replace('name = "one"', 'profile = "wiegher"'), "line[0].devices[0]"),
+        ('[[image]]\nunit = 1\ncoils = 1\nprofile = "wiegher"\n', "image[0]"),
+    ],
+)
+def test_a_profile_that_does_not_exist(text, path):
+    assert problems(text) == [f'error: {path}.profile: there is no profile "wiegher" | did you mean "weigher"?']
+
+
+def test_more_items_cannot_take_less_time():
+    text = LINE + '[profile.x]\ntiming = [{ fc = 3, items = 9, time = "5 ms" }, { fc = 3, items = 1, time = "9 ms" }]\n'
+    assert problems(text) == [
+        (
+            "error: profile.x.timing[0].time: function 3 takes less time for 9 items than for 1"
+            " | more items cannot take less time"
+        )
+    ]
+
+
+def test_a_function_has_one_time_for_so_many_items():
+    text = LINE + '[profile.x]\ntiming = [{ fc = 3, items = 1, time = "5 ms" }, { fc = 3, items = 1, time = "5 ms" }]\n'
+    assert problems(text) == ["error: profile.x.timing[1].items: function 3 already has a time for 1 items"]
+
+
+def test_times_of_different_functions_have_nothing_to_do_with_each_other():
+    text = LINE + '[profile.x]\ntiming = [{ fc = 3, items = 1, time = "9 ms" }, { fc = 4, items = 2, time = "5 ms" }]\n'
+    assert problems(text) == []
+
+
+# Images and mirrors
+
+
+def test_an_image_has_something():
+    assert problems("[[image]]\nunit = 1\n") == [
+        "error: image[0]: has no register and no coil | write how many, such as holding = 100"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("initial", "said"),
+    [
+        ("initial.holding = [{ at = 8, values = [1, 2] }]", []),
+        (
+            "initial.holding = [{ at = 9, values = [1, 2] }]",
+            ["error: image[0].initial.holding[0]: holding 9-10 do not all exist in this image | its holding: 0-9"],
+        ),
+        (
+            "initial.input = [{ at = 0, values = [1] }]",
+            ["error: image[0].initial.input[0]: input 0-0 do not all exist in this image | its input: none"],
+        ),
+        ("initial.coils = [{ at = 0, values = [1, false] }]", []),
+        (
+            "initial.coils = [{ at = 0, values = [2] }]",
+            ["error: image[0].initial.coils[0].values: coils can only be 0 or 1"],
+        ),
+    ],
+)
+def test_first_values_have_their_place_in_the_image(initial, said):
+    assert problems(f"[[image]]\nunit = 1\nholding = 10\ncoils = 4\n{initial}\n") == said
+
+
+def test_a_local_image_polls_nothing():
+    assert problems('[[image]]\nunit = 1\ncoils = 1\nread = []\nstale = "1 s"\n') == [
+        'error: image[0].read: only a mirror has this key | name the device to poll: of = "DEVICE"',
+        'error: image[0].stale: only a mirror has this key | name the device to poll: of = "DEVICE"',
+    ]
+
+
+MIRROR = '[[image]]\nunit = 241\nof = "one"\nread = [{ holding = "0-1", every = "500 ms" }]\n'
+
+
+def test_a_mirror_of_a_device():
+    assert problems(LINE + MIRROR) == []
+
+
+def test_a_mirror_of_an_unknown_device():
+    assert problems(LINE + MIRROR.replace("one", "on")) == [
+        'error: image[0].of: there is no device "on" | did you mean "one"?'
+    ]
+
+
+def test_a_mirror_of_a_device_that_passes_through():
+    line = '[[line]]\nname = "a"\nport = "/dev/a"\n'
+    assert problems(line + MIRROR.replace("one", "a/17")) == []
+    assert problems(line + MIRROR.replace("one", "xyz")) == ['error: image[0].of: there is no device "xyz"']
+
+
+def test_a_mirror_of_a_device_whose_line_failed_may_exist():
+    assert problems('[[line]]\nport = "a"\n' + MIRROR) == [
+        'error: line[0].port: "a" is no absolute path | did you mean "/dev/a"?'
+    ]
+
+
+def test_a_mirror_has_nothing_of_its_own():
+    assert problems(LINE + MIRROR + 'holding = 5\npersist = "never"\n') == [
+        "error: image[0].holding: a mirror has what its device has | take the key out, or of",
+        "error: image[0].persist: a mirror has what its device has | take the key out, or of",
+    ]
+
+
+def test_a_mirror_polls_something():
+    assert problems(LINE + '[[image]]\nunit = 241\nof = "one"\n') == [
+        ('error: image[0]: is a mirror that polls nothing | write read = [{ holding = "0-1", every = "500 ms" }]')
+    ]
+
+
+@pytest.mark.parametrize("areas", ["", "coils = 1, holding = 1, "])
+def test_a_poll_reads_one_area(areas):
+    text = LINE + f'[[image]]\nunit = 241\nof = "one"\nread = [{{ {areas}every = "1 s" }}]\n'
+    assert problems(text) == ["error: image[0].read[0]: must name one of holding, input, coils and discrete"]
+
+
+# Access
+
+
+def test_a_right_names_listeners_server_lines_and_the_control_socket():
+    text = LINE + SERVER + 'serves = 1\n[[listen]]\nname = "scada"\nbind = "tcp://0.0.0.0:502"\n'
+    text += '[[access]]\nlisten = ["scada", "panel", "control"]\nallow = ["read"]\n'
+    assert problems(text) == []
+
+
+def test_a_right_for_an_unknown_listener():
+    text = LINE + '[[listen]]\nname = "scada"\nbind = "tcp://0.0.0.0:502"\n'
+    text += '[[access]]\nlisten = ["control", "skada"]\nallow = ["read"]\n'
+    assert problems(text) == ['error: access[0].listen[1]: there is no listener "skada" | did you mean "scada"?']
+
+
+def test_a_right_for_a_listener_that_failed():
+    text = LINE + '[[listen]]\nname = "scada"\n[[access]]\nlisten = ["scada"]\nallow = ["read"]\n'
+    assert problems(text) == ["error: listen[0].bind: is missing"]
+
+
+@pytest.mark.parametrize("row", ["", 'allow = ["read"]\nfunctions = [3]\n'])
+def test_a_right_says_in_one_way_what_it_allows(row):
+    assert problems(LINE + "[[access]]\n" + row) == [
+        'error: access[0]: must have one of allow and functions | such as allow = ["read", "write"]'
+    ]
+
+
+# Not built yet
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            '[[listen]]\nbind = "tls://127.0.0.1"\n',
+            "listen[0].bind: a listener other than tcp://",
+        ),
+        ('[[listen]]\nbind = "rtu+tcp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
+        ('[[listen]]\nbind = "ascii+tcp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
+        ('[[listen]]\nbind = "udp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
+        (SERVER + "serves = 1\n", 'line[1].role: role = "server"'),
+        ("echo = true\n", "line[0].echo: echo = true"),
+        ("retries = 1\n", "line[0].retries: retries above 0"),
+        (
+            '[[line]]\nport = "rtu+tcp://10.0.0.1:4001"\ndevices = [{ unit = 2 }]\n',
+            "line[1].port: a device server as the port of a line",
+        ),
+        (
+            '[[line]]\nport = "/dev/b"\ndevices = [{ unit = 0, as = 50 }]\n',
+            "line[1].devices[0].unit: unit = 0 for a device",
+        ),
+        ('[[image]]\nunit = 2\ncoils = 1\npersist = "always"\n', 'image[0].persist: persist other than "never"'),
+        (MIRROR, "image[0].of: a mirror"),
+        ('[[upstream]]\nto = "tcp://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n', "upstream[0]: [[upstream]]"),
+        ('[[access]]\nallow = ["read"]\n', "access[0]: [[access]]"),
+        ('[web]\nbind = "http://127.0.0.1:8502"\n', "web: [web]"),
+        ('[log]\nformat = "journald"\n', 'log.format: the log format "journald"'),
+    ],
+)
+def test_what_is_not_built_is_refused_plainly(text, said):
+    assert problems(LINE + text, also_not_built=True) == [f"error: {said} is not built yet in this version"]
+
+
+def test_every_refusal_is_tested():
+    cases = test_what_is_not_built_is_refused_plainly.pytestmark[0].args[1]
+    assert {gap.what for gap in REFUSED} == {said.partition(": ")[2] for _, said in cases}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[control]\n", "control: [control]"),
+        ("coalesce = true\n", "line[0].coalesce: coalesce = true"),
+        ('late_window = "auto"\n', "line[0].late_window: late_window"),
+        (
+            '[[line]]\nport = "/dev/b"\ndevices = [{ unit = 2, priority = "high" }, { unit = 3, priority = "high" }]\n',
+            'line[1].devices[0].priority: priority = "high"',
+        ),
+    ],
+)
+def test_what_has_no_effect_is_told_once(text, said):
+    assert problems(LINE + text, also_not_built=True) == [f"warning: {said} has no effect yet in this version"]
+
+
+def test_what_is_off_needs_no_warning():
+    text = LINE + 'coalesce = false\nretries = 0\necho = false\n[[image]]\nunit = 2\ncoils = 1\npersist = "never"\n'
+    assert problems(text, also_not_built=True) == []

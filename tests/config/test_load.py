@@ -1,0 +1,228 @@
+"""From a file to a config, or to everything that is wrong with it."""
+
+from textwrap import dedent
+
+import pytest
+
+from gateway.config.load import builtin_profiles, load, parse
+
+SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'
+
+
+def problems(text):
+    """What is said about `text`, on a machine where every port exists."""
+    loaded = parse(dedent(text), "gateway.toml", port_exists=lambda _: True, real_path=str)
+    assert (loaded.config is None) == any(problem.severity == "error" for problem in loaded.problems)
+    return [str(problem) for problem in loaded.problems]
+
+
+def test_the_smallest_useful_file_is_fine():
+    assert problems(SMALLEST) == []
+
+
+def test_every_problem_is_reported_with_its_place_and_what_to_do():
+    assert problems(
+        """\
+        [[lin]]
+        x = 1
+
+        [[line]]
+        port = 5
+        buad = 9600
+        format = 8E1
+        timeout = 5
+        devices = [
+          { unit = 1, As = 4, profile = 3 },
+          { unit = "1-300" }, 5,
+        ]
+
+        [web]
+        """
+    ) == [
+        'gateway.toml:1:1: error: lin: unknown key\n  help: did you mean "line"?',
+        'gateway.toml:5:8: error: line[0].port: must be text\n  help: put it in quotes: "5"',
+        'gateway.toml:6:1: error: line[0].buad: unknown key\n  help: did you mean "baud"?',
+        'gateway.toml:7:10: error: line[0].format: must be text\n  help: put it in quotes: "8E1"',
+        (
+            "gateway.toml:8:11: error: line[0].timeout: a duration needs a unit\n"
+            '  help: put it in quotes with a unit: "5 ms" or "5 s"'
+        ),
+        (
+            "gateway.toml:10:15: error: line[0].devices[0].As: unknown key\n"
+            "  help: known here: unit, as, name, profile, priority, timeout"
+        ),
+        'gateway.toml:10:33: error: line[0].devices[0].profile: must be text\n  help: put it in quotes: "3"',
+        "gateway.toml:11:12: error: line[0].devices[1].unit: unit 300 is outside 0-247",
+        "gateway.toml:11:23: error: line[0].devices[2]: must be a table",
+        "gateway.toml:14:1: error: web.bind: is missing",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            '[[line]]\nport = "/dev/x"\nformat = 8N1\n',
+            (
+                "gateway.toml:3:11: error: expected newline or end of document after a statement\n"
+                '  help: put the value in quotes: format = "8N1"'
+            ),
+        ),
+        (
+            "[[line]]\nport = /dev/ttyUSB0\n",
+            'gateway.toml:2:8: error: invalid value\n  help: put the value in quotes: port = "/dev/ttyUSB0"',
+        ),
+        (
+            '[[line]]\ndevices = [{ unit = 1, name = "a", timeout = 5 s }]\n',
+            'gateway.toml:2:48: error: unclosed inline table\n  help: put the value in quotes: timeout = "5 s"',
+        ),
+        ("site = 1\nsite = 2", "gateway.toml:2:9: error: this key is there twice"),
+        (
+            "[line]\n[line]\n",
+            "gateway.toml:2:6: error: [line] is there twice\n  help: write [[line]] if there are several",
+        ),
+        ('site = "a', "gateway.toml:1:10: error: unterminated string"),
+        ("site = [1,\n", "gateway.toml:2:1: error: invalid value"),
+    ],
+)
+def test_what_is_no_toml_is_shown_with_its_place(text, said):
+    assert problems(text) == [said]
+
+
+def test_a_number_that_python_refuses_is_a_problem_too():
+    (said,) = problems("site = " + "1" * 5000)
+    assert said.startswith("gateway.toml:1:1: error: Exceeds the limit")
+
+
+def test_a_file_that_is_nested_too_deeply_is_a_problem_too():
+    assert problems("site = " + "[" * 5000 + "]" * 5000) == ["gateway.toml:1:1: error: is nested too deeply"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("site = 4", 'gateway.toml:1:8: error: site: must be text\n  help: put it in quotes: "4"'),
+        ("site = [4]", "gateway.toml:1:8: error: site: must be text"),
+        (
+            "[line]",
+            "gateway.toml:1:1: error: line: is a list of tables\n  help: write [[line]] with two brackets",
+        ),
+        ("[[log]]", "gateway.toml:1:1: error: log: is one table, not a list\n  help: write [log] with one bracket"),
+        ("profile = 3", "gateway.toml:1:11: error: profile: is a table of tables\n  help: write [profile.NAME]"),
+        ("profile.x = 3", "gateway.toml:1:13: error: profile.x: must be a table"),
+        ("web = 3", "gateway.toml:1:7: error: web: must be a table"),
+        (
+            "[log]\nlevel = 'loud'",
+            'gateway.toml:2:9: error: log.level: must be "debug", "info", "warning" or "error"',
+        ),
+        ("[profile.x]\nmargin = 0", "gateway.toml:2:10: error: profile.x.margin: must be at least 1"),
+        ("[profile.x]\nmargin = 'a'", "gateway.toml:2:10: error: profile.x.margin: must be a number"),
+        ("[profile.x]\nidle_chars = 0", "gateway.toml:2:14: error: profile.x.idle_chars: must be more than 0"),
+        ("[profile.x]\nfunctions = 3", "gateway.toml:2:13: error: profile.x.functions: must be a list"),
+        ("[profile.x]\ntitle = ['a']", "gateway.toml:2:9: error: profile.x.title: must be text"),
+        ("[[image]]\nunit = '5'", "gateway.toml:2:8: error: image[0].unit: must be a whole number"),
+        (
+            "[[line]]\nport = '/dev/x'\necho = 'yes'",
+            "gateway.toml:3:8: error: line[0].echo: must be true or false, without quotes",
+        ),
+        (
+            "[[image]]\nunit = 5\ncoils = 3\ninitial.coil = []",
+            'gateway.toml:4:9: error: image[0].initial.coil: unknown key\n  help: did you mean "coils"?',
+        ),
+        (
+            "[profile.x]\nlimits = { x = 9 }",
+            (
+                'gateway.toml:2:10: error: profile.x.limits: "x" is no function number\n'
+                "  help: functions are numbered 1 to 127"
+            ),
+        ),
+    ],
+)
+def test_a_value_of_the_wrong_kind_is_said_in_plain_words(text, said):
+    assert problems(text) == [said]
+
+
+def test_one_broken_table_hides_no_problem_of_another_and_causes_none():
+    """The unit 99 might be one of the line that failed, and the profile the one that failed: nobody complains."""
+    assert problems(
+        """\
+        [[line]]
+        port = "relative"
+        [[line]]
+        port = "/dev/y"
+        format = "7E1"
+        devices = [{ unit = 1, profile = "x" }]
+        [[listen]]
+        bind = "tcp://127.0.0.1:502"
+        unit0 = 99
+        [profile.x]
+        margin = 0
+        """
+    ) == [
+        'gateway.toml:2:8: error: line[0].port: "relative" is no absolute path\n  help: did you mean "/dev/relative"?',
+        'gateway.toml:5:10: error: line[1].format: RTU needs 8 data bits\n  help: write "8E1", or mode = "ascii"',
+        "gateway.toml:11:10: error: profile.x.margin: must be at least 1",
+    ]
+
+
+def test_every_table_knows_its_line_of_the_file():
+    config = parse(
+        '[[line]]\nport = "/dev/a"\ndevices = [\n  { unit = 1 },\n  { unit = 2 },\n]\n[profile.x]\n[log]\n',
+        "/etc/modbus-gateway/gateway.toml",
+        port_exists=lambda _: True,
+    ).config
+    assert config is not None
+    assert config.line[0].source == "gateway.toml:1"
+    assert [row.source for row in config.line[0].devices] == ["gateway.toml:4", "gateway.toml:5"]
+    assert config.line[0].devices[1].path == ("line", 0, "devices", 1)
+    assert config.profile["x"].source == "gateway.toml:7"
+    assert config.log.source == "gateway.toml:8"
+
+
+def test_a_file_adds_profiles_and_replaces_built_in_ones():
+    text = SMALLEST + '[profile.mint]\ntitle = "mine"\n[profile.own]\n'
+    config = parse(text, port_exists=lambda _: True).config
+    assert config is not None
+    assert set(config.profile) == {"generic", "mint", "v80", "weigher", "own"}
+    assert (config.profile["mint"].title, config.profile["mint"].functions) == ("mine", None)
+    assert config.profile["v80"].source == "built in"
+
+
+def test_the_built_in_profiles_say_what_the_documents_say():
+    profiles = builtin_profiles()
+    assert profiles["mint"].limits == {3: 99}
+    assert profiles["mint"].holding == ((1, 99),)
+    assert profiles["v80"].idle_chars == 4.5
+    assert profiles["weigher"].functions == (3, 16)
+    assert profiles["generic"].functions is None
+
+
+def test_lines_may_end_as_on_windows_and_a_byte_order_mark_may_lead():
+    assert problems("\ufeff" + SMALLEST.replace("\n", "\r\n")) == []
+
+
+def test_a_file_is_read(tmp_path):
+    file = tmp_path / "gateway.toml"
+    file.write_text('[[line]]\nport = "/dev/null"\n', encoding="utf-8")
+    loaded = load(file)
+    assert loaded.problems == ()
+    assert loaded.config is not None
+
+
+def test_a_file_that_does_not_exist_is_one_problem(tmp_path):
+    file = tmp_path / "gateway.toml"
+    assert [str(one) for one in load(file).problems] == [
+        f"{file}:1:1: error: cannot be read: No such file or directory"
+    ]
+    assert load(str(file)).config is None
+
+
+def test_a_folder_is_one_problem(tmp_path):
+    assert [str(one) for one in load(tmp_path).problems] == [f"{tmp_path}:1:1: error: cannot be read: Is a directory"]
+
+
+def test_a_file_in_another_encoding_is_one_problem(tmp_path):
+    file = tmp_path / "gateway.toml"
+    file.write_bytes('[[line]]\nname = "Förderband"\n'.encode("latin-1"))
+    said = [f"{file}:2:1: error: this line is not UTF-8 text\n  help: save the file as UTF-8"]
+    assert [str(one) for one in load(file).problems] == said

@@ -1,0 +1,81 @@
+"""Values of single keys: what each kind reads, and what it refuses."""
+
+from ipaddress import ip_network
+
+import pytest
+
+from gateway.config.address import Address
+from gateway.config.problem import NotText, WrongValue
+from gateway.config.values import (
+    parse_format,
+    parse_item,
+    parse_limits,
+    parse_name,
+    parse_networks,
+    parse_port,
+    parse_unit0,
+    parse_units_or_all,
+)
+from gateway.modbus.chartime import CharacterFormat
+
+
+@pytest.mark.parametrize(
+    ("parse", "value", "meaning"),
+    [
+        (parse_name, "drive-*", "drive-*"),
+        (parse_name, "Förderband 3", "Förderband 3"),
+        (parse_format, "8E1", CharacterFormat(8, "E", 1)),
+        (parse_format, "7o1", CharacterFormat(7, "O", 1)),
+        (parse_port, "/dev/ttyUSB0", "/dev/ttyUSB0"),
+        (parse_port, "rtu+tcp://10.0.0.1:4001", Address("rtu+tcp", "10.0.0.1", 4001)),
+        (parse_unit0, "refuse", "refuse"),
+        (parse_unit0, "broadcast", "broadcast"),
+        (parse_unit0, 5, 5),
+        (parse_item, 65535, 65535),
+        (parse_item, True, 1),
+        (parse_limits, {"3": 99}, {3: 99}),
+        (parse_networks, ["10.2.0.0/24", "::1"], (ip_network("10.2.0.0/24"), ip_network("::1/128"))),
+        (parse_units_or_all, "all", "all"),
+        (parse_units_or_all, "1-2", (1, 2)),
+    ],
+)
+def test_what_a_value_means(parse, value, meaning):
+    assert parse(value) == meaning
+
+
+@pytest.mark.parametrize(
+    ("parse", "value", "what"),
+    [
+        (parse_name, "", "must have 1 to 64 visible characters, and no space around them"),
+        (parse_name, " a", "must have 1 to 64 visible characters, and no space around them"),
+        (parse_name, "a\nb", "must have 1 to 64 visible characters, and no space around them"),
+        (parse_name, "a" * 65, "must have 1 to 64 visible characters, and no space around them"),
+        (parse_format, "9E1", '"9E1" is no character format'),
+        (parse_port, "ttyUSB0", '"ttyUSB0" is no absolute path'),
+        (parse_port, "tcp://10.0.0.1:502", "tcp:// is not known here"),
+        (parse_unit0, "ignore", 'must be "refuse", "broadcast" or a unit 1 to 247'),
+        (parse_unit0, 0, 'must be "refuse", "broadcast" or a unit 1 to 247'),
+        (parse_unit0, True, 'must be "refuse", "broadcast" or a unit 1 to 247'),
+        (parse_item, 65536, "must be 0 to 65535, or for coils true or false"),
+        (parse_item, -1, "must be 0 to 65535, or for coils true or false"),
+        (parse_item, "1", "must be 0 to 65535, or for coils true or false"),
+        (parse_limits, 99, "must be a table"),
+        (parse_limits, {"x": 99}, '"x" is no function number'),
+        (parse_limits, {"128": 99}, '"128" is no function number'),
+        (parse_limits, {"3": 0}, "the limit of function 3 must be a whole number from 1"),
+        (parse_limits, {"3": True}, "the limit of function 3 must be a whole number from 1"),
+        (parse_networks, "10.2.0.0/24", "must be a list"),
+        (parse_networks, [5], "5 is no network"),
+        (parse_networks, ["10.2.0.1/24"], '"10.2.0.1/24" is no network: 10.2.0.1/24 has host bits set'),
+    ],
+)
+def test_what_is_refused(parse, value, what):
+    with pytest.raises(WrongValue) as caught:
+        parse(value)
+    assert str(caught.value) == what
+
+
+@pytest.mark.parametrize("parse", [parse_name, parse_format, parse_port])
+def test_what_lacks_its_quotes_is_told_apart(parse):
+    with pytest.raises(NotText):
+        parse(80.0)
