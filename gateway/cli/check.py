@@ -167,7 +167,14 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
     picture: dict[str, Any] = {"problems": [_problem_as_json(problem) for problem in loaded.problems]}
     if plan is not None:
         picture["listeners"] = [
-            {"name": one.name, "address": _address(one), "clients": one.clients, "unit0": one.unit0}
+            {
+                "name": one.name,
+                "address": _address(one),
+                "clients": one.clients,
+                "idle_ms": milliseconds(one.idle),
+                "in_flight": one.in_flight,
+                "unit0": one.unit0,
+            }
             for one in plan.listeners
         ]
         picture["lines"] = [_line_as_json(line) for line in plan.lines]

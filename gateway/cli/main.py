@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = _parser(words).parse_args(words)
     try:
         code: int = import_module(f"gateway.cli.{args.verb}").run(args)
-        sys.stdout.flush()
+        print(end="", flush=True)
     except GatewayError as error:
         print(f"modbus-gateway: error: {error}", file=sys.stderr)
         return PROBLEM_FOUND

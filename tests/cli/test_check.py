@@ -1,0 +1,209 @@
+"""`check`: what is wrong with a config file, and what it means."""
+
+import json
+from textwrap import dedent
+
+import pytest
+
+from gateway.cli.main import main
+
+FILE = """\
+[[listen]]
+name = "scada"
+bind = "tcp://127.0.0.1:1502"
+idle = "0"
+[[listen]]
+name = "six"
+bind = "tcp://[::1]:1502"
+unit0 = 41
+
+[[line]]
+name = "hall-a"
+port = "/dev/null"
+latency = "5 ms"
+devices = [
+  { unit = 1, as = 41, name = "silo-1", profile = "weigher" },
+  { unit = "10-11", as = "110-111", name = "drive-*", timeout = "400 ms" },
+]
+
+[[image]]
+unit = 200
+name = "shift-data"
+holding = 100
+coils = ["0-7", "16-23"]
+"""
+
+
+@pytest.fixture
+def config(tmp_path):
+    """Writes a config file and gives its path."""
+
+    def write(text):
+        path = tmp_path / "gateway.toml"
+        path.write_text(dedent(text), encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+def test_the_picture_of_a_file(config, capsys):
+    assert main(["check", config(FILE)]) == 0
+    assert capsys.readouterr().out == dedent(
+        """\
+        Listeners
+          NAME   ADDRESS               CLIENTS  IDLE    UNIT 0
+          scada  tcp://127.0.0.1:1502  32       never   refuse
+          six    tcp://[::1]:1502      32       10 min  41
+
+        Line hall-a: /dev/null
+          rtu 19200 8E1, gap 2.01 ms, latency 5 ms
+          UNIT  ON THE WIRE  DEVICE     PROFILE  LONGEST WAIT
+          41    1            silo-1     weigher  3.16 s
+          110   10           drive-110  generic  2.7 s
+          111   11           drive-111  generic  2.7 s
+          Time limits of weigher, unit 41
+            FUNCTION  1 ITEM  MOST  LIMIT THEN
+            3         1.01 s  125   1.15 s
+            16        1.01 s  123   1.01 s
+          Time limits of generic, units 110-111
+            FUNCTION  1 ITEM  MOST  LIMIT THEN
+            1         408 ms  2000  551 ms
+            2         408 ms  2000  551 ms
+            3         409 ms  125   551 ms
+            4         409 ms  125   551 ms
+            5         410 ms  1     410 ms
+            6         410 ms  1     410 ms
+            15        410 ms  1968  410 ms
+            16        410 ms  123   410 ms
+            22        411 ms  1     411 ms
+            23        409 ms  125   551 ms
+            others    405 ms  -     405 ms
+
+        Images
+          UNIT  NAME        PROFILE  ADDRESSES
+          200   shift-data  generic  coils 0-7, 16-23; holding 0-99
+
+        Set each client's time-out above the longest wait of the units that it asks.
+
+        no errors, no warnings
+        """
+    )
+
+
+def test_a_line_that_passes_through_is_one_row(config, capsys):
+    assert main(["check", config('[[line]]\nname = "a"\nport = "/dev/null"\n')]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert "  1-247  same         (each)  generic  3.3 s" in said
+    assert "  Time limits of generic, units 1-247" in said
+    assert "  rtu 19200 8E1, gap 2.01 ms, latency 5 ms (some USB adapters: 20 ms)" in said
+
+
+def test_what_images_answer_does_not_pass_through(config, capsys):
+    main(["check", config('[[line]]\nport = "/dev/null"\n[[image]]\nunit = 200\ncoils = 1\n')])
+    assert "  1-199, 201-247  same" in capsys.readouterr().out
+
+
+def test_an_ascii_line_has_no_gap(config, capsys):
+    main(["check", config('[[line]]\nport = "/dev/null"\nmode = "ascii"\n')])
+    assert "  ascii 19200 7E1, gap none," in capsys.readouterr().out
+
+
+def test_a_file_without_lines_has_no_waits(config, capsys):
+    assert main(["check", config("[[image]]\nunit = 200\ncoils = 1\n")]) == 0
+    said = capsys.readouterr().out
+    assert "Line" not in said
+    assert "time-out" not in said
+
+
+def test_a_line_is_no_wider_than_a_terminal(config, capsys):
+    main(["check", config(FILE)])
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
+
+
+def test_errors_are_all_that_is_shown_and_make_the_status_1(config, capsys):
+    path = config('[[line]]\nport = "/dev/null"\nbaud = "9600"\nmode = "RTU"\n')
+    assert main(["check", path]) == 1
+    assert capsys.readouterr().out == (
+        f"{path}:3:8: error: line[0].baud: must be a whole number\n"
+        f'{path}:4:8: error: line[0].mode: must be "rtu" or "ascii"\n'
+        "2 errors, no warnings\n"
+    )
+
+
+def test_warnings_leave_the_status_0(config, capsys):
+    path = config('[[line]]\nport = "/dev/null/absent"\n')
+    assert main(["check", path]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"{path}:2:8: warning: line[0].port: there is no such port at the moment")
+    assert said.endswith("\n\nno errors, 1 warning\n")
+
+
+def test_a_file_that_does_not_exist_is_one_problem(tmp_path, capsys):
+    path = tmp_path / "absent.toml"
+    assert main(["check", str(path)]) == 1
+    assert capsys.readouterr().out == (
+        f"{path}:1:1: error: cannot be read: No such file or directory\n1 error, no warnings\n"
+    )
+
+
+def test_the_picture_as_json(config, capsys):
+    assert main(["check", "--json", config(FILE)]) == 0
+    picture = json.loads(capsys.readouterr().out)
+    assert picture["problems"] == []
+    assert picture["listeners"][1] == {
+        "name": "six",
+        "address": "tcp://[::1]:1502",
+        "clients": 32,
+        "idle_ms": 600000.0,
+        "in_flight": 16,
+        "unit0": 41,
+    }
+    (line,) = picture["lines"]
+    unit = line["units"][0]
+    limits = unit.pop("limits")
+    assert line.pop("units")[0] is unit
+    assert line == {
+        "name": "hall-a",
+        "port": "/dev/null",
+        "mode": "rtu",
+        "baud": 19200,
+        "format": "8E1",
+        "gap_ms": 2.005,
+        "turnaround_ms": 100.0,
+        "latency_ms": 5.0,
+        "passes_through": False,
+    }
+    assert unit == {
+        "unit": "41",
+        "on_the_wire": "1",
+        "device": "silo-1",
+        "profile": "weigher",
+        "longest_wait_ms": 3157.682,
+    }
+    assert limits[0] == {"function": 3, "one_item_ms": 1009.01, "most_items": 125, "most_items_ms": 1151.094}
+    assert picture["images"] == [
+        {
+            "unit": 200,
+            "name": "shift-data",
+            "profile": "generic",
+            "areas": {"coils": [[0, 7], [16, 23]], "holding": [[0, 99]]},
+        }
+    ]
+
+
+def test_problems_as_json(config, capsys):
+    path = config('[[line]]\nport = "/dev/null"\nbuad = 9600\n')
+    assert main(["check", "--json", path]) == 1
+    assert json.loads(capsys.readouterr().out) == {
+        "problems": [
+            {
+                "severity": "error",
+                "file": path,
+                "line": 3,
+                "column": 1,
+                "path": "line[0].buad",
+                "what": "unknown key",
+                "help": 'did you mean "baud"?',
+            }
+        ]
+    }

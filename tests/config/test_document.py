@@ -1,0 +1,58 @@
+"""docs/configuration.md says what the schema says."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gateway.config.document import EXAMPLE, SMALLEST, document
+from gateway.config.load import parse
+from gateway.config.not_yet import REFUSED, WITHOUT_EFFECT
+
+PAGE = Path(__file__).parents[2] / "docs" / "configuration.md"
+
+
+def test_the_page_is_current():
+    command = "run: python -m gateway.config.document > docs/configuration.md"
+    assert PAGE.read_text(encoding="utf-8") == document(), command
+
+
+def test_the_page_can_be_made_as_it_says():
+    made = subprocess.run([sys.executable, "-m", "gateway.config.document"], capture_output=True, check=True, text=True)
+    assert made.stdout == document()
+
+
+@pytest.mark.parametrize("text", [SMALLEST, EXAMPLE])
+def test_its_examples_have_no_error(text):
+    loaded = parse(text, port_exists=lambda _: True)
+    assert [one for one in loaded.problems if one.severity == "error"] == []
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        '| `idle` | duration | `"10 min"` | Close a connection that asked nothing for so long; `"0"`: never. |',
+        "| `baud` | number | `19200` | Any rate; 14400 and other odd ones are set as custom rates. |",
+        "| `broadcast` | `true` or `false` | `true` | Whether the line accepts broadcasts. |",
+        '| `mode` | `"rtu"` or `"ascii"` | `"rtu"` | What is spoken on the line. |',
+        "| `unit` | units | **must be given** | Its unit on the wire. A set stands for several devices. |",
+        "| `values` | list of values | **must be given** | The values: 0-65535, or `true` and `false`. |",
+        '| `allow` | list of `"read"` or `"write"` |  | What is allowed; or name `functions`. |',
+        "| `read` | list of tables |  | Mirrors: what to poll, and how often. |",
+        "| `margin` | number | `1.5` | Times are multiplied by it, to be safe. |",
+        "| `mint` | Mint motion controller |",
+    ],
+)
+def test_a_row_says_how_a_value_is_written_and_what_it_is_without_it(row):
+    assert row in document().splitlines()
+
+
+def test_tables_that_are_alike_are_told_once():
+    heading = "#### In `image.initial.holding`, `image.initial.input`, `image.initial.coils`, `image.initial.discrete`"
+    assert document().splitlines().count(heading) == 1
+
+
+def test_what_is_not_built_is_listed():
+    lines = document().splitlines()
+    assert all(f"- {gap.what}" in lines for gap in (*REFUSED, *WITHOUT_EFFECT))

@@ -1,0 +1,103 @@
+"""The time limits that a plan leads to."""
+
+import pytest
+
+from gateway.config.forecast import FunctionLimits, function_limits, longest_wait
+from gateway.config.load import builtin_profiles, parse
+from gateway.config.plan import profile_of, resolve
+from gateway.config.schema import ProfileTable
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.timing.budget import AnswerTime
+
+RTU = LineTiming("rtu", 19200, CharacterFormat(8, "E", 1))
+CHARACTER = 11 / 19200
+LATENCY = 0.005
+
+
+def limits_of(profile):
+    answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
+    return {one.function: one for one in function_limits(profile, answer_time, RTU, LATENCY)}
+
+
+def builtin(name):
+    return profile_of(name, builtin_profiles()[name])
+
+
+def own(**keys):
+    return profile_of("own", ProfileTable.model_validate(keys))
+
+
+def test_a_limit_is_the_response_on_the_wire_and_margin_times_table_and_latency():
+    """A response of n registers has 5 + 2n characters; Mint takes 10 ms for 1 register and 420 ms for 99."""
+    limits = limits_of(builtin("mint"))
+    assert limits[3] == FunctionLimits(
+        function=3,
+        most=99,
+        one_item=pytest.approx(7 * CHARACTER + 1.5 * 0.010 + LATENCY),
+        most_items=pytest.approx(203 * CHARACTER + 1.5 * 0.420 + LATENCY),
+        request=pytest.approx(8 * CHARACTER),
+    )
+
+
+@pytest.mark.parametrize(
+    ("function", "most", "response", "request_size"),
+    [
+        (1, 2000, 255, 8),
+        (2, 2000, 255, 8),
+        (3, 125, 255, 8),
+        (4, 125, 255, 8),
+        (5, 1, 8, 8),
+        (6, 1, 8, 8),
+        (15, 1968, 8, 255),
+        (16, 123, 8, 255),
+        (22, 1, 10, 10),
+        (23, 125, 255, 255),
+    ],
+)
+def test_the_largest_request_of_each_function(function, most, response, request_size):
+    limits = limits_of(builtin("generic"))[function]
+    assert limits.most == most
+    assert limits.request == pytest.approx(request_size * CHARACTER)
+    assert limits.most_items == pytest.approx(response * CHARACTER + 1.0 + LATENCY)
+
+
+def test_functions_that_are_not_known_have_no_response_on_the_wire():
+    limits = limits_of(builtin("generic"))[None]
+    assert (limits.most, limits.one_item) == (0, pytest.approx(1.0 + LATENCY))
+    assert limits.most_items == limits.one_item
+    assert limits.request == pytest.approx(256 * CHARACTER)
+
+
+def test_a_profile_may_name_a_function_that_is_not_known():
+    limits = limits_of(own(functions=[3, 100]))
+    assert set(limits) == {3, 100}
+    assert limits[100].most == 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "function", "most"),
+    [
+        ({"limits": {"3": 20}}, 3, 20),
+        ({"limits": {"3": 500}}, 3, 125),
+        ({"holding": ["0-9", "20-59"]}, 3, 40),
+        ({"holding": ["0-9"]}, 16, 10),
+        ({"holding": ["0-9"], "limits": {"3": 4}}, 3, 4),
+        ({"coils": 16}, 1, 16),
+        ({"coils": 16}, 15, 16),
+        ({"discrete": 16}, 2, 16),
+        ({"discrete": 16}, 1, 2000),
+        ({"input": 16}, 4, 16),
+        ({"holding": 0}, 3, 1),
+    ],
+)
+def test_the_most_items_are_those_that_protocol_profile_and_addresses_allow(keys, function, most):
+    assert limits_of(own(**keys))[function].most == most
+
+
+def test_the_longest_wait_is_in_the_queue_and_on_the_line_and_for_the_answer():
+    text = '[[line]]\nport = "/dev/a"\nmax_wait = "3 s"\ndevices = [{ unit = 1, profile = "weigher" }]\n'
+    config = parse(text, port_exists=lambda _: True).config
+    assert config is not None
+    (line,) = resolve(config).lines
+    read_most = 8 * CHARACTER + 255 * CHARACTER + 1.0 + LATENCY
+    assert longest_wait(line, line.devices[0]) == pytest.approx(3.0 + 3.5 * CHARACTER + read_most)

@@ -1,0 +1,262 @@
+"""What a config means to the parts."""
+
+from textwrap import dedent
+
+import pytest
+
+from gateway.config.load import parse
+from gateway.config.plan import DEFAULT_LISTENER, LogSettings, Plan, resolve
+from gateway.images.image import ImageSettings
+from gateway.lines.line import LineSettings
+from gateway.listeners.session import ListenSettings
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import parse_request
+from gateway.ports.port import SerialSettings
+from gateway.timing.budget import AnswerTime
+
+LINE = '[[line]]\nname = "a"\nport = "/dev/a"\n'
+RTU_8E1 = LineTiming("rtu", 19200, CharacterFormat(8, "E", 1))
+
+#: A request of one register, for functions 3 and 4.
+READ_3, READ_4 = parse_request(bytes.fromhex("0300000001")), parse_request(bytes.fromhex("0400000001"))
+
+
+def plan_of(text):
+    loaded = parse(dedent(text), "/etc/modbus-gateway/gateway.toml", lambda _: True, str)
+    assert loaded.config is not None, [str(one) for one in loaded.problems]
+    return resolve(loaded.config)
+
+
+def only_line(text):
+    (line,) = plan_of(text).lines
+    return line
+
+
+def test_the_smallest_file_passes_every_unit_through():
+    plan = plan_of('[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8N1"\n')
+    assert plan.listeners == (DEFAULT_LISTENER,)
+    assert (DEFAULT_LISTENER.name, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port) == ("default", "127.0.0.1", 5020)
+    (line,) = plan.lines
+    assert line.passes_through
+    assert line.serial == SerialSettings("/dev/ttyUSB0", 9600, CharacterFormat(8, "N", 1))
+    assert [(device.unit, device.known_as) for device in line.devices] == [(unit, unit) for unit in range(1, 248)]
+    assert line.devices[16].name == "ttyUSB0/17"
+    assert line.devices[0].source == line.line.source == "gateway.toml:1"
+
+
+def test_passing_through_leaves_out_the_units_of_images():
+    line = only_line(LINE + "[[image]]\nunit = 200\nholding = 1\n")
+    assert 200 not in {device.known_as for device in line.devices}
+    assert len(line.devices) == 246
+
+
+def test_all_settings_of_a_line():
+    line = only_line(
+        """\
+        [[line]]
+        name = "hall-a"
+        port = "/dev/ttyS1"
+        baud = 9600
+        format = "8N2"
+        rs485 = "kernel"
+        latency = "3 ms"
+        gap = "7 ms"
+        turnaround = "150 ms"
+        queue = 8
+        max_wait = "4 s"
+        broadcast = false
+        """
+    )
+    timing = LineTiming("rtu", 9600, CharacterFormat(8, "N", 2))
+    assert line.serial == SerialSettings("/dev/ttyS1", 9600, timing.format, "kernel", 0.003)
+    assert line.latency == 0.003
+    assert line.line == LineSettings(
+        name="hall-a",
+        timing=timing,
+        gap=0.007,
+        silence=pytest.approx(timing.t35 + 0.003),
+        turnaround=pytest.approx(0.15),
+        queue=8,
+        max_wait=4.0,
+        broadcast=False,
+        source="gateway.toml:1",
+    )
+
+
+def test_the_defaults_of_a_line():
+    line = only_line(LINE)
+    assert line.line.timing == RTU_8E1
+    assert line.line.gap == RTU_8E1.t35
+    assert line.line.silence == pytest.approx(RTU_8E1.t35 + 0.005)
+    assert line.line.turnaround == 0.1
+    assert (line.line.queue, line.line.max_wait, line.line.broadcast) == (64, 2.0, True)
+    assert (line.serial.latency, line.latency) == (None, 0.005)
+
+
+def test_an_ascii_line_waits_for_no_silence():
+    line = only_line(LINE + 'mode = "ascii"\n')
+    assert line.line.timing == LineTiming("ascii", 19200, CharacterFormat(7, "E", 1))
+    assert (line.line.gap, line.line.silence) == (0.0, 0.0)
+
+
+def test_an_ascii_line_can_have_a_gap():
+    line = only_line(LINE + 'mode = "ascii"\ngap = "2 ms"\n')
+    assert (line.line.gap, line.line.silence) == (0.002, 0.0)
+
+
+def test_the_device_that_needs_the_longest_silence_sets_the_gap():
+    line = only_line(LINE + 'devices = [{ unit = 1 }, { unit = 2, profile = "v80" }]\n')
+    assert line.line.gap == pytest.approx(RTU_8E1.silence(4.5))
+    assert line.line.silence == pytest.approx(RTU_8E1.silence(4.5) + 0.005)
+
+
+def test_no_device_shortens_the_gap_below_that_of_the_specification():
+    text = LINE + 'profile = "quick"\n[profile.quick]\nidle_chars = 1\n'
+    assert only_line(text).line.gap == RTU_8E1.t35
+
+
+def test_without_a_gap_a_frame_still_ends_by_silence():
+    line = only_line(LINE + 'gap = "0"\n')
+    assert line.line.gap == 0.0
+    assert line.line.silence == pytest.approx(RTU_8E1.t35 + 0.005)
+
+
+@pytest.mark.parametrize(
+    ("devices", "turnaround"),
+    [
+        ("{ unit = 1 }", 0.1),
+        ('{ unit = 1, timeout = "5 s" }', 0.1),
+        ('{ unit = 1 }, { unit = 2, profile = "mint" }', 0.75),
+    ],
+)
+def test_after_a_broadcast_the_slowest_table_counts_and_no_plain_time_out(devices, turnaround):
+    assert only_line(LINE + f"devices = [{devices}]\n").line.turnaround == pytest.approx(turnaround)
+
+
+def test_devices_their_units_and_names():
+    line = only_line(
+        """\
+        [[line]]
+        name = "hall-a"
+        port = "/dev/a"
+        devices = [
+          { unit = 1, as = 41, name = "silo-1", profile = "weigher" },
+          { unit = "10-11", as = "110-111", name = "drive-*" },
+          { unit = 7 },
+        ]
+        """
+    )
+    assert not line.passes_through
+    assert [(d.name, d.unit, d.known_as, d.profile.name, d.source) for d in line.devices] == [
+        ("silo-1", 1, 41, "weigher", "gateway.toml:5"),
+        ("drive-110", 10, 110, "generic", "gateway.toml:6"),
+        ("drive-111", 11, 111, "generic", "gateway.toml:6"),
+        ("hall-a/7", 7, 7, "generic", "gateway.toml:7"),
+    ]
+
+
+SLOW = '[profile.slow]\ntiming = [{ fc = 3, items = 1, time = "100 ms" }]\nmargin = 2\ntimeout = "3 s"\n'
+
+
+@pytest.mark.parametrize(
+    ("line", "device", "table_says", "no_row"),
+    [
+        ("", "", 1.0, 1.0),
+        ('timeout = "2 s"', "", 2.0, 2.0),
+        ('timeout = "2 s"', 'profile = "generic"', 1.0, 1.0),
+        ("", 'profile = "slow"', 0.2, 3.0),
+        ('timeout = "2 s"', 'profile = "slow"', 0.2, 3.0),
+        ('profile = "slow"', "", 0.2, 3.0),
+        ('profile = "slow"\ntimeout = "2 s"', "", 0.2, 2.0),
+        ('profile = "slow"\ntimeout = "2 s"', 'timeout = "400 ms"', 0.4, 0.4),
+        ("", 'profile = "slow", timeout = "400 ms"', 0.4, 0.4),
+    ],
+)
+def test_who_says_how_long_a_device_may_think(line, device, table_says, no_row):
+    """The device's own time-out, else its profile's table, else the line's time-out where it names no profile."""
+    devices = f"devices = [{{ unit = 1{', ' * bool(device)}{device} }}]"
+    (settings,) = only_line(f"{LINE}{line}\n{devices}\n{SLOW}").devices
+    assert settings.answer_time.allowed(READ_3) == pytest.approx(table_says)
+    assert settings.answer_time.allowed(READ_4) == pytest.approx(no_row)
+
+
+def test_a_line_that_passes_through_has_its_own_profile_and_time_out():
+    device = only_line(f'{LINE}profile = "slow"\ntimeout = "2 s"\n{SLOW}').devices[0]
+    assert device.profile.name == "slow"
+    assert device.answer_time == AnswerTime(device.profile.timing, 2.0, 2.0)
+
+
+def test_all_that_a_profile_says():
+    text = """\
+    [[line]]
+    port = "/dev/a"
+    profile = "own"
+    [profile.own]
+    title = "Own"
+    functions = [3, 5]
+    limits = { 3 = 20 }
+    holding = "1-99"
+    coils = 0
+    idle_chars = 4.5
+    timing = [{ fc = 3, items = 20, time = "60 ms" }, { fc = 3, items = 1, time = "15 ms" }]
+    margin = 2
+    timeout = "500 ms"
+    """
+    profile = only_line(text).devices[0].profile
+    assert (profile.name, profile.title, profile.functions) == ("own", "Own", frozenset({3, 5}))
+    assert profile.limits == {3: 20}
+    assert profile.areas == {Area.HOLDING: ((1, 99),), Area.COILS: ()}
+    assert (profile.idle_chars, profile.margin, profile.timeout) == (4.5, 2.0, 0.5)
+    assert profile.timing.time(3, 1) == 0.015
+    assert profile.timing.time(3, 20) == 0.06
+
+
+def test_listeners():
+    plan = plan_of(
+        LINE
+        + """
+[[listen]]
+name = "scada"
+bind = "tcp://[::1]:1502"
+clients = 4
+idle = "0"
+in_flight = 2
+unit0 = "broadcast"
+[[listen]]
+bind = "tcp://127.0.0.1"
+"""
+    )
+    assert plan.listeners == (
+        ListenSettings("scada", "::1", 1502, 4, 0.0, 2, "broadcast", "gateway.toml:5"),
+        ListenSettings("tcp://127.0.0.1:502", "127.0.0.1", 502, source="gateway.toml:12"),
+    )
+
+
+def test_images():
+    (image,) = plan_of(
+        """\
+        [[image]]
+        unit = 200
+        profile = "mint"
+        holding = 100
+        coils = ["0-3", "8-9"]
+        initial.holding = [{ at = 1, values = [7, 8] }]
+        """
+    ).images
+    assert image == ImageSettings(
+        unit=200,
+        name="image-200",
+        profile=image.profile,
+        areas={Area.HOLDING: ((0, 99),), Area.COILS: ((0, 3), (8, 9))},
+        initial={Area.HOLDING: ((1, (7, 8)),)},
+        source="gateway.toml:1",
+    )
+    assert image.profile.name == "mint"
+
+
+def test_site_and_log():
+    plan = plan_of('site = "plant-2"\n' + LINE + '[log]\nlevel = "debug"\nformat = "json"\n')
+    assert plan.site == "plant-2"
+    assert plan.log == LogSettings("debug", "json")
+    assert plan_of(LINE).log == Plan().log == LogSettings("info", "auto")
