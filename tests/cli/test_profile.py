@@ -52,7 +52,7 @@ def test_a_profile_with_a_timing_table(capsys):
           FUNCTION  1 ITEM   MOST  LIMIT THEN
           1         26.8 ms  2000  286 ms
           2         26.8 ms  2000  286 ms
-          3         27.8 ms  99    845 ms
+          3         27.8 ms  99    847 ms
           5         28.9 ms  1     28.9 ms
           16        28.9 ms  99    374 ms
           23        33.8 ms  99    967 ms

@@ -3,8 +3,13 @@
 from textwrap import dedent
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gateway.config.load import builtin_profiles, load, parse
+from gateway.config.plan import resolve
+from gateway.config.schema import Config, Table
+from gateway.config.wording import keys_of, row_model
 
 SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'
 
@@ -226,3 +231,31 @@ def test_a_file_in_another_encoding_is_one_problem(tmp_path):
     file.write_bytes('[[line]]\nname = "Förderband"\n'.encode("latin-1"))
     said = [f"{file}:2:1: error: this line is not UTF-8 text\n  help: save the file as UTF-8"]
     assert [str(one) for one in load(file).problems] == said
+
+
+VALUES = st.sampled_from(
+    """\
+0 1 -1 248 8E1 true nan 1979-05-27 "" "auto" "0" "1ms" "1-99" "9-1" "8E1" "/dev/null" "tcp://[::1]:1" "rtu+tcp://x:1"
+"mint" "all" "server" "ascii" [] {} [{}] [1,2] ["read"] {3=99} {x=1} [{unit="1-2",as=5}] [{unit=1},{unit=0}]
+[{fc=3,items=1,time="1s"}] [{holding=2,every="1s"}] [{at=0,values=[1]}]""".split()
+)
+
+
+@st.composite
+def files(draw):
+    """Files in which every key may have a value that is meant for another."""
+    text = ""
+    for section in draw(st.lists(st.sampled_from(keys_of(Config)[1:]), max_size=5)):
+        model = row_model(Config.model_fields[section].annotation) or Table
+        text += draw(st.sampled_from([f"[[{section}]]", f"[{section}]", f"[{section}.mint]"])) + "\n"
+        for key in draw(st.lists(st.sampled_from(keys_of(model)), unique=True, max_size=6)):
+            text += f"{key} = {draw(VALUES)}\n"
+    return text
+
+
+@given(files())
+def test_whatever_a_file_says_it_can_be_used_or_the_errors_are_told(text):
+    loaded = parse(text)
+    assert (loaded.config is None) == any(problem.severity == "error" for problem in loaded.problems)
+    if loaded.config is not None:
+        resolve(loaded.config)
