@@ -237,7 +237,7 @@ VALUES = st.sampled_from(
     """\
 0 1 -1 248 8E1 true nan 1979-05-27 "" "auto" "0" "1ms" "1-99" "9-1" "8E1" "/dev/null" "tcp://[::1]:1" "rtu+tcp://x:1"
 "mint" "all" "server" "ascii" [] {} [{}] [1,2] ["read"] {3=99} {x=1} [{unit="1-2",as=5}] [{unit=1},{unit=0}]
-[{fc=3,items=1,time="1s"}] [{holding=2,every="1s"}] [{at=0,values=[1]}]""".split()
+[{fc=3,items=1,time="1s"}] [{holding=2,every="1s"}] [{at=0,values=[1]}]""".split()  # noqa: SIM905 - as they stand in a file
 )
 
 
