@@ -1,0 +1,10 @@
+"""The built-in profiles as the simulated devices use them: their functions, answer times and idle times."""
+
+from gateway.config.load import builtin_profiles
+from gateway.config.plan import profile_of
+from gateway.profiles.profile import Profile
+
+
+def builtin_profile(name: str) -> Profile:
+    """The built-in profile `name`."""
+    return profile_of(name, builtin_profiles()[name])

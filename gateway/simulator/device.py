@@ -1,0 +1,107 @@
+"""A simulated device: it hears a request, and says what it answers and after what time. It knows no line, no clock."""
+
+from collections.abc import Iterable, Mapping
+from typing import ClassVar, Literal, NamedTuple
+
+from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
+from gateway.images.functions import FUNCTIONS, perform
+from gateway.images.tables import Values, make_tables
+from gateway.modbus.codes import BROADCAST_FUNCTIONS, BROADCAST_UNIT, Area
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu, exception_response
+from gateway.profiles.profile import Profile, Range
+from gateway.simulator.faults import NO_FAULTS, Faults
+
+Mode = Literal["rtu", "ascii"]
+
+
+class Answer(NamedTuple):
+    """A frame that a device begins to send `delay` seconds after it has noticed the end of the request."""
+
+    delay: float
+    frame: Frame
+
+
+class Device:
+    """Four tables of values behind the rules of a profile. Each kind of device adds its own rules to that.
+
+    `unit` and `faults` may be changed at any time. `baud` is the rate the device is set to; None: that of the port,
+    whatever that is. `tables` holds the values, by area.
+    """
+
+    #: What this kind of device can speak.
+    modes: ClassVar[frozenset[Mode]] = frozenset({"rtu", "ascii"})
+    #: The functions that it performs when everybody is meant.
+    broadcasts: ClassVar[frozenset[int]] = BROADCAST_FUNCTIONS
+    #: Seconds from a request to the answer, for functions that the profile's table does not name.
+    answer_time: ClassVar[float] = 0.005
+
+    def __init__(
+        self,
+        unit: int,
+        profile: Profile,
+        areas: Mapping[Area, tuple[Range, ...]],
+        initial: Mapping[Area, Iterable[Values]],
+        *,
+        baud: int | None = None,
+        faults: Faults = NO_FAULTS,
+    ) -> None:
+        self.unit = unit
+        self.profile = profile
+        self.tables = make_tables(areas, initial)
+        self.baud = baud
+        self.faults = faults
+
+    def hear(self, frame: Frame, now: float, baud: int) -> Answer | None:
+        """Take a frame that has ended at `now`; None when it is not for this device or nobody answers it.
+
+        `baud` is the rate at which the frame came.
+        """
+        if self.faults.silent or not self.is_meant(frame):
+            return None
+        delay, response = self._act(frame.pdu, now, baud)
+        if not self.answers(frame):
+            return None
+        return Answer(delay + self.faults.slow, Frame(self.unit, response))
+
+    def is_meant(self, frame: Frame) -> bool:
+        """Whether the device acts on `frame`."""
+        if frame.unit == BROADCAST_UNIT:
+            return frame.pdu[0] in self.broadcasts
+        return frame.unit == self.unit
+
+    def answers(self, frame: Frame) -> bool:
+        """Whether the device answers a frame that it has acted on."""
+        return frame.unit != BROADCAST_UNIT
+
+    def has(self, asked: RequestPdu) -> bool:
+        """Whether all that is read and written exists."""
+        return all(span is None or self.tables[span.area].has(span) for span in (asked.read, asked.write))
+
+    def perform(self, asked: RequestPdu, now: float, baud: int) -> bytes:  # noqa: ARG002 - some kinds change with time
+        """Do what a checked request asks for, and give the response PDU.
+
+        Raises:
+            RequestError: the device refuses the values.
+        """
+        return perform(self.tables, asked)
+
+    def _act(self, pdu: bytes, now: float, baud: int) -> tuple[float, bytes]:
+        """Seconds until the answer, and the response PDU."""
+        try:
+            asked = self._check(pdu)
+            time = self.profile.timing.time(asked.function, asked.items)
+            return self.answer_time if time is None else time, self.perform(asked, now, baud)
+        except RequestError as error:
+            return self.answer_time, exception_response(pdu[0], error.code)
+
+    def _check(self, pdu: bytes) -> RequestPdu:
+        if pdu[0] not in FUNCTIONS:
+            raise IllegalFunction(f"no device has function {pdu[0]}")
+        asked = self.profile.check(pdu)
+        if not self.has(asked):
+            raise IllegalDataAddress(f"{self!r} has not all of {asked!r}")
+        return asked
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} unit={self.unit}>"

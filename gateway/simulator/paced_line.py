@@ -1,0 +1,94 @@
+"""A line at its real pace, with devices on it: what was written comes to their ears, what they answer becomes readable.
+
+The gateway writes a frame at once. Here it takes its time: one character after the other at the rate that the port is
+set to. Each device hears the frame end in its own way (`ear`), waits for its own answer time, and sends. A device that
+is set to another rate hears nothing it can understand. All hear one another, as on a real line. Whoever sends while
+somebody else does makes rubbish of both.
+
+Without I/O: time is an argument, as in `lines.line`.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from random import Random
+from typing import Final, Literal
+
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.simulator.device import Device, Mode
+from gateway.simulator.pace import Transmission
+from gateway.simulator.station import Station
+
+#: Characters that may wait for the line; what is written beyond them is lost.
+BACKLOG: Final = 4096
+
+Sender = Literal["port", "device"]
+#: Told what begins to go along the line: who sends it, and the bytes.
+Tell = Callable[[Sender, bytes], None]
+
+
+def tell_nobody(sender: Sender, data: bytes) -> None:
+    """Nobody wants to know what goes along the line."""
+
+
+class PacedLine:
+    """Devices side by side on a line. `seed` decides what noise and rubbish look like."""
+
+    def __init__(
+        self,
+        mode: Mode,
+        format_: CharacterFormat,
+        devices: Sequence[Device],
+        *,
+        seed: int = 0,
+        tell: Tell = tell_nobody,
+    ) -> None:
+        dice = Random(seed)  # noqa: S311 - noise is no secret, and it comes out the same for the same seed
+        self._mode = mode
+        self._format = format_
+        self._stations = [Station(device, mode, dice) for device in devices]
+        self._tell = tell
+        self._port_is_free_at = 0.0
+
+    def written(self, data: bytes, now: float, baud: int) -> None:
+        """The port sends `data` at `baud`. What happened before must have been taken by `tick(now)`."""
+        timing = LineTiming(self._mode, baud, self._format)
+        start = max(now, self._port_is_free_at)
+        waiting = round((start - now) / timing.character)
+        data = data[: max(0, BACKLOG - waiting)]
+        if data:
+            sent = Transmission(data, start, timing)
+            self._port_is_free_at = sent.end
+            self._begin("port", sent, self._stations, disturbed=self._any_sends(start, self._stations))
+
+    def deadline(self) -> float | None:
+        """When `tick` wants to be called, or None while nothing happens by itself."""
+        deadlines = [station.deadline() for station in self._stations]
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+
+    def tick(self, now: float) -> bytes:
+        """Let time pass; what became readable meanwhile."""
+        readable = b""
+        while (at := self.deadline()) is not None and at <= now:
+            readable += b"".join(self._step(station, at) for station in self._stations)
+        return readable
+
+    def _step(self, station: Station, now: float) -> bytes:
+        """Let a station do what is due; the characters of its answer that are there."""
+        station.listen(now)
+        answer = station.begin(now)
+        if answer is not None:
+            others = [other for other in self._stations if other is not station]
+            port_sends = now < self._port_is_free_at
+            self._begin("device", answer, others, disturbed=port_sends or self._any_sends(now, others))
+        return station.take(now)
+
+    def _begin(self, sender: Sender, sent: Transmission, hearers: Sequence[Station], *, disturbed: bool) -> None:
+        self._tell(sender, sent.data)
+        for station in hearers:
+            station.hear(sent)
+        if disturbed:
+            for station in self._stations:
+                station.disturb()
+
+    @staticmethod
+    def _any_sends(time: float, stations: Iterable[Station]) -> bool:
+        return any(station.sends_at(time) for station in stations)

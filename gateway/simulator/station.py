@@ -1,0 +1,86 @@
+"""One device's place on a line: its ear, and the one answer that it prepares or sends."""
+
+from collections.abc import Callable
+from random import Random
+
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import rtu
+from gateway.modbus.chartime import LineTiming
+from gateway.modbus.frame import Frame
+from gateway.simulator.device import Device, Mode
+from gateway.simulator.ear import AsciiEar, Ear, RtuEar
+from gateway.simulator.pace import Transmission
+
+
+class Station:
+    """Joins `device` to a line of `mode`. It answers at the rate at which it was asked.
+
+    A device does one thing at a time: while it prepares an answer or sends it, it takes no other request.
+    """
+
+    def __init__(self, device: Device, mode: Mode, dice: Random) -> None:
+        self._device = device
+        self._ear: Ear = RtuEar() if mode == "rtu" else AsciiEar()
+        self._encode: Callable[[int, bytes], bytes] = rtu.encode if mode == "rtu" else ascii_framing.encode
+        self._dice = dice
+        self._timing: LineTiming | None = None
+        self._answer: Transmission | None = None
+        self._sends = False
+
+    def hear(self, sent: Transmission) -> None:
+        """Somebody else sends. At another rate than the device's own that is nothing but rubbish."""
+        timing = sent.timing
+        if self._device.baud not in {None, timing.baud}:
+            self._ear.spoil()
+            return
+        self._timing = timing
+        self._ear.hear(sent.data, sent.start, timing.character, timing.silence(self._device.profile.idle_chars))
+
+    def deadline(self) -> float | None:
+        """When something happens here by itself, or None."""
+        own, ear = self._next_of_answer(), self._ear.deadline()
+        return ear if own is None else own if ear is None else min(own, ear)
+
+    def listen(self, now: float) -> None:
+        """Take what was heard to its end by `now`, and prepare the answer."""
+        for frame in self._ear.take(now):
+            if self._answer is None and self._timing is not None:
+                self._answer = self._prepared(frame, now, self._timing)
+
+    def begin(self, now: float) -> Transmission | None:
+        """The answer, if this is the moment at which it begins."""
+        if self._answer is None or self._sends or now < self._answer.start:
+            return None
+        self._sends = True
+        return self._answer
+
+    def sends_at(self, time: float) -> bool:
+        """Whether its answer is on the line at `time`."""
+        return self._sends and self._answer is not None and time < self._answer.end
+
+    def take(self, now: float) -> bytes:
+        """The characters of its answer that are there by `now` and were not taken before."""
+        if self._answer is None or not self._sends:
+            return b""
+        data = self._answer.take(now)
+        if self._answer.is_over:
+            self._answer, self._sends = None, False
+        return data
+
+    def disturb(self) -> None:
+        """Two send at once: what it hears is no frame, and what it sends is rubbish."""
+        self._ear.spoil()
+        if self._answer is not None and self._sends:
+            self._answer.garble(self._dice)
+
+    def _next_of_answer(self) -> float | None:
+        if self._answer is None:
+            return None
+        return self._answer.next_arrival() if self._sends else self._answer.start
+
+    def _prepared(self, frame: Frame, now: float, timing: LineTiming) -> Transmission | None:
+        answer = self._device.hear(frame, now, timing.baud)
+        if answer is None:
+            return None
+        adu = self._encode(answer.frame.unit, answer.frame.pdu)
+        return Transmission(self._device.faults.on_the_line(adu, self._dice), now + answer.delay, timing)
