@@ -19,7 +19,8 @@ GatewayError
 │       └── LineLost             0B  the port died while the request was on the line
 ├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or has been lost
-└── ListenError                  no clients can be accepted at an address
+├── ListenError                  no clients can be accepted at an address
+└── StateError                   what was remembered over a restart cannot be read
 
 Requests under way are not ended by raising: `Request.fail` turns a RequestError into the exception response.
 """
@@ -136,3 +137,7 @@ class PortError(GatewayError):
 
 class ListenError(GatewayError):
     """An address cannot be listened on; the message says why and what to do."""
+
+
+class StateError(GatewayError):
+    """What was remembered over a restart cannot be read; the message names the file and what to do."""

@@ -99,6 +99,15 @@ class PartFailed(Event):
     traceback: str
 
 
+@dataclass(frozen=True)
+class StateNotKept(Event):
+    """Something that must not be forgotten over a restart could not be written to its file."""
+
+    level = Level.ERROR
+    file: str
+    reason: str
+
+
 # --- clients ---
 
 
@@ -228,3 +237,26 @@ class QueueFull(Event):
     unit: int
     device: str
     client: str
+
+
+@dataclass(frozen=True)
+class AddressMoved(Event):
+    """A device has been given another address; `advice` names the line of the config to edit."""
+
+    level = Level.WARNING
+    line: str
+    device: str
+    unit: int
+    was: int
+    advice: str
+
+
+@dataclass(frozen=True)
+class BaudChanged(Event):
+    """A device has been given another baud rate; `advice` says what the line did, and what to edit."""
+
+    level = Level.WARNING
+    line: str
+    device: str
+    baud: float
+    advice: str

@@ -112,7 +112,7 @@ def _line(plan: LinePlan) -> str:
 
 
 def _gap(plan: LinePlan) -> str:
-    return show_duration(plan.line.gap) if plan.line.gap else "none"
+    return show_duration(plan.line.silence_before_request) if plan.line.silence_before_request else "none"
 
 
 def _latency(plan: LinePlan) -> str:
@@ -205,7 +205,7 @@ def _line_as_json(plan: LinePlan) -> dict[str, Any]:
         "mode": timing.mode,
         "baud": timing.baud,
         "format": str(timing.format),
-        "gap_ms": milliseconds(plan.line.gap),
+        "gap_ms": milliseconds(plan.line.silence_before_request),
         "turnaround_ms": milliseconds(plan.line.turnaround),
         "latency_ms": milliseconds(plan.latency),
         "passes_through": plan.passes_through,

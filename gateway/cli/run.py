@@ -14,6 +14,7 @@ from gateway.config.plan import Plan, resolve
 from gateway.observe.log import open_log
 from gateway.ports.serial import open_serial
 from gateway.service.build import build
+from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
 
 
@@ -27,6 +28,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         ListenError: a listener's address cannot be used.
+        StateError: what was remembered cannot be read.
     """
     file = Path(args.config)
     loaded = load(file)
@@ -38,13 +40,17 @@ def run(args: argparse.Namespace) -> int:
     emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
     for problem in loaded.problems:
         emit(events.ConfigWarning(str(problem)))
-    asyncio.run(_run(plan, file, emit))
+    memory = StateFile(state_folder(), emit)
+    try:
+        asyncio.run(_run(plan, file, memory, emit))
+    finally:
+        memory.close()
     return FINE
 
 
-async def _run(plan: Plan, file: Path, emit: events.Emit) -> None:
+async def _run(plan: Plan, file: Path, memory: Memory, emit: events.Emit) -> None:
     loop = asyncio.get_running_loop()
-    gateway = build(plan, loop, lambda settings: partial(open_serial, settings), emit)
+    gateway = build(plan, loop, lambda settings: partial(open_serial, settings), memory, emit)
     stop = Stop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)

@@ -7,7 +7,7 @@ from gateway.config.problem import Path, Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
 from gateway.config.schema import Config, Device, Image, Line
 from gateway.config.unitset import show_units
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import covers
 
@@ -84,6 +84,7 @@ def check_device_rows(config: Config) -> Iterator[Problem]:
         for row in line.devices or ():
             yield from _check_row(row)
         yield from _check_wire_units(line)
+        yield from _check_lone_device(line)
 
 
 def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
@@ -134,6 +135,17 @@ def _check_wire_units(line: Line) -> Iterator[Problem]:
                 yield warning(
                     (*row.path, "unit"), f"unit {unit} on the wire is already what clients know as {asked_as[unit]}"
                 )
+
+
+def _check_lone_device(line: Line) -> Iterator[Problem]:
+    rows = line.devices or ()
+    for row in rows:
+        if BROADCAST_UNIT in row.units and (len(rows) > 1 or len(row.units) > 1):
+            yield warning(
+                (*row.path, "unit"),
+                "unit 0 asks whoever is there, and the line has other devices: any of them may answer",
+                "leave it the only device of its line",
+            )
 
 
 def _check_local(image: Image) -> Iterator[Problem]:

@@ -41,14 +41,14 @@ def function_limits(
     profile: Profile, answer_time: AnswerTime, timing: LineTiming, latency: float
 ) -> tuple[FunctionLimits, ...]:
     """The limits of every function that a device may be asked."""
-    budget = Budget(timing, answer_time)
-    return tuple(_limits_of(function, profile, budget, latency) for function in _functions(profile))
+    budget = Budget(timing, latency)
+    return tuple(_limits_of(function, profile, budget, answer_time) for function in _functions(profile))
 
 
 def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
     """The longest a client may wait for this device: in the queue, for the line to be quiet, and for the answer."""
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
-    return plan.line.max_wait + plan.line.gap + max(one.request + one.most_items for one in limits)
+    return plan.line.max_wait + plan.line.silence_before_request + max(one.request + one.most_items for one in limits)
 
 
 def _functions(profile: Profile) -> Iterator[int]:
@@ -58,10 +58,10 @@ def _functions(profile: Profile) -> Iterator[int]:
         yield from sorted(profile.functions)
 
 
-def _limits_of(function: int, profile: Profile, budget: Budget, latency: float) -> FunctionLimits:
+def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: AnswerTime) -> FunctionLimits:
     if function not in KNOWN_FUNCTIONS:
         asked = parse_request(bytes((function, *bytes(MAX_PDU - 1))))
-        limit = budget.limit(asked, latency)
+        limit = budget.limit(asked, answer_time)
         named = None if profile.functions is None else function
         return FunctionLimits(named, 0, limit, limit, budget.request_wire_time(asked))
     most = _most_items(function, profile)
@@ -69,8 +69,8 @@ def _limits_of(function: int, profile: Profile, budget: Budget, latency: float) 
     return FunctionLimits(
         function,
         most,
-        budget.limit(_request(function, 1), latency),
-        budget.limit(largest, latency),
+        budget.limit(_request(function, 1), answer_time),
+        budget.limit(largest, answer_time),
         budget.request_wire_time(largest),
     )
 

@@ -32,7 +32,6 @@ REFUSED: Final = (
     Gap(Line, "port", lambda line: isinstance(line.port, Address), "a device server as the port of a line"),
     Gap(Line, "echo", lambda line: line.echo, "echo = true"),
     Gap(Line, "retries", lambda line: line.retries > 0, "retries above 0"),
-    Gap(Device, "unit", lambda device: 0 in device.units, "unit = 0 for a device"),
     Gap(Image, "persist", lambda image: image.persist != "never", 'persist other than "never"'),
     Gap(Image, "of", lambda image: image.of is not None, "a mirror"),
     Gap(Upstream, "", lambda _: True, "[[upstream]]"),

@@ -1,7 +1,7 @@
 """What a config means: the settings of every part. Nothing behind this module has seen a config file."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from gateway.config.schema import Config, Device, Image, Line, Listen, Log, ProfileTable
@@ -10,7 +10,7 @@ from gateway.lines.device import DeviceSettings
 from gateway.lines.line import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
 from gateway.ports.port import SerialSettings
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
@@ -25,6 +25,8 @@ ASSUMED_LATENCY: Final = 0.005
 #: The silence that ends an RTU frame, in characters (S 2.5.1.1), and the shortest turnaround delay (S 2.4.1).
 _IDLE_CHARACTERS: Final = 3.5
 _SHORTEST_TURNAROUND: Final = 0.1
+#: Anything but a read at address 0 is a broadcast.
+_ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
 
 DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterFormat(7, "E", 1)}
 
@@ -93,6 +95,7 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
         timing=TimingTable.of(points),
         margin=table.margin,
         timeout=table.timeout,
+        quirks=frozenset(table.quirks),
     )
 
 
@@ -122,26 +125,17 @@ def _line(line: Line, profiles: dict[str, Profile], image_units: set[int]) -> Li
 
 
 def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings, ...]) -> LineSettings:
-    quiet = _frame_end(timing, devices)
-    latency = ASSUMED_LATENCY if line.latency is None else line.latency
     return LineSettings(
         name=line.label,
         timing=timing,
-        gap=quiet if line.gap is None else line.gap,
-        silence=quiet + latency if quiet else 0.0,
+        idle_chars=max([_IDLE_CHARACTERS, *(device.profile.idle_chars for device in devices)]),
+        gap=line.gap,
         turnaround=_turnaround(devices) if line.turnaround is None else line.turnaround,
         queue=line.queue,
         max_wait=line.max_wait,
         broadcast=line.broadcast,
         source=line.source,
     )
-
-
-def _frame_end(timing: LineTiming, devices: Iterable[DeviceSettings]) -> float:
-    """The silence that ends a frame for every device of the line; none in ASCII, whose frames end by themselves."""
-    if timing.mode == "ascii":
-        return 0.0
-    return timing.silence(max([_IDLE_CHARACTERS, *(device.profile.idle_chars for device in devices)]))
 
 
 def _turnaround(devices: Iterable[DeviceSettings]) -> float:
@@ -160,6 +154,8 @@ def _devices(line: Line, profiles: dict[str, Profile], image_units: set[int]) ->
 
 def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
     profile = profiles[row.profile or line.profile]
+    if BROADCAST_UNIT in row.units:
+        profile = replace(profile, functions=_ASKED_AT_ZERO)
     answer_time = _answer_time(line, row, profile)
     for unit, known_as, name in zip(row.units, row.client_units, line.device_names(row), strict=True):
         yield DeviceSettings(

@@ -29,6 +29,7 @@ from gateway.config.values import (
     WebAddress,
     WireUnits,
 )
+from gateway.lines.quirks import Quirk
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 
 Unit = Annotated[int, Field(ge=FIRST_UNIT, le=LAST_UNIT)]
@@ -317,6 +318,11 @@ class ProfileTable(Table):
     )
     margin: Annotated[float, Field(ge=1, le=100)] = Field(1.5, description="Times are multiplied by it, to be safe.")
     timeout: Duration = Field(1.0, description="For functions that `timing` does not name.")
+    quirks: Annotated[tuple[Quirk, ...], ListOf] = Field(
+        (),
+        description="How the device strays from the protocol. `moves`: a write to holding register 0x0100 sets its"
+        " address. `changes_baud`: a float32 written to 0x0200-1 sets its baud rate.",
+    )
 
 
 class Access(Table):

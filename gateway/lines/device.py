@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from gateway.errors import RequestError
-from gateway.lines.transaction import Transaction
-from gateway.modbus.chartime import LineTiming
+from gateway.lines.transaction import BroadcastTransaction, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.modbus.pdu import parse_request
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
 from gateway.request import Request
-from gateway.timing.budget import AnswerTime, Budget
+from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
 
 
@@ -37,37 +37,48 @@ class TakesTransactions(Protocol):
 class Device:
     """A unit on a line: a Target. Requests that its profile refuses never reach the line."""
 
-    def __init__(self, settings: DeviceSettings, line: TakesTransactions, timing: LineTiming) -> None:
+    def __init__(self, settings: DeviceSettings, line: TakesTransactions) -> None:
         self.settings = settings
-        self.budget = Budget(timing, settings.answer_time)
+        self.unit = settings.unit
+        self.name = settings.name
+        self.source = settings.source
+        self.answer_time = settings.answer_time
+        self._check = settings.profile.check
         self._line = line
 
     def submit(self, request: Request, now: float) -> None:
         """Send the request when the line is free, or refuse it with the exception that says why."""
-        settings = self.settings
         try:
-            asked = settings.profile.check(request.pdu)
+            transaction = self._transaction(request, self._check(request.pdu))
         except RequestError as error:
             request.fail(error)
             return
-        transaction = Transaction(
-            request, asked, settings.unit, self.budget, device=settings.name, source=settings.source
-        )
         self._line.submit(transaction, now)
 
+    def finished(self, transaction: Transaction, response: Frame | None) -> None:
+        """Nothing follows from an ordinary transaction."""
+
+    def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
+        return Transaction(request, asked, self)
+
     def __repr__(self) -> str:
-        return f"<Device {self.settings.name} unit={self.settings.unit} as={self.settings.known_as}>"
+        return f"<{type(self).__name__} {self.name} unit={self.unit} as={self.settings.known_as}>"
 
 
 class EveryDevice:
     """Unit 0 of one line: a Target that sends a broadcast and is done once it has left."""
 
-    def __init__(self, line: TakesTransactions, timing: LineTiming) -> None:
+    unit = BROADCAST_UNIT
+    name = "every device"
+    source = ""
+    answer_time = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
+
+    def __init__(self, line: TakesTransactions) -> None:
         self._line = line
-        self._budget = Budget(timing, AnswerTime(TimingTable(), margin=0.0, timeout=0.0))
 
     def submit(self, request: Request, now: float) -> None:
-        """Send the request to unit 0. It must be one of the functions that may be broadcast, and well formed."""
-        asked = parse_request(request.pdu)
-        transaction = Transaction(request, asked, BROADCAST_UNIT, self._budget, device="every device", source="")
-        self._line.submit(transaction, now)
+        """Send the request to unit 0. It must be well formed, with a function that may be broadcast."""
+        self._line.submit(BroadcastTransaction(request, parse_request(request.pdu), self), now)
+
+    def finished(self, transaction: Transaction, response: Frame | None) -> None:
+        """Nobody answers a broadcast."""

@@ -16,11 +16,16 @@ from gateway.ports.port import Port
 class LineDriver:
     """Hands bytes, time and requests to `line`. It is the owner of the line's port, as `ports.keeper` sees it.
 
+    `rate_changed` is told when the line goes on at another rate: the port is opened at that one from then on.
+
     An error that nobody foresaw ends here: it is told, all requests of the line fail, the port is closed and reopened.
     """
 
-    def __init__(self, line: Line, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
+    def __init__(
+        self, line: Line, loop: asyncio.AbstractEventLoop, emit: Emit, rate_changed: Callable[[int], None]
+    ) -> None:
         self.line = line
+        self._rate_changed = rate_changed
         self._emit = emit
         self._time = loop.time
         self._alarm = Alarm(loop, self._wake)
@@ -42,7 +47,14 @@ class LineDriver:
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; requests fail at once until it is back."""
         self._port = None
-        self._run(self.line.port_down)
+        self._run(self.line.port_down, self._time())
+
+    def change_rate(self, baud: int) -> None:
+        """Go on at `baud`, line and port: the only device has changed its rate."""
+        self.line.change_rate(baud, self._time())
+        self._rate_changed(baud)
+        if self._port is not None:
+            self._port.change_baud(baud)
 
     def close(self) -> None:
         """Wake no more."""
@@ -62,6 +74,6 @@ class LineDriver:
         text = "".join(traceback.format_exception(error))
         self._emit(PartFailed(f"line {self.line.settings.name}", repr(error), text))
         port, self._port = self._port, None
-        self.line.port_down()
+        self.line.port_down(self._time())
         if port is not None:
             port.close()

@@ -9,36 +9,63 @@ request at once.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from typing import Final
 
-from gateway.errors import BrokenResponse, LineDown, LineLost, QueueFull, ResponseTimeout, WaitedTooLong
+from gateway.errors import (
+    BrokenResponse,
+    LineDown,
+    LineLost,
+    QueueFull,
+    RequestError,
+    ResponseTimeout,
+    WaitedTooLong,
+)
 from gateway.events import BadFrame, Emit, ForeignFrame, RequestTimeout
 from gateway.events import QueueFull as QueueFullEvent
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import Transaction
+from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.frame import Frame, ResponseFramer
+from gateway.modbus.rtu import ResponseFramer as RtuFramer
+from gateway.timing.budget import Budget
+
+#: Silence after a device has answered that it changes its rate, in seconds: time for it, and for our own port.
+RATE_CHANGE_PAUSE: Final = 0.1
+
+#: Is shown each transaction that was on the line, its answer or None, and when that was known.
+Observer = Callable[[Transaction, Frame | None, float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
     """How one line behaves; all times in seconds.
 
-    `gap` is the silence before each request, `silence` the one that ends a frame of unknown size, `turnaround` the one
-    after a broadcast.
+    `idle_chars` is the silence that ends an RTU frame for all its devices, in characters. `gap` is the silence before
+    each request, None for that same silence. `turnaround` is the silence after a broadcast.
     """
 
     name: str
     timing: LineTiming
-    gap: float
-    silence: float
     turnaround: float
+    idle_chars: float = 3.5
+    gap: float | None = None
     queue: int = 64
     max_wait: float = 2.0
     broadcast: bool = True
     source: str = ""
+
+    @property
+    def frame_end(self) -> float:
+        """The silence that ends a frame: none in ASCII, whose frames show their own ends."""
+        return 0.0 if self.timing.mode == "ascii" else self.timing.silence(self.idle_chars)
+
+    @property
+    def silence_before_request(self) -> float:
+        """How long the line is quiet before each request."""
+        return self.frame_end if self.gap is None else self.gap
 
 
 @dataclass(slots=True)
@@ -58,19 +85,19 @@ class Counts:
 
 
 class Line:
-    """One line and its transactions. `framer` is that of the line's mode."""
+    """One line and its transactions. `observer`, if there is one, is shown each of them."""
 
-    def __init__(self, settings: LineSettings, framer: ResponseFramer, emit: Emit) -> None:
+    def __init__(self, settings: LineSettings, emit: Emit) -> None:
         self.settings = settings
         self.counts = Counts()
-        self._framer = framer
+        self.observer: Observer | None = None
         self._emit = emit
         self._queue = WaitingQueue(settings.queue, settings.max_wait)
         self._write: Callable[[bytes], None] | None = None
-        self._latency = 0.0
         self._current: Transaction | None = None
         self._fails_at = 0.0
         self._quiet_at = 0.0
+        self._tune(latency=0.0)
 
     @property
     def busy(self) -> bool:
@@ -79,19 +106,24 @@ class Line:
 
     def port_up(self, write: Callable[[bytes], None], latency: float, now: float) -> None:
         """The port is open: requests go out through `write`. `latency` is what it may add to an answer, in seconds."""
+        self._tune(latency)
         self._write = write
-        self._latency = latency
-        self._quiet_at = now + self.settings.gap
+        self._quiet_at = now + self._gap
 
-    def port_down(self) -> None:
+    def port_down(self, now: float) -> None:
         """The port has gone: what was on the line may have been acted on (0B), what waited was not sent (0A)."""
         self._write = None
-        current, self._current = self._current, None
         waiting = self._queue.clear()
-        if current is not None:
-            current.request.fail(LineLost())
+        if self._current is not None:
+            self._finish(self._current, LineLost(), now)
         for transaction in waiting:
             transaction.request.fail(LineDown())
+
+    def change_rate(self, baud: int, now: float) -> None:
+        """The devices, and the port with them, change to another rate: nothing is sent for a moment."""
+        self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))
+        self._tune(self._budget.latency)
+        self._quiet_at = now + RATE_CHANGE_PAUSE
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
@@ -101,18 +133,17 @@ class Line:
             self._go_on(now)
         else:
             self.counts.queue_full += 1
-            client = transaction.request.origin.client
-            self._emit(QueueFullEvent(self.settings.name, transaction.unit, transaction.device, client))
+            client, device = transaction.request.origin.client, transaction.device
+            self._emit(QueueFullEvent(self.settings.name, transaction.unit, device.name, client))
             transaction.request.fail(QueueFull())
 
     def received(self, data: bytes, now: float) -> None:
         """Take bytes that became readable at `now`."""
-        quiet_at = now + self.settings.gap
         if self._current is None:
-            self._quiet_at = max(self._quiet_at, quiet_at)
+            self._quiet_at = max(self._quiet_at, now + self._gap)
             self.counts.unasked_bytes += len(data)
             return
-        self._quiet_at = quiet_at
+        self._quiet_at = now + self._gap
         self._judge(self._framer.received(data, now), now)
 
     def deadline(self) -> float | None:
@@ -131,81 +162,99 @@ class Line:
         if self._current is not None:
             self._judge(self._framer.tick(now), now)
         if self._current is not None and now >= self._fails_at:
-            self._fail_current(self._current, now)
+            self._give_up(self._current, now)
         self._go_on(now)
+
+    def _tune(self, latency: float) -> None:
+        """Work out what follows from the line's timing and its port's latency."""
+        settings = self.settings
+        self._budget = Budget(settings.timing, latency)
+        self._gap = settings.silence_before_request
+        self._framer: ResponseFramer = (
+            AsciiFramer() if settings.timing.mode == "ascii" else RtuFramer(settings.frame_end + latency)
+        )
 
     def _go_on(self, now: float) -> None:
         """Send the next request if the line is free and quiet, and refuse those that have waited too long."""
         late = self._queue.expired(now)
-        if self._current is None and self._write is not None and now >= self._quiet_at:
+        while self._current is None and self._write is not None and now >= self._quiet_at:
             transaction = self._queue.take()
-            if transaction is not None:
-                self._send(transaction, self._write, now)
+            if transaction is None:
+                break
+            self._send(transaction, self._write, now)
         self.counts.waited_too_long += len(late)
         for transaction in late:
             transaction.request.fail(WaitedTooLong())
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
-        transaction.sent(now, self._latency)
+        try:
+            transaction.start(self._budget, now)
+        except RequestError as error:
+            transaction.request.fail(error)
+            return
         self.counts.sent += 1
-        frame = self._framer.encode(transaction.unit, transaction.asked.data)
-        if transaction.is_broadcast:
+        if transaction.expects_answer:
+            self._framer.expect(transaction.answers_from, transaction.asked)
+            self._current = transaction
+            self._fails_at = transaction.fails_at
+            self._quiet_at = transaction.ends_at + self._gap
+        else:
             self.counts.broadcasts += 1
             self._quiet_at = transaction.ends_at + self.settings.turnaround
-            write(frame)
+        write(self._framer.encode(transaction.unit, transaction.asked.data))
+        if not transaction.expects_answer:
             transaction.request.end()
-            return
-        self._framer.expect(transaction.unit, transaction.asked)
-        self._current = transaction
-        self._fails_at = transaction.fails_at
-        self._quiet_at = transaction.ends_at + self.settings.gap
-        write(frame)
 
     def _judge(self, frames: list[Frame], now: float) -> None:
         """Finish the current transaction with the frame that fits it; others are dropped, the limit keeps running."""
         for frame in frames:
-            current = self._current
-            if current is not None and frame.unit == current.unit and current.asked.accepts(frame.pdu):
+            if self._current is not None and self._current.accepts(frame):
                 self.counts.responses += 1
                 self.counts.exceptions += frame.pdu[0] >= EXCEPTION_BIT
-                self._finish(partial(current.request.respond, frame.pdu), now)
+                self._finish(self._current, frame, now)
             else:
-                self._drop(frame, current)
+                self._drop(frame)
 
-    def _drop(self, frame: Frame, current: Transaction | None) -> None:
+    def _drop(self, frame: Frame) -> None:
         self.counts.foreign_frames += 1
-        device = current.device if current is not None else ""
+        device = self._current.device.name if self._current is not None else ""
         text = bytes((frame.unit,)).hex().upper() + " " + frame.pdu.hex(" ").upper()
         self._emit(ForeignFrame(self.settings.name, frame.unit, device, frame.pdu[0], text))
 
-    def _fail_current(self, current: Transaction, now: float) -> None:
+    def _give_up(self, current: Transaction, now: float) -> None:
         """The limit has run out: say what was heard instead of the response."""
         passed_over = self._framer.conclude()
         for frame in passed_over:
-            self._drop(frame, current)
+            self._drop(frame)
         heard = bool(passed_over) or self._framer.heard_noise
         self.counts.broken += heard
         self.counts.timeouts += not heard
         tell = BadFrame if heard else RequestTimeout
-        error = BrokenResponse() if heard else ResponseTimeout()
         self._emit(
             tell(
                 line=self.settings.name,
                 unit=current.unit,
-                device=current.device,
+                device=current.device.name,
                 function=current.asked.function,
                 elapsed_ms=round((now - current.ends_at) * 1000, 1),
                 limit_ms=round(current.limit * 1000, 1),
-                source=current.source,
+                source=current.device.source,
             )
         )
-        self._finish(partial(current.request.fail, error), now)
+        self._finish(current, BrokenResponse() if heard else ResponseTimeout(), now)
 
-    def _finish(self, answer: Callable[[], None], now: float) -> None:
+    def _finish(self, transaction: Transaction, outcome: Frame | RequestError, now: float) -> None:
         """The transaction is over. The next request goes out before the answer is sent on."""
+        response = outcome if isinstance(outcome, Frame) else None
         self._current = None
+        transaction.device.finished(transaction, response)
+        if self.observer is not None:
+            self.observer(transaction, response, now)
         self._go_on(now)
-        answer()
+        if isinstance(outcome, Frame):
+            transaction.request.respond(outcome.pdu)
+        else:
+            transaction.request.fail(outcome)
 
     def __repr__(self) -> str:
         state = "down" if self._write is None else repr(self._current) if self._current else "idle"

@@ -1,41 +1,65 @@
-"""One request on a line: what is sent to which unit, and for how long its response is awaited."""
+"""One request on a line: what is sent to which unit, who may answer, and for how long the answer is awaited."""
 
-from gateway.modbus.codes import BROADCAST_UNIT
+from typing import Protocol
+
+from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
 from gateway.request import Request
-from gateway.timing.budget import Budget
+from gateway.timing.budget import AnswerTime, Budget
+
+
+class Addressee(Protocol):
+    """Whom a transaction is for."""
+
+    #: Its unit identifier on the wire at the moment.
+    unit: int
+    #: Its name, and where it is configured, for events.
+    name: str
+    source: str
+    answer_time: AnswerTime
+
+    def finished(self, transaction: "Transaction", response: Frame | None) -> None:
+        """The transaction was on the line and is over; None when no answer came. Must not call out to requests."""
 
 
 class Transaction:
-    """A request that has passed its device's checks. `unit` is the unit identifier on the wire, 0 for a broadcast."""
+    """A request that has passed its device's checks, on its way over the line."""
 
-    __slots__ = ("asked", "budget", "device", "ends_at", "limit", "request", "source", "unit", "waits_until")
+    __slots__ = ("asked", "device", "ends_at", "limit", "request", "unit", "waits_until")
 
-    def __init__(
-        self, request: Request, asked: RequestPdu, unit: int, budget: Budget, *, device: str, source: str
-    ) -> None:
-        """`device` and `source` name the device and where it is configured, for events."""
+    #: Whether somebody answers: not to a broadcast (S 2.1).
+    expects_answer = True
+
+    def __init__(self, request: Request, asked: RequestPdu, device: Addressee) -> None:
         self.request = request
         self.asked = asked
-        self.unit = unit
-        self.budget = budget
         self.device = device
-        self.source = source
+        #: The unit identifier that the request is sent to.
+        self.unit = device.unit
         #: When the request has waited too long to be sent; set by the queue.
         self.waits_until = 0.0
-        #: When the last character of the request leaves, and how long after that it has failed; set when it is sent.
+        #: When the last character of the request leaves, and how long after that it has failed.
         self.ends_at = 0.0
         self.limit = 0.0
 
-    @property
-    def is_broadcast(self) -> bool:
-        """Every device acts and none responds (S 2.1)."""
-        return self.unit == BROADCAST_UNIT
+    def start(self, budget: Budget, now: float) -> None:
+        """The request is written at `now`: its last character leaves, and its limit begins, a wire time later.
 
-    def sent(self, now: float, latency: float) -> None:
-        """The request has been written at `now`: its last character leaves, and its limit begins, a wire time later."""
-        self.ends_at = now + self.budget.request_wire_time(self.asked)
-        self.limit = self.budget.limit(self.asked, latency)
+        Raises:
+            RequestError: it must not be sent any more.
+        """
+        self.unit = self.device.unit
+        self.ends_at = now + budget.request_wire_time(self.asked)
+        self.limit = budget.limit(self.asked, self.device.answer_time)
+
+    @property
+    def answers_from(self) -> int | None:
+        """The unit that an answer comes from; None when that is not known before."""
+        return self.unit
+
+    def accepts(self, frame: Frame) -> bool:
+        """Whether `frame` is the answer: unit, function, size and echoed fields fit, or it is the unit's exception."""
+        return frame.unit == self.unit and self.asked.accepts(frame.pdu)
 
     @property
     def fails_at(self) -> float:
@@ -43,4 +67,12 @@ class Transaction:
         return self.ends_at + self.limit
 
     def __repr__(self) -> str:
-        return f"<Transaction {self.device} unit={self.unit} {self.asked.data.hex(' ').upper()}>"
+        return f"<{type(self).__name__} {self.device.name} unit={self.unit} {self.asked.data.hex(' ').upper()}>"
+
+
+class BroadcastTransaction(Transaction):
+    """A request to every device of the line: all act, none responds (S 2.1)."""
+
+    __slots__ = ()
+
+    expects_answer = False

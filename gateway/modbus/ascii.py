@@ -39,7 +39,7 @@ class AsciiFramer:
 
     encode = staticmethod(encode)
 
-    def expect(self, unit: int, asked: RequestPdu) -> None:  # noqa: ARG002 - an ASCII frame needs no foretelling
+    def expect(self, unit: int | None, asked: RequestPdu) -> None:  # noqa: ARG002 - an ASCII frame needs no foretelling
         """A request goes on the line: forget what was received."""
         self._buffer = b""
         self.heard_noise = False

@@ -24,8 +24,8 @@ class ResponseFramer(Protocol):
     def encode(self, unit: int, pdu: bytes) -> bytes:
         """The ADU as it goes on the line."""
 
-    def expect(self, unit: int, asked: RequestPdu) -> None:
-        """A request goes on the line: forget what was received and look for its response."""
+    def expect(self, unit: int | None, asked: RequestPdu) -> None:
+        """A request goes on the line: forget what was received, look for its response from `unit`, None from any."""
 
     def received(self, data: bytes, now: float) -> list[Frame]:
         """Take bytes that became readable at `now`; frames that are complete with them, in order."""

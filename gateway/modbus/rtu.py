@@ -44,31 +44,34 @@ class ResponseFramer:
         self._buffer = bytearray()
         self._head = b""
         self._refusal = b""
+        self._unknown = 0
         self._size = 0
         self._deadline: float | None = None
         self.heard_noise = False
 
     encode = staticmethod(encode)
 
-    def expect(self, unit: int, asked: RequestPdu) -> None:
-        """A request goes on the line: forget what was received and look for its response."""
+    def expect(self, unit: int | None, asked: RequestPdu) -> None:
+        """A request goes on the line: forget what was received, look for its response from `unit`, None from any."""
         self._buffer.clear()
         self._deadline = None
         self.heard_noise = False
-        self._head = bytes((unit,)) + asked.response_head
-        self._refusal = bytes((unit, asked.function | EXCEPTION_BIT))
+        known = b"" if unit is None else bytes((unit,))
+        self._unknown = 1 - len(known)
+        self._head = known + asked.response_head
+        self._refusal = known + bytes((asked.function | EXCEPTION_BIT,))
         self._size = 0 if asked.response_size is None else asked.response_size + OVERHEAD
 
     def received(self, data: bytes, now: float) -> list[Frame]:
-        """Take bytes that became readable at `now`; the response, if it is complete with them."""
+        """Take bytes that became readable at `now`; what looks like the response, if it is complete with them."""
         buffer = self._buffer
         buffer += data
-        frame = self._find(self._refusal, _EXCEPTION_SIZE)
-        if frame is None and self._size:
-            frame = self._find(self._head, self._size)
-        if frame is not None:
+        frames = []
+        while buffer and (frame := self._find_response()) is not None:
+            frames.append(frame)
+        if frames:
             self._deadline = None
-            return [frame]
+            return frames
         if len(buffer) > MAX_RTU_ADU:  # the response begins later
             del buffer[:-MAX_RTU_ADU]
             self.heard_noise = True
@@ -85,14 +88,8 @@ class ResponseFramer:
         if self._deadline is None or now < self._deadline:
             return []
         self._deadline = None
-        buffer = self._buffer
-        at = buffer.find(self._head)
-        while at >= 0:
-            frame = self._take(at, len(buffer) - at)
-            if frame is not None:
-                return [frame]
-            at = buffer.find(self._head, at + 1)
-        return []
+        frame = self._find(self._head, 0)
+        return [] if frame is None else [frame]
 
     def conclude(self) -> list[Frame]:
         """Nothing more is awaited: the well-formed frames of other units or functions that were passed over."""
@@ -103,14 +100,23 @@ class ResponseFramer:
         self.heard_noise = self.heard_noise or heard < len(data)
         return frames
 
+    def _find_response(self) -> Frame | None:
+        response = self._find(self._head, self._size) if self._size else None
+        return response or self._find(self._refusal, _EXCEPTION_SIZE)
+
     def _find(self, head: bytes, size: int) -> Frame | None:
+        """The first frame of `size` bytes that begins with `head`; with 0, one that reaches the end of the buffer."""
         buffer = self._buffer
-        at = buffer.find(head)
-        while 0 <= at <= len(buffer) - size:
-            frame = self._take(at, size)
+        found = buffer.find(head, self._unknown)
+        while found >= 0:
+            at = found - self._unknown
+            rest = len(buffer) - at
+            if rest < size:
+                return None
+            frame = self._take(at, size or rest)
             if frame is not None:
                 return frame
-            at = buffer.find(head, at + 1)
+            found = buffer.find(head, found + 1)
         return None
 
     def _take(self, at: int, size: int) -> Frame | None:

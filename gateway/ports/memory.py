@@ -22,6 +22,7 @@ class MemoryLine:
         self.on_write = on_write
         self.written = bytearray()
         self.openings = 0
+        self.baud = 0
         self._port: MemoryPort | None = None
         self._absent: str | None = None
 
@@ -88,6 +89,11 @@ class MemoryPort:
         """Send `data` now."""
         if self._line is not None:
             self._line.take(bytes(data))
+
+    def change_baud(self, baud: int) -> None:
+        """Remember the rate for the test."""
+        if self._line is not None:
+            self._line.baud = baud
 
     def close(self) -> None:
         """Let go of the line; `lost` follows in the loop's next turn."""

@@ -25,7 +25,7 @@ from gateway.ports.ioctls import (
     want_low_latency,
 )
 from gateway.ports.port import SerialSettings
-from gateway.ports.reasons import DriverError, why_not_opened
+from gateway.ports.reasons import DriverError, why_lost, why_not_opened
 
 #: What an adapter and its driver may add to an answer, in seconds; the second where a USB adapter gathers bytes
 #: (16 ms in an FTDI chip) and its driver has no low-latency mode.
@@ -81,6 +81,21 @@ def open_device(settings: SerialSettings) -> OpenDevice:
     return OpenDevice(settings.port, serial, virtual, latency if settings.latency is None else settings.latency)
 
 
+def change_baud(device: OpenDevice, baud: int) -> None:
+    """Go on at another rate; blocks as long as the driver likes.
+
+    Raises:
+        PortError: the port cannot do it, or is gone.
+    """
+    serial = device.serial
+    try:
+        serial.baudrate = baud
+        serial._reconfigure_port(force_update=True)  # type: ignore[attr-defined]  # noqa: SLF001 - see ConfiguredOnce
+        _check_baud(serial.fileno(), device.port, baud)
+    except DriverError as error:
+        raise PortError(why_lost(device.port, error)) from error
+
+
 def close_device(device: OpenDevice, *, lost: bool) -> None:
     """Close the port. What was written to one that is not lost is sent first, within DRAINING_DEADLINE."""
     descriptor = device.serial.fileno()
@@ -123,7 +138,7 @@ def _settled(descriptor: int, settings: SerialSettings, *, virtual: bool) -> flo
     take_breaks_as_noise(descriptor)
     if not virtual:
         _check_format(descriptor, settings)
-    _check_baud(descriptor, settings)
+    _check_baud(descriptor, settings.port, settings.baud)
     if settings.rs485 == "kernel" and not switch_rs485_on(descriptor):
         raise PortError(f'{settings.port} has no RS-485 support in its driver; use rs485 = "adapter"')
     latency = LATENCY if want_low_latency(descriptor) or not is_usb(descriptor) else GATHERING_LATENCY
@@ -138,10 +153,10 @@ def _check_format(descriptor: int, settings: SerialSettings) -> None:
         raise PortError(f"{settings.port} cannot do {settings.format}: its driver set another format")
 
 
-def _check_baud(descriptor: int, settings: SerialSettings) -> None:
+def _check_baud(descriptor: int, port: str, baud: int) -> None:
     actual = actual_baud(descriptor)
-    if actual is not None and abs(actual - settings.baud) > BAUD_TOLERANCE * settings.baud:
-        raise PortError(f"{settings.port} cannot do {settings.baud} baud: the nearest it can is {actual}")
+    if actual is not None and abs(actual - baud) > BAUD_TOLERANCE * baud:
+        raise PortError(f"{port} cannot do {baud} baud: the nearest it can is {actual}")
 
 
 def _drained(descriptor: int) -> bool:

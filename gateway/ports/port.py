@@ -17,6 +17,9 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
 
+    def change_baud(self, baud: int) -> None:
+        """Go on at another rate, within a few milliseconds. When the port cannot, `PortUser.lost` follows."""
+
     def close(self) -> None:
         """Let go of the port; `PortUser.lost` follows if it has not been called yet."""
 

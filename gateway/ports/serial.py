@@ -7,7 +7,7 @@ from typing import Final
 from serial_asyncio import SerialTransport
 
 from gateway.errors import PortError
-from gateway.ports.opening import OpenDevice, close_device, open_device
+from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
 from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.threads import ThreadOfItsOwn
@@ -69,6 +69,13 @@ class SerialPort(SerialTransport):
         if data and not self._closing:
             self._buffer(data)
 
+    def change_baud(self, baud: int) -> None:
+        """Go on at another rate; the driver is told in a thread, because it may take its time."""
+        changing = self._loop.run_in_executor(
+            ThreadOfItsOwn(f"baud {self._device.port}"), change_baud, self._device, baud
+        )
+        changing.add_done_callback(self._baud_changed)
+
     def close(self) -> None:
         """Let go of the port once it has taken what was written, or after FLUSHING_DEADLINE."""
         super().close()
@@ -95,6 +102,11 @@ class SerialPort(SerialTransport):
             self._received(data)
         else:
             self._abort(PortError(f"{self._device.port} is gone: unplugged, or its driver hung up"))
+
+    def _baud_changed(self, changing: asyncio.Future[None]) -> None:
+        error = None if changing.cancelled() else changing.exception()
+        if isinstance(error, PortError) and not self._closing:
+            self._abort(error)
 
     def _send(self, data: bytes) -> int:
         """Write what the driver takes; how many bytes that were."""

@@ -17,7 +17,8 @@ class Profile:
     """What a kind of device accepts.
 
     `functions` None admits all; `limits` is the most items of a function; `areas` are the addresses that exist, an area
-    that is not named is open. `idle_chars` is the silence that ends a frame for this device.
+    that is not named is open. `idle_chars` is the silence that ends a frame for this device. `quirks` names how the
+    device strays from the protocol.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Profile:
     timing: TimingTable = field(default_factory=TimingTable)
     margin: float = 1.5
     timeout: float = 1.0
+    quirks: frozenset[str] = frozenset()
 
     def check(self, pdu: bytes) -> RequestPdu:
         """What `pdu` asks for, once it is sure that this kind of device may be asked.

@@ -41,17 +41,14 @@ class AnswerTime:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Turns a request into its time limit on one line."""
+    """What a line makes of a device's answer time. `latency` is what its port may add to an answer, in seconds."""
 
     line: LineTiming
-    answer_time: AnswerTime
+    latency: float
 
-    def limit(self, asked: RequestPdu, latency: float) -> float:
-        """Seconds from the end of the request on the wire until it has failed.
-
-        `latency` is what adapter and driver may add to an answer, in seconds.
-        """
-        return self.response_wire_time(asked) + self.answer_time.allowed(asked) + latency
+    def limit(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
+        """Seconds from the end of the request on the wire until it has failed."""
+        return self.response_wire_time(asked) + answer_time.allowed(asked) + self.latency
 
     def response_wire_time(self, asked: RequestPdu) -> float:
         """The longest expected response on the wire, 0 when its size is not foretold."""

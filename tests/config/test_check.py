@@ -305,6 +305,14 @@ def test_a_device_that_clients_know_twice_is_a_warning():
     assert problems(text) == ["warning: line[0].devices[1].unit: unit 1 on the wire is already what clients know as 41"]
 
 
+def test_unit_0_on_the_wire_wants_to_be_alone():
+    alone = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = 0, as = 50 }]\n'
+    assert problems(alone) == []
+    (problem,) = problems(alone.replace("}]", "}, { unit = 1 }]"))
+    assert problem.startswith("warning: line[0].devices[0].unit: unit 0 asks whoever is there")
+    assert problem.endswith("| leave it the only device of its line")
+
+
 def test_unit_0_needs_a_unit_for_clients():
     text = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = 0 }]\n'
     assert problems(text) == [
@@ -483,10 +491,6 @@ def test_a_right_says_in_one_way_what_it_allows(row):
         (
             '[[line]]\nport = "rtu+tcp://10.0.0.1:4001"\ndevices = [{ unit = 2 }]\n',
             "line[1].port: a device server as the port of a line",
-        ),
-        (
-            '[[line]]\nport = "/dev/b"\ndevices = [{ unit = 0, as = 50 }]\n',
-            "line[1].devices[0].unit: unit = 0 for a device",
         ),
         ('[[image]]\nunit = 2\ncoils = 1\npersist = "always"\n', 'image[0].persist: persist other than "never"'),
         (MIRROR, "image[0].of: a mirror"),

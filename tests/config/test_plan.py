@@ -75,7 +75,7 @@ def test_all_settings_of_a_line():
         name="hall-a",
         timing=timing,
         gap=0.007,
-        silence=pytest.approx(timing.t35 + 0.003),
+        idle_chars=3.5,
         turnaround=pytest.approx(0.15),
         queue=8,
         max_wait=4.0,
@@ -87,8 +87,8 @@ def test_all_settings_of_a_line():
 def test_the_defaults_of_a_line():
     line = only_line(LINE)
     assert line.line.timing == RTU_8E1
-    assert line.line.gap == RTU_8E1.t35
-    assert line.line.silence == pytest.approx(RTU_8E1.t35 + 0.005)
+    assert line.line.silence_before_request == RTU_8E1.t35
+    assert line.line.frame_end == RTU_8E1.t35
     assert line.line.turnaround == 0.1
     assert (line.line.queue, line.line.max_wait, line.line.broadcast) == (64, 2.0, True)
     assert (line.serial.latency, line.latency) == (None, 0.005)
@@ -97,29 +97,29 @@ def test_the_defaults_of_a_line():
 def test_an_ascii_line_waits_for_no_silence():
     line = only_line(LINE + 'mode = "ascii"\n')
     assert line.line.timing == LineTiming("ascii", 19200, CharacterFormat(7, "E", 1))
-    assert (line.line.gap, line.line.silence) == (0.0, 0.0)
+    assert (line.line.silence_before_request, line.line.frame_end) == (0.0, 0.0)
 
 
 def test_an_ascii_line_can_have_a_gap():
     line = only_line(LINE + 'mode = "ascii"\ngap = "2 ms"\n')
-    assert (line.line.gap, line.line.silence) == (0.002, 0.0)
+    assert (line.line.silence_before_request, line.line.frame_end) == (0.002, 0.0)
 
 
 def test_the_device_that_needs_the_longest_silence_sets_the_gap():
     line = only_line(LINE + 'devices = [{ unit = 1 }, { unit = 2, profile = "v80" }]\n')
-    assert line.line.gap == pytest.approx(RTU_8E1.silence(4.5))
-    assert line.line.silence == pytest.approx(RTU_8E1.silence(4.5) + 0.005)
+    assert line.line.silence_before_request == pytest.approx(RTU_8E1.silence(4.5))
+    assert line.line.frame_end == pytest.approx(RTU_8E1.silence(4.5))
 
 
 def test_no_device_shortens_the_gap_below_that_of_the_specification():
     text = LINE + 'profile = "quick"\n[profile.quick]\nidle_chars = 1\n'
-    assert only_line(text).line.gap == RTU_8E1.t35
+    assert only_line(text).line.silence_before_request == RTU_8E1.t35
 
 
 def test_without_a_gap_a_frame_still_ends_by_silence():
     line = only_line(LINE + 'gap = "0"\n')
-    assert line.line.gap == 0.0
-    assert line.line.silence == pytest.approx(RTU_8E1.t35 + 0.005)
+    assert line.line.silence_before_request == 0.0
+    assert line.line.frame_end == RTU_8E1.t35
 
 
 @pytest.mark.parametrize(

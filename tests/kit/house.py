@@ -11,6 +11,7 @@ from gateway.modbus import mbap
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, SerialSettings
 from gateway.service.build import Gateway, build
+from gateway.service.state import Memory
 from gateway.service.supervisor import keep_lines_open
 from kit.device import SimulatedLine
 
@@ -81,14 +82,20 @@ class Client:
 
 
 class House:
-    """A gateway that runs, and the other ends of everything: `lines` by port without /dev/, `events` as told."""
+    """A gateway that runs, and the other ends of everything.
 
-    def __init__(self, config: str) -> None:
+    `lines`, and how they were `opened`, go by port without /dev/.
+    """
+
+    def __init__(self, config: str, memory: Memory | None = None) -> None:
         loaded = parse(config, port_exists=lambda port: True, real_path=lambda port: port)
         assert loaded.config is not None, "\n".join(map(str, loaded.problems))
         self.events: list[Event] = []
         self.lines: dict[str, MemoryLine] = {}
-        self.gateway = build(resolve(loaded.config), asyncio.get_running_loop(), self._open, self.events.append)
+        self.opened: dict[str, SerialSettings] = {}
+        self.memory = memory or Memory()
+        loop = asyncio.get_running_loop()
+        self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append)
 
     def client(self, name: str = "10.0.0.9:49152", *, may_write: bool = True) -> Client:
         return Client(self.gateway, name, may_write=may_write)
@@ -105,15 +112,16 @@ class House:
         line.on_write = answer
 
     def _open(self, settings: SerialSettings) -> OpenPort:
-        line = MemoryLine(settings.port, latency=settings.latency if settings.latency is not None else 0.005)
-        self.lines[settings.port.removeprefix("/dev/")] = line
-        return line.open_port
+        latency = 0.005 if settings.latency is None else settings.latency
+        name = settings.port.removeprefix("/dev/")
+        self.opened[name] = settings
+        return self.lines.setdefault(name, MemoryLine(settings.port, latency)).open_port
 
 
 @asynccontextmanager
-async def house(config: str):
+async def house(config: str, memory: Memory | None = None):
     """A running gateway with this config, every line up and quiet."""
-    home = House(config)
+    home = House(config, memory)
     async with keep_lines_open(home.gateway, home.events.append):
         await asyncio.sleep(1.0)
         yield home

@@ -6,16 +6,15 @@ from dataclasses import replace
 from gateway.events import Event
 from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.line import Line, LineSettings
-from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import CharacterFormat, LineTiming
-from gateway.modbus.rtu import ResponseFramer, encode
+from gateway.modbus.rtu import encode
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
 from kit.asker import Asker
 
 TIMING = LineTiming("rtu", 19200, CharacterFormat.parse("8E1"))
-SETTINGS = LineSettings("hall-a", TIMING, gap=TIMING.t35, silence=TIMING.t35, turnaround=0.1)
+SETTINGS = LineSettings("hall-a", TIMING, turnaround=0.1)
 LATENCY = 0.005
 
 READ = "03 00 10 00 01"
@@ -29,9 +28,8 @@ class Bench:
 
     def __init__(self, **settings: object) -> None:
         self.settings = replace(SETTINGS, **settings)
-        framer = AsciiFramer() if self.settings.timing.mode == "ascii" else ResponseFramer(self.settings.silence)
         self.events: list[Event] = []
-        self.line = Line(self.settings, framer, self.events.append)
+        self.line = Line(self.settings, self.events.append)
         self.written: list[str] = []
         self.now = 100.0
         self.client = Asker()
@@ -44,14 +42,14 @@ class Bench:
     def device(self, unit: int = 1, profile: Profile | None = None, timeout: float = 0.2) -> Device:
         answer_time = AnswerTime(TimingTable(), margin=1.5, timeout=timeout)
         settings = DeviceSettings(f"unit-{unit}", unit, unit, profile or Profile("generic"), answer_time)
-        return Device(settings, self.line, self.settings.timing)
+        return Device(settings, self.line)
 
     def ask(self, pdu: str = READ, unit: int = 1, client: Asker | None = None) -> None:
         asker = client or self.client
         self.device(unit).submit(asker.ask(pdu, unit=unit, now=self.now), self.now)
 
     def broadcast(self, pdu: str) -> None:
-        EveryDevice(self.line, self.settings.timing).submit(self.client.ask(pdu, unit=0, now=self.now), self.now)
+        EveryDevice(self.line).submit(self.client.ask(pdu, unit=0, now=self.now), self.now)
 
     def hear(self, frame: str) -> None:
         self.line.received(bytes.fromhex(frame), self.now)

@@ -7,7 +7,6 @@ from gateway.events import Event, PartFailed
 from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
-from gateway.modbus.rtu import ResponseFramer
 from kit.asker import Asker
 from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench
 
@@ -22,6 +21,9 @@ class FakePort:
     def write(self, data: bytes) -> None:
         self.written.append(data.hex(" ").upper())
 
+    def change_baud(self, baud: int) -> None:
+        self.baud = baud
+
     def close(self) -> None:
         self.closed = True
 
@@ -32,12 +34,13 @@ class Driven:
     def __init__(self) -> None:
         self.loop = asyncio.get_running_loop()
         self.events: list[Event] = []
-        self.line = Line(SETTINGS, ResponseFramer(SETTINGS.silence), self.events.append)
-        self.driver = LineDriver(self.line, self.loop, self.events.append)
+        self.line = Line(SETTINGS, self.events.append)
+        self.rates: list[int] = []
+        self.driver = LineDriver(self.line, self.loop, self.events.append, self.rates.append)
         self.port = FakePort()
         self.driver.port_up(self.port)
         self.client = Asker()
-        self.device = Device(Bench().device().settings, self.driver, SETTINGS.timing)
+        self.device = Device(Bench().device().settings, self.driver)
 
     def ask(self, pdu: str = READ) -> None:
         now = self.loop.time()
@@ -68,6 +71,14 @@ async def test_a_lost_port_fails_what_is_under_way() -> None:
     await asyncio.sleep(0.01)
     driven.driver.port_down(PortError("pulled"))
     assert driven.client.answers == ["83 0B"]
+    driven.driver.close()
+
+
+async def test_a_change_of_rate_reaches_line_port_and_whoever_opens_the_port_next() -> None:
+    driven = Driven()
+    driven.driver.change_rate(9600)
+    assert driven.line.settings.timing.baud == driven.port.baud == 9600
+    assert driven.rates == [9600]
     driven.driver.close()
 
 

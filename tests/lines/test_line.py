@@ -6,7 +6,7 @@ from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from kit.asker import Asker
-from kit.line_bench import LATENCY, READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, TIMING, Bench, frame
+from kit.line_bench import LATENCY, READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
 
 REQUEST_TIME = 8 * TIMING.character
 LIMIT = 0.2 + 7 * TIMING.character + LATENCY
@@ -204,7 +204,7 @@ def test_an_unknown_function_passes_and_silence_ends_its_response(bench: Bench) 
     assert bench.written == ["01 41 01 02 D1 9D"]
     bench.hear("01 41 99 D0 3A")
     assert bench.client.answers == []
-    bench.pass_time(SETTINGS.silence + 1e-6)
+    bench.pass_time(TIMING.t35 + LATENCY + 1e-6)
     assert bench.client.answers == ["41 99"]
 
 
@@ -229,7 +229,7 @@ def test_an_answer_to_a_broadcast_is_dropped(bench: Bench) -> None:
 
 
 def test_without_a_port_a_request_is_answered_0a_at_once(bench: Bench) -> None:
-    bench.line.port_down()
+    bench.line.port_down(bench.now)
     bench.ask()
     assert bench.client.answers == ["83 0A"]
     assert bench.written == []
@@ -238,12 +238,12 @@ def test_without_a_port_a_request_is_answered_0a_at_once(bench: Bench) -> None:
 def test_a_lost_port_answers_0b_for_what_was_sent_and_0a_for_what_waits(bench: Bench) -> None:
     bench.ask()
     bench.ask("04 00 10 00 01")
-    bench.line.port_down()
+    bench.line.port_down(bench.now)
     assert bench.client.answers == ["83 0B", "84 0A"]
 
 
 def test_a_returned_port_serves_again(bench: Bench) -> None:
-    bench.line.port_down()
+    bench.line.port_down(bench.now)
     bench.plug()
     bench.ask()
     bench.pass_time(0.01)
@@ -304,7 +304,7 @@ def test_departed_clients_make_room_in_a_full_queue() -> None:
 
 def test_an_ascii_line_needs_no_silence_and_finds_its_response() -> None:
     timing = LineTiming("ascii", 9600, CharacterFormat.parse("7E1"))
-    bench = Bench(timing=timing, gap=0.0, silence=0.0)
+    bench = Bench(timing=timing)
     bench.ask(unit=2)
     bench.ask(unit=2)
     assert bytes.fromhex(bench.written[0]) == b":020300100001EA\r\n"
@@ -316,7 +316,7 @@ def test_an_ascii_line_needs_no_silence_and_finds_its_response() -> None:
 
 def test_a_foreign_ascii_frame_is_dropped_as_it_comes() -> None:
     timing = LineTiming("ascii", 9600, CharacterFormat.parse("7E1"))
-    bench = Bench(timing=timing, gap=0.0, silence=0.0)
+    bench = Bench(timing=timing)
     bench.ask(unit=2)
     bench.hear(frame(3, "03 02 02 10", ascii_framing.encode))
     bench.hear(frame(2, "03 02 02 10", ascii_framing.encode))
@@ -335,7 +335,7 @@ def test_the_repr_is_a_status_line(bench: Bench) -> None:
     bench.ask()
     bench.ask()
     assert repr(bench.line) == "<Line hall-a <Transaction unit-1 unit=1 03 00 10 00 01> waiting=1>"
-    bench.line.port_down()
+    bench.line.port_down(bench.now)
     assert repr(bench.line) == "<Line hall-a down waiting=0>"
     assert repr(bench.device()) == "<Device unit-1 unit=1 as=1>"
 

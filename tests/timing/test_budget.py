@@ -20,8 +20,12 @@ CHARACTER = 10 / 19200
 LATENCY = 0.005
 
 
-def mint(**changes) -> Budget:
-    return Budget(MINT_LINE, AnswerTime(**{"table": MINT, "margin": 1.5, "timeout": 1.0, **changes}))
+def mint(**changes) -> AnswerTime:
+    return AnswerTime(**{"table": MINT, "margin": 1.5, "timeout": 1.0, **changes})
+
+
+def limit(pdu: bytes, answer_time: AnswerTime, latency: float = 0.0) -> float:
+    return Budget(MINT_LINE, latency).limit(parse_request(pdu), answer_time)
 
 
 def read(count: int) -> bytes:
@@ -52,37 +56,38 @@ def read_write(reads: int, writes: int) -> bytes:
     ],
 )
 def test_limits_of_the_mint_table_at_19200_baud(pdu, characters, table):
-    limit = characters * CHARACTER + 1.5 * table + LATENCY
-    assert mint().limit(parse_request(pdu), LATENCY) == pytest.approx(limit, abs=1e-9)
+    expected = characters * CHARACTER + 1.5 * table + LATENCY
+    assert limit(pdu, mint(), LATENCY) == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_limits_of_the_mint_table_in_milliseconds():
     """The same, as an operator would read them."""
-    limits = [round(1000 * mint().limit(parse_request(read(count)), LATENCY), 1) for count in (1, 50, 99)]
+    limits = [round(1000 * limit(read(count), mint(), LATENCY), 1) for count in (1, 50, 99)]
     assert limits == [27.8, 437.4, 847.0]
 
 
 def test_a_function_without_a_row_gets_the_timeout():
-    assert mint().limit(parse_request(bytes.fromhex("05 00 01 FF 00")), 0.0) == pytest.approx(17 * CHARACTER + 1.0)
+    assert limit(bytes.fromhex("05 00 01 FF 00"), mint()) == pytest.approx(17 * CHARACTER + 1.0)
 
 
 def test_the_devices_own_timeout_stands_in_place_of_the_table():
-    assert mint(timeout=0.4, fixed=True).limit(parse_request(read(99)), 0.0) == pytest.approx(407 * CHARACTER + 0.4)
+    assert limit(read(99), mint(timeout=0.4, fixed=True)) == pytest.approx(407 * CHARACTER + 0.4)
 
 
 def test_an_unknown_function_has_no_response_time_on_the_wire():
-    assert mint().limit(parse_request(b"\x41"), LATENCY) == pytest.approx(1.0 + LATENCY)
+    assert limit(b"\x41", mint(), LATENCY) == pytest.approx(1.0 + LATENCY)
 
 
 def test_the_request_on_the_wire_is_no_part_of_the_limit():
-    long, short = parse_request(preset(99)), parse_request(preset(98))
-    assert mint().request_wire_time(long) == pytest.approx((1 + 2 * (1 + 204 + 1) + 2) * CHARACTER)
-    assert mint(fixed=True).limit(long, 0.0) == mint(fixed=True).limit(short, 0.0)
+    wire = Budget(MINT_LINE, LATENCY).request_wire_time(parse_request(preset(99)))
+    assert wire == pytest.approx((1 + 2 * (1 + 204 + 1) + 2) * CHARACTER)
+    assert limit(preset(99), mint(fixed=True)) == limit(preset(98), mint(fixed=True))
 
 
 def test_rtu_counts_eleven_bits_a_character():
-    budget = Budget(LineTiming("rtu", 9600, CharacterFormat.parse("8E1")), AnswerTime(TimingTable(), 1.5, 0.2))
-    assert budget.limit(parse_request(read(2)), 0.0) == pytest.approx((1 + 6 + 2) * 11 / 9600 + 0.2)
+    budget = Budget(LineTiming("rtu", 9600, CharacterFormat.parse("8E1")), latency=0.0)
+    answer_time = AnswerTime(TimingTable(), 1.5, 0.2)
+    assert budget.limit(parse_request(read(2)), answer_time) == pytest.approx((1 + 6 + 2) * 11 / 9600 + 0.2)
 
 
 @pytest.mark.parametrize(
@@ -94,4 +99,4 @@ def test_rtu_counts_eleven_bits_a_character():
     ],
 )
 def test_the_slowest_answer(changes, slowest):
-    assert mint(**changes).answer_time.slowest == pytest.approx(slowest)
+    assert mint(**changes).slowest == pytest.approx(slowest)

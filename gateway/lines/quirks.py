@@ -1,0 +1,235 @@
+"""How real devices stray from the protocol. A profile names what its devices do; each quirk has its device here.
+
+| quirk          | what such a device does                                         | source                    |
+|----------------|-----------------------------------------------------------------|---------------------------|
+| `moves`        | a write to holding register 0x0100 sets its address; the        | weighing transducer, 7, 8 |
+|                | response to it comes from the new one                           |                           |
+| `changes_baud` | a float32 written to 0x0200-1 sets its baud rate; it answers,   | weighing transducer, 5, 6 |
+|                | then changes                                                    |                           |
+| (unit = 0)     | it is asked at address 0 and answers from its own address       | weighing transducer, 3    |
+"""
+
+from collections.abc import Callable
+from struct import unpack
+from typing import Final, Literal, Protocol, cast
+
+from gateway.errors import IllegalDataValue
+from gateway.events import AddressMoved, BaudChanged, Emit
+from gateway.lines.device import Device, DeviceSettings, TakesTransactions
+from gateway.lines.transaction import Transaction
+from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu, Span
+from gateway.request import Request
+from gateway.timing.budget import Budget
+
+Quirk = Literal["moves", "changes_baud"]
+
+#: Holding registers of the weighing transducer.
+ADDRESS_REGISTER: Final = 0x0100
+BAUD_REGISTER: Final = 0x0200
+
+_UNITS: Final = range(FIRST_UNIT, LAST_UNIT + 1)
+#: Functions that carry the values they write to holding registers, behind everything else.
+_WRITES: Final = frozenset({6, 16, 23})
+#: Rates that a line can follow to; anything else is a misunderstanding.
+_BAUD_RATES: Final = range(300, 1_000_001)
+
+
+class QuirkyLine(TakesTransactions, Protocol):
+    """A line that can follow its only device to another baud rate."""
+
+    def change_rate(self, baud: int) -> None:
+        """Go on at `baud`."""
+
+
+class Whereabouts:
+    """The unit identifiers that the devices of one line answer to, as far as they are known.
+
+    A device whose move was not confirmed may be at two; each is held until an answer from one of them settles it.
+    """
+
+    def __init__(self) -> None:
+        self._held: dict[str, tuple[int, ...]] = {}
+
+    def place(self, device: str, *units: int) -> None:
+        """`device` answers to one of `units`."""
+        self._held[device] = units
+
+    def is_free(self, unit: int, device: str) -> bool:
+        """Whether nobody but `device` may answer to `unit`."""
+        return not any(unit in units for name, units in self._held.items() if name != device)
+
+
+class AskedAtZero(Transaction):
+    """A question to address 0 that the only device of the line answers, from its own address."""
+
+    __slots__ = ()
+
+    @property
+    def answers_from(self) -> None:
+        """The unit is not known."""
+
+    def accepts(self, frame: Frame) -> bool:
+        """Whether `frame` is the answer, whatever unit it comes from."""
+        return frame.unit in _UNITS and self.asked.accepts(frame.pdu)
+
+
+class LoneDevice(Device):
+    """A device whose address is not known: `unit = 0`. Its profile must admit no function but 03."""
+
+    def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
+        return AskedAtZero(request, asked, self)
+
+
+class Move(Transaction):
+    """A write that sets the device's address: the response comes from the new one, a refusal from the old one."""
+
+    __slots__ = ("_whereabouts", "new_unit")
+
+    def __init__(self, request: Request, asked: RequestPdu, device: Device, whereabouts: Whereabouts) -> None:
+        super().__init__(request, asked, device)
+        self.new_unit = int.from_bytes(_registers(asked, ADDRESS_REGISTER, 1))
+        self._whereabouts = whereabouts
+
+    def start(self, budget: Budget, now: float) -> None:
+        """See Transaction.
+
+        Raises:
+            IllegalDataValue: no device can have the new address, or another one of the line has it.
+        """
+        if self.new_unit not in _UNITS:
+            raise IllegalDataValue(f"{self.new_unit} is no address: 1 to 247 are")
+        if not self._whereabouts.is_free(self.new_unit, self.device.name):
+            raise IllegalDataValue(f"another device of the line has the address {self.new_unit}")
+        super().start(budget, now)
+
+    @property
+    def answers_from(self) -> None:
+        """The old unit or the new one."""
+
+    def accepts(self, frame: Frame) -> bool:
+        """Whether `frame` confirms the move, or refuses it."""
+        refused = frame.pdu[0] & EXCEPTION_BIT
+        return frame.unit == (self.unit if refused else self.new_unit) and self.asked.accepts(frame.pdu)
+
+
+class BaudChange(Transaction):
+    """A write that sets the device's baud rate; it answers at the old rate."""
+
+    __slots__ = ()
+
+    @property
+    def baud(self) -> float:
+        """The new rate."""
+        (baud,) = unpack(">f", _registers(self.asked, BAUD_REGISTER, 2))
+        return float(baud)
+
+
+class RestlessDevice(Device):
+    """A device that can move to another address, or change its baud rate. Requests follow it.
+
+    `line_name` and `line_source` name its line for events. `is_alone` says that no other device shares the line, so
+    that the line can follow its rate. `remember` keeps its address for the next start.
+    """
+
+    def __init__(
+        self,
+        settings: DeviceSettings,
+        line: QuirkyLine,
+        *,
+        line_name: str,
+        line_source: str,
+        whereabouts: Whereabouts,
+        is_alone: bool,
+        remember: Callable[[int], None],
+        emit: Emit,
+    ) -> None:
+        super().__init__(settings, line)
+        self._quirks = settings.profile.quirks
+        self._change_rate = line.change_rate
+        self._line_name = line_name
+        self._line_source = line_source
+        self._whereabouts = whereabouts
+        self._is_alone = is_alone
+        self._remember = remember
+        self._emit = emit
+        #: Where it answered last, and where else it may be since a move that nobody confirmed.
+        self._known_at = settings.unit
+        self._maybe_at: int | None = None
+        whereabouts.place(self.name, self.unit)
+
+    def begin_at(self, unit: int) -> None:
+        """The device is known to have moved to `unit` in an earlier run."""
+        self.unit = self._known_at = unit
+        self._whereabouts.place(self.name, unit)
+
+    def finished(self, transaction: Transaction, response: Frame | None) -> None:
+        """Follow the device, as far as the transaction tells where it is and how fast it speaks."""
+        if isinstance(transaction, Move) and response is None:
+            self._lose_track(transaction.new_unit)
+        elif response is None:
+            self._look_elsewhere()
+        else:
+            self._found(response.unit)
+        if isinstance(transaction, BaudChange):
+            self._rate_changed(transaction.baud, response)
+
+    def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
+        if "moves" in self._quirks and _writes(asked, ADDRESS_REGISTER):
+            return Move(request, asked, self, self._whereabouts)
+        if "changes_baud" in self._quirks and _writes(asked, BAUD_REGISTER, 2):
+            return BaudChange(request, asked, self)
+        return super()._transaction(request, asked)
+
+    def _lose_track(self, unit: int) -> None:
+        """It was told to move to `unit` and nobody answered: the move may have happened or not."""
+        if unit == self._known_at:
+            return
+        self._maybe_at = unit
+        self._whereabouts.place(self.name, self._known_at, unit)
+        advice = f"old or new: no answer came; it is at {self._known_at} or {unit}, and its next answer settles it"
+        self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
+
+    def _look_elsewhere(self) -> None:
+        """It did not answer where it was asked: the next request tries the other place, if there are two."""
+        if self._maybe_at is not None:
+            self.unit = self._maybe_at if self.unit == self._known_at else self._known_at
+
+    def _found(self, unit: int) -> None:
+        """It has answered from `unit`."""
+        if unit != self._known_at:
+            advice = f"requests follow it; set unit = {unit} in {self.source}"
+            self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
+            self._remember(unit)
+        elif self._maybe_at is None:
+            return
+        self.unit = self._known_at = unit
+        self._maybe_at = None
+        self._whereabouts.place(self.name, unit)
+
+    def _rate_changed(self, baud: float, response: Frame | None) -> None:
+        if response is not None and response.pdu[0] & EXCEPTION_BIT:
+            return
+        if response is None:
+            advice = "old or new: no answer came, so the device may speak at either rate"
+        elif self._is_alone and baud in _BAUD_RATES:
+            self._change_rate(int(baud))
+            advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
+        else:
+            advice = "the line stays at its rate, so this device is not heard until both agree again"
+        self._emit(BaudChanged(self._line_name, self.name, baud, advice))
+
+
+def _writes(asked: RequestPdu, register: int, count: int = 1) -> bool:
+    """Whether the request sets these holding registers to values that it carries."""
+    span = asked.write
+    return span is not None and asked.function in _WRITES and span.start <= register and register + count <= span.end
+
+
+def _registers(asked: RequestPdu, register: int, count: int) -> bytes:
+    """The values that the request writes to `count` registers from `register` on."""
+    span = cast("Span", asked.write)
+    values = asked.data[-2 * span.count :]
+    at = 2 * (register - span.start)
+    return values[at : at + 2 * count]

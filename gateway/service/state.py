@@ -1,0 +1,105 @@
+"""What the gateway must not forget over a restart: devices that moved, and lines that changed their rate.
+
+    {"hall-a/silo-1": {"configured": 1, "now": 5}, "hall-a": {"configured": 9600, "now": 19200}}
+
+An entry holds as long as the config says what it said then: who edits the config knows better.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Final
+
+from gateway.errors import StateError
+from gateway.events import Emit, StateNotKept
+
+FILE_NAME: Final = "whereabouts.json"
+
+
+def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0) -> Path:
+    """Where state is kept: where systemd says, in /var/lib as root, else in the user's own state folder."""
+    if given := environment.get("STATE_DIRECTORY"):
+        return Path(given.split(":")[0])
+    if is_root:
+        return Path("/var/lib/modbus-gateway")
+    home = environment.get("XDG_STATE_HOME") or Path(environment.get("HOME", "/")) / ".local" / "state"
+    return Path(home) / "modbus-gateway"
+
+
+class Memory:
+    """Remembered values, one integer a key."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, dict[str, int]] = {}
+
+    def recall(self, key: str, configured: int) -> int:
+        """The value of `key` now: the remembered one, unless the config has changed since."""
+        entry = self._entries.get(key, {})
+        return entry.get("now", configured) if entry.get("configured") == configured else configured
+
+    def remember(self, key: str, configured: int, now: int) -> None:
+        """Keep the value of `key`; nothing is kept once it is what the config says."""
+        self._entries.pop(key, None)
+        if now != configured:
+            self._entries[key] = {"configured": configured, "now": now}
+
+    def close(self) -> None:
+        """Nothing more is remembered."""
+
+
+class StateFile(Memory):
+    """A memory in a file, which is written anew by a thread with each change. A failure is told, and serving goes on.
+
+    Raises:
+        StateError: the file is there and cannot be read.
+    """
+
+    def __init__(self, folder: Path, emit: Emit) -> None:
+        super().__init__()
+        self._file = folder / FILE_NAME
+        self._emit = emit
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="state")
+        self._entries = _read(self._file)
+
+    def remember(self, key: str, configured: int, now: int) -> None:
+        """See Memory; the file follows."""
+        super().remember(key, configured, now)
+        text = json.dumps(self._entries, indent=2) + "\n"
+        self._writer.submit(_write, self._file, text).add_done_callback(self._written)
+
+    def close(self) -> None:
+        """Nothing more is remembered; returns when the file has been written."""
+        self._writer.shutdown()
+
+    def _written(self, writing: Future[None]) -> None:
+        error = writing.exception()
+        if isinstance(error, OSError):
+            self._emit(StateNotKept(str(self._file), error.strerror or str(error)))
+
+
+def _read(file: Path) -> dict[str, dict[str, int]]:
+    try:
+        entries = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise StateError(f"{file} cannot be read ({error}); move it away to start without it") from error
+    if not isinstance(entries, dict) or not all(map(_is_entry, entries.values())):
+        raise StateError(f"{file} is not a file of this gateway; move it away to start without it")
+    return entries
+
+
+def _is_entry(value: object) -> bool:
+    return isinstance(value, dict) and all(isinstance(value.get(key), int) for key in ("configured", "now"))
+
+
+def _write(file: Path, text: str) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    fresh = file.with_suffix(".new")
+    with fresh.open("w", encoding="utf-8") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    fresh.replace(file)

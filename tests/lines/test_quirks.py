@@ -1,0 +1,274 @@
+"""Devices that stray from the protocol, on a table: moves, changes of rate, questions to address 0."""
+
+import pytest
+
+from gateway.events import AddressMoved, BaudChanged, Event
+from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
+from gateway.profiles.profile import Profile
+from kit.line_bench import RESPONSE, Bench, frame
+
+WEIGHER = Profile("weigher", functions=frozenset({3, 16}), quirks=frozenset({"moves", "changes_baud"}))
+
+READ = "03 00 00 00 02"
+WEIGHT = "03 04 45 9C 3D 51"
+MOVE_TO_5 = "10 01 00 00 01 02 00 05"
+MOVED = "10 01 00 00 01"
+TO_19200 = "10 02 00 00 02 04 46 96 00 00"
+RATE_SET = "10 02 00 00 02"
+
+
+class Hall(Bench):
+    """A bench with a restless device of unit 1, known as silo-1."""
+
+    def __init__(self, *, is_alone: bool = True) -> None:
+        super().__init__()
+        self.whereabouts = Whereabouts()
+        self.remembered: list[int] = []
+        self.rates: list[int] = []
+        self.silo = RestlessDevice(
+            self.device(profile=WEIGHER).settings,
+            self,
+            line_name="hall-a",
+            line_source="gateway.toml:3",
+            whereabouts=self.whereabouts,
+            is_alone=is_alone,
+            remember=self.remembered.append,
+            emit=self.events.append,
+        )
+
+    def submit(self, transaction, now: float) -> None:
+        self.line.submit(transaction, now)
+
+    def change_rate(self, baud: int) -> None:
+        self.rates.append(baud)
+        self.line.change_rate(baud, self.now)
+
+    def ask_silo(self, pdu: str) -> None:
+        self.silo.submit(self.client.ask(pdu, now=self.now), self.now)
+        self.pass_time(0.15)
+
+    def told(self, kind: type[Event]) -> list[Event]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+
+@pytest.fixture
+def hall() -> Hall:
+    return Hall()
+
+
+# --- moves ---
+
+
+def test_a_move_is_answered_from_the_new_address_and_requests_follow(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.hear(frame(5, MOVED))
+    hall.ask_silo(READ)
+    hall.hear(frame(5, WEIGHT))
+    assert hall.written == [frame(1, MOVE_TO_5), frame(5, READ)]
+    assert hall.client.answers == [MOVED, WEIGHT]
+    assert hall.remembered == [5]
+
+
+def test_a_move_is_told_with_the_line_of_the_config_to_edit(hall: Hall) -> None:
+    hall.silo.source = "gateway.toml:31"
+    hall.ask_silo(MOVE_TO_5)
+    hall.hear(frame(5, MOVED))
+    advice = "requests follow it; set unit = 5 in gateway.toml:31"
+    assert hall.events == [AddressMoved("hall-a", "unit-1", 5, 1, advice)]
+
+
+def test_a_move_is_not_confirmed_from_the_old_address_or_a_third_one(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.hear(frame(1, MOVED))
+    hall.hear(frame(6, MOVED))
+    assert hall.client.answers == []
+    hall.hear(frame(5, MOVED))
+    assert hall.client.answers == [MOVED]
+
+
+def test_a_refused_move_is_no_move(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.hear(frame(1, "90 03"))
+    hall.ask_silo(READ)
+    assert hall.client.answers == ["90 03"]
+    assert hall.written[-1] == frame(1, READ)
+    assert hall.told(AddressMoved) == []
+
+
+def test_a_move_to_the_address_it_has_changes_nothing(hall: Hall) -> None:
+    hall.ask_silo("10 01 00 00 01 02 00 01")
+    hall.hear(frame(1, MOVED))
+    assert hall.client.answers == [MOVED]
+    assert hall.told(AddressMoved) == []
+
+
+@pytest.mark.parametrize("address", [0, 248, 255, 0x0105])
+def test_an_address_that_no_device_can_have_is_refused_before_the_line(hall: Hall, address: int) -> None:
+    hall.ask_silo(f"10 01 00 00 01 02 {address:04X}")
+    assert hall.client.answers == ["90 03"]
+    assert hall.written == []
+
+
+def test_an_address_of_another_device_of_the_line_is_refused_before_the_line(hall: Hall) -> None:
+    hall.whereabouts.place("silo-2", 5)
+    hall.ask_silo(MOVE_TO_5)
+    assert hall.client.answers == ["90 03"]
+    assert hall.written == []
+
+
+def test_of_two_moves_to_one_address_that_wait_together_the_second_is_refused() -> None:
+    hall = Hall()
+    settings = hall.device(unit=2, profile=WEIGHER).settings
+    other = RestlessDevice(
+        settings, hall, line_name="hall-a", line_source="", whereabouts=hall.whereabouts,
+        is_alone=False, remember=hall.remembered.append, emit=hall.events.append,
+    )  # fmt: skip
+    for device in (hall.silo, other):
+        device.submit(hall.client.ask(MOVE_TO_5, now=hall.now), hall.now)
+    hall.hear(frame(5, MOVED))
+    hall.pass_time(0.1)
+    assert hall.client.answers == [MOVED, "90 03"]
+    assert hall.written == [frame(1, MOVE_TO_5)]
+
+
+def test_a_request_that_waited_behind_a_move_goes_to_the_new_address(hall: Hall) -> None:
+    hall.silo.submit(hall.client.ask(MOVE_TO_5, now=hall.now), hall.now)
+    hall.silo.submit(hall.client.ask(READ, now=hall.now), hall.now)
+    hall.hear(frame(5, MOVED))
+    hall.pass_time(0.1)
+    assert hall.written[-1] == frame(5, READ)
+
+
+def test_after_a_move_that_nobody_confirmed_the_new_address_may_answer(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.pass_time(1)
+    assert hall.client.answers == ["90 0B"]
+    assert "old or new" in hall.told(AddressMoved)[0].advice
+    hall.ask_silo(READ)
+    hall.pass_time(1)
+    hall.ask_silo(READ)
+    hall.hear(frame(5, WEIGHT))
+    assert hall.written[1:] == [frame(1, READ), frame(5, READ)]
+    assert hall.client.answers[1:] == ["83 0B", WEIGHT]
+    assert hall.remembered == [5]
+    assert hall.told(AddressMoved)[1].advice.startswith("requests follow it")
+
+
+def test_after_a_move_that_nobody_confirmed_the_old_address_may_answer(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.pass_time(1)
+    hall.ask_silo(READ)
+    hall.hear(frame(1, WEIGHT))
+    assert hall.client.answers[1:] == [WEIGHT]
+    assert hall.remembered == []
+    assert hall.whereabouts.is_free(5, "silo-2")
+
+
+def test_both_addresses_are_held_until_an_answer_settles_it(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.pass_time(1)
+    assert not hall.whereabouts.is_free(1, "silo-2")
+    assert not hall.whereabouts.is_free(5, "silo-2")
+    hall.ask_silo(READ)
+    hall.pass_time(1)
+    hall.ask_silo(READ)
+    hall.hear(frame(5, WEIGHT))
+    assert hall.whereabouts.is_free(1, "silo-2")
+
+
+def test_an_unconfirmed_move_to_its_own_address_leaves_no_doubt(hall: Hall) -> None:
+    hall.ask_silo("10 01 00 00 01 02 00 01")
+    hall.pass_time(1)
+    assert hall.told(AddressMoved) == []
+
+
+def test_a_device_begins_where_it_moved_to_in_an_earlier_run(hall: Hall) -> None:
+    hall.silo.begin_at(5)
+    hall.ask_silo(READ)
+    assert hall.written == [frame(5, READ)]
+
+
+def test_a_read_of_the_address_register_is_no_move(hall: Hall) -> None:
+    hall.ask_silo("03 01 00 00 01")
+    hall.hear(frame(1, RESPONSE))
+    assert hall.client.answers == [RESPONSE]
+
+
+# --- changes of rate ---
+
+
+def test_the_line_follows_its_only_device_to_the_new_rate(hall: Hall) -> None:
+    hall.ask_silo(TO_19200)
+    hall.hear(frame(1, RATE_SET))
+    assert hall.client.answers == [RATE_SET]
+    assert hall.rates == [19200]
+    assert hall.events == [
+        BaudChanged("hall-a", "unit-1", 19200.0, "the line follows it; set baud = 19200 in gateway.toml:3")
+    ]
+
+
+def test_nothing_is_sent_for_a_moment_after_a_change_of_rate(hall: Hall) -> None:
+    hall.ask_silo(TO_19200)
+    hall.silo.submit(hall.client.ask(READ, now=hall.now), hall.now)
+    hall.hear(frame(1, RATE_SET))
+    hall.pass_time(0.099)
+    assert len(hall.written) == 1
+    hall.pass_time(0.002)
+    assert len(hall.written) == 2
+
+
+def test_a_line_with_other_devices_stays_at_its_rate_and_says_so() -> None:
+    hall = Hall(is_alone=False)
+    hall.ask_silo(TO_19200)
+    hall.hear(frame(1, RATE_SET))
+    assert hall.rates == []
+    assert hall.told(BaudChanged)[0].advice.startswith("the line stays at its rate")
+
+
+def test_a_refused_rate_changes_nothing(hall: Hall) -> None:
+    hall.ask_silo(TO_19200)
+    hall.hear(frame(1, "90 03"))
+    assert (hall.rates, hall.events) == ([], [])
+
+
+def test_an_unanswered_change_of_rate_is_told(hall: Hall) -> None:
+    hall.ask_silo(TO_19200)
+    hall.pass_time(1)
+    assert hall.rates == []
+    assert hall.told(BaudChanged)[0].advice.startswith("old or new")
+
+
+@pytest.mark.parametrize("rate", ["00 00 00 00", "7F 80 00 00", "7F C0 00 00", "46 16 00 01", "C6 16 00 00"])
+def test_a_rate_that_cannot_be_is_not_followed(hall: Hall, rate: str) -> None:
+    hall.ask_silo("10 02 00 00 02 04" + rate)
+    hall.hear(frame(1, RATE_SET))
+    assert hall.rates == []
+    assert hall.client.answers == [RATE_SET]
+
+
+# --- address 0 ---
+
+
+@pytest.mark.parametrize("answers_from", [1, 77, 247])
+def test_a_lone_device_is_asked_at_0_and_answers_from_wherever_it_is(answers_from: int) -> None:
+    bench = Bench()
+    LoneDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
+    assert bench.written == ["00 03 00 10 00 01 84 1E"]
+    bench.hear(frame(answers_from, "03 02 00 01"))
+    assert bench.client.answers == ["03 02 00 01"]
+
+
+def test_noise_before_the_answer_of_a_lone_device_does_not_lose_it() -> None:
+    bench = Bench()
+    LoneDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
+    bench.hear("03 02 00 FF" + frame(1, "03 02 00 01"))
+    assert bench.client.answers == ["03 02 00 01"]
+
+
+@pytest.mark.parametrize("answers_from", [0, 248, 255])
+def test_no_device_answers_from_an_address_that_it_cannot_have(answers_from: int) -> None:
+    bench = Bench()
+    LoneDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
+    bench.hear(frame(answers_from, "03 02 00 01"))
+    bench.pass_time(1)
+    assert bench.client.answers == ["83 0B"]

@@ -1,0 +1,89 @@
+"""What is remembered over a restart, and for how long."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gateway.errors import StateError
+from gateway.events import Event, StateNotKept
+from gateway.service.state import FILE_NAME, Memory, StateFile, state_folder
+
+
+@pytest.fixture(params=["memory", "file"])
+def memory(request: pytest.FixtureRequest, tmp_path: Path):
+    memory = Memory() if request.param == "memory" else StateFile(tmp_path, [].append)
+    yield memory
+    memory.close()
+
+
+def kept(folder: Path, *values: tuple[str, int, int]) -> list[Event]:
+    """Remember these values in a file; what was told meanwhile."""
+    events: list[Event] = []
+    file = StateFile(folder, events.append)
+    for value in values:
+        file.remember(*value)
+    file.close()
+    return events
+
+
+def test_what_was_never_remembered_is_as_configured(memory: Memory) -> None:
+    assert memory.recall("hall-a/silo-1", 1) == 1
+
+
+def test_what_was_remembered_holds_as_long_as_the_config_says_the_same(memory: Memory) -> None:
+    memory.remember("hall-a/silo-1", 1, 5)
+    assert memory.recall("hall-a/silo-1", 1) == 5
+    assert memory.recall("hall-a/silo-1", 7) == 7
+    assert memory.recall("hall-a/silo-2", 1) == 1
+
+
+def test_a_value_that_is_again_as_configured_is_forgotten(tmp_path: Path) -> None:
+    kept(tmp_path, ("hall-a", 9600, 19200), ("hall-a", 9600, 9600))
+    assert json.loads((tmp_path / FILE_NAME).read_text()) == {}
+
+
+def test_a_file_outlives_the_process(tmp_path: Path) -> None:
+    folder = tmp_path / "not" / "there" / "yet"
+    assert kept(folder, ("hall-a/silo-1", 1, 5), ("hall-a", 9600, 14400)) == []
+    again = StateFile(folder, [].append)
+    assert (again.recall("hall-a/silo-1", 1), again.recall("hall-a", 9600)) == (5, 14400)
+    again.close()
+
+
+def test_a_file_that_cannot_be_written_is_told_and_the_value_holds_for_this_run(tmp_path: Path) -> None:
+    (tmp_path / "folder").write_text("a file where a folder is wanted")
+    events: list[Event] = []
+    memory = StateFile(tmp_path, events.append)
+    memory._file = tmp_path / "folder" / FILE_NAME
+    memory.remember("hall-a", 9600, 19200)
+    memory.close()
+    assert events == [StateNotKept(str(tmp_path / "folder" / FILE_NAME), "File exists")]
+    assert memory.recall("hall-a", 9600) == 19200
+
+
+def test_a_torn_file_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).write_text('{"hall-a": {"conf')
+    with pytest.raises(StateError, match=r"whereabouts\.json cannot be read .*; move it away to start without it"):
+        StateFile(tmp_path, [].append)
+
+
+@pytest.mark.parametrize("content", ["[]", "3", '{"hall-a": 5}', '{"hall-a": {"configured": 1, "now": "x"}}'])
+def test_a_foreign_file_is_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / FILE_NAME).write_text(content)
+    with pytest.raises(StateError, match="is not a file of this gateway"):
+        StateFile(tmp_path, [].append)
+
+
+@pytest.mark.parametrize(
+    ("environment", "is_root", "folder"),
+    [
+        ({"STATE_DIRECTORY": "/var/lib/private/modbus-gateway"}, False, "/var/lib/private/modbus-gateway"),
+        ({"STATE_DIRECTORY": "/a:/b"}, True, "/a"),
+        ({"HOME": "/root"}, True, "/var/lib/modbus-gateway"),
+        ({"XDG_STATE_HOME": "/home/eva/state"}, False, "/home/eva/state/modbus-gateway"),
+        ({"HOME": "/home/eva"}, False, "/home/eva/.local/state/modbus-gateway"),
+    ],
+)
+def test_where_state_is_kept(environment: dict[str, str], is_root: bool, folder: str) -> None:
+    assert state_folder(environment, is_root=is_root) == Path(folder)
