@@ -32,6 +32,7 @@ VERBS: Final[Mapping[str, str]] = {
     "check": "check a config file and show what it means",
     "profile": "show what a kind of device accepts, and how fast it answers",
     "ports": "list the serial ports of this machine",
+    "simulate": "put simulated devices behind a virtual serial port",
 }
 
 

@@ -1,0 +1,195 @@
+"""`simulate`: devices on a virtual serial port, to try things with."""
+
+import argparse
+import asyncio
+import json
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Final, NamedTuple, TypeVar
+
+from gateway.cli.main import FINE, WRONG_USAGE
+from gateway.config.duration import parse_duration
+from gateway.config.plan import DEFAULT_FORMATS
+from gateway.config.problem import WrongValue, did_you_mean
+from gateway.config.unitset import parse_units, show_units
+from gateway.config.values import parse_format
+from gateway.modbus.chartime import CharacterFormat
+from gateway.simulator.device import Device, Mode
+from gateway.simulator.faults import Faults
+from gateway.simulator.kinds import KINDS
+from gateway.simulator.line import SimulatedLine
+from gateway.simulator.paced_line import Sender, Tell, tell_nobody
+from gateway.simulator.weigher import PRINTED_WEIGHT, Weigher
+
+#: The rate of the line in the config that is shown: the one the device's document shows.
+_USUAL_BAUD: Final = {"weigher": 9600}
+_DEFAULT_BAUD: Final = 19200
+
+_ENDING_SIGNALS: Final = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+_ARROWS: Final[Mapping[Sender, str]] = {"port": ">>", "device": "<<"}
+
+_T = TypeVar("_T")
+
+
+class _Group(NamedTuple):
+    """Devices of one kind."""
+
+    kind: str
+    units: tuple[int, ...]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `simulate`."""
+    add = parser.add_argument
+    add("profile", nargs="+", type=_group, metavar="PROFILE[:UNITS]", help=f"{', '.join(KINDS)}; several share a line")
+    add("--port", required=True, type=Path, metavar="PATH", help="where the serial port appears")
+    add("--unit", type=_units, default=(1,), metavar="UNITS", help="such as 2, 1-3 or 6,17 (default 1)")
+    add("--mode", choices=("rtu", "ascii"), help="what is spoken (default rtu, mint ascii)")
+    add("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
+    add("--baud", type=_baud, metavar="N", help="the devices' own rate (default: whatever the port is set to)")
+    add("--weight", type=float, metavar="W", help="weighers stand still at this weight")
+    add("--moving-unit", type=_units, default=(), metavar="UNITS", help="these weighers move all the same")
+    add("--silent", action="store_true", help="nothing answers")
+    add("--silent-unit", type=_units, default=(), metavar="UNITS", help="these do not answer")
+    add("--slow", type=_duration, default=0.0, metavar="TIME", help='answer later, such as "200 ms"')
+    add("--noise", type=_share, default=0.0, metavar="SHARE", help="spoil some answers, such as 5%%")
+    add("--seed", type=int, default=0, metavar="N", help="another seed, another noise (default 0)")
+    add("-v", "--verbose", action="store_true", help="show each frame")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate until SIGINT or SIGTERM. 2 when the devices cannot be on one line.
+
+    Raises:
+        PortError: there can be no port at the path.
+    """
+    groups = [_Group(kind, units or args.unit) for kind, units in args.profile]
+    mode: Mode = args.mode or ("ascii" if groups[0].kind == "mint" else "rtu")
+    format_ = args.format or DEFAULT_FORMATS[mode]
+    end = asyncio.Event()
+    tell = _frames_on_paper(mode, end) if args.verbose else tell_nobody
+    try:
+        devices = _devices(groups, args)
+        line = SimulatedLine(args.port, devices, mode=mode, format_=format_, seed=args.seed, tell=tell)
+    except ValueError as wrong:
+        print(f"modbus-gateway simulate: error: {wrong}", file=sys.stderr)
+        return WRONG_USAGE
+    pace = "whatever rate the port is set to" if args.baud is None else f"{args.baud} baud"
+    ready = f"{_who(groups)} at {args.port}: {mode} {format_}, {pace}. Ctrl-C ends it."
+    asyncio.run(_serve(line, f"{ready}\n\n{_config(groups, args, mode, format_)}\n", end))
+    return FINE
+
+
+async def _serve(line: SimulatedLine, introduction: str, end: asyncio.Event) -> None:
+    loop = asyncio.get_running_loop()
+    for number in _ENDING_SIGNALS:
+        loop.add_signal_handler(number, end.set)
+    async with line:
+        print(introduction, flush=True)
+        await end.wait()
+
+
+def _devices(groups: list[_Group], args: argparse.Namespace) -> list[Device]:
+    """The devices that were asked for.
+
+    Raises:
+        ValueError: they cannot be on one line.
+    """
+    units = parse_units([unit for group in groups for unit in group.units])
+    for named in (*args.silent_unit, *args.moving_unit):
+        if named not in units:
+            raise ValueError(f"there is no unit {named} on this line: it has {show_units(units)}")
+    return [_device(group.kind, unit, args) for group in groups for unit in group.units]
+
+
+def _device(kind: str, unit: int, args: argparse.Namespace) -> Device:
+    faults = Faults(silent=args.silent or unit in args.silent_unit, slow=args.slow, noise=args.noise)
+    if kind != "weigher":
+        return KINDS[kind](unit, baud=args.baud, faults=faults)
+    weight = PRINTED_WEIGHT if args.weight is None else args.weight
+    moves = args.weight is None or unit in args.moving_unit
+    return Weigher(unit, weight=weight, moves=moves, baud=args.baud, faults=faults)
+
+
+def _frames_on_paper(mode: Mode, end: asyncio.Event) -> Tell:
+    """Prints each frame with the time at which it begins; when nobody reads that any more, it ends the simulation."""
+
+    def tell(sender: Sender, data: bytes) -> None:
+        text = data.hex(" ").upper() if mode == "rtu" else ascii(data.decode("latin-1"))[1:-1]
+        now = datetime.now().astimezone().time().isoformat("milliseconds")
+        try:
+            print(f"{now} {_ARROWS[sender]} {text}", flush=True)
+        except BrokenPipeError:
+            end.set()
+
+    return tell
+
+
+def _who(groups: list[_Group]) -> str:
+    """Such as `weigher 1-2, v80 6`."""
+    return ", ".join(f"{group.kind} {show_units(group.units)}" for group in groups)
+
+
+def _config(groups: list[_Group], args: argparse.Namespace, mode: Mode, format_: CharacterFormat) -> str:
+    """The line as a table of a config file, for this rate or the usual one."""
+    port = args.port.absolute()
+    baud = args.baud or _USUAL_BAUD.get(groups[0].kind, _DEFAULT_BAUD)
+    rows = [
+        f"  {{ unit = {units if units.isdecimal() else json.dumps(units)}, profile = {json.dumps(group.kind)} }},"
+        for group in groups
+        for units in show_units(group.units).split(", ")
+    ]
+    keys = {"name": port.name, "port": str(port), "mode": mode, "baud": baud, "format": str(format_)}
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()]
+    return "\n".join(["[[line]]", *lines, "devices = [", *rows, "]"])
+
+
+def _group(text: str) -> tuple[str, tuple[int, ...] | None]:
+    """A kind of device, and the units that stand behind it."""
+    kind, colon, units = text.partition(":")
+    if kind not in KINDS:
+        raise argparse.ArgumentTypeError(f'there is no profile "{kind}" to simulate; {did_you_mean(kind, KINDS)}')
+    return kind, _units(units) if colon else None
+
+
+def _units(text: str) -> tuple[int, ...]:
+    return _said(parse_units, [part.strip() for part in text.split(",")])
+
+
+def _format(text: str) -> CharacterFormat:
+    return _said(parse_format, text)
+
+
+def _duration(text: str) -> float:
+    return _said(parse_duration, text)
+
+
+def _baud(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f'"{text}" is no rate; write a number such as 9600')
+    return int(text)
+
+
+def _share(text: str) -> float:
+    """5% or 0.05."""
+    try:
+        share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        share = -1.0
+    if not 0 <= share <= 1:
+        raise argparse.ArgumentTypeError(f'"{text}" is no share; write one such as 5%')
+    return share
+
+
+def _said(parse: Callable[[object], _T], value: object) -> _T:
+    """What `parse` makes of a value, or what is wrong with it in argparse's terms."""
+    try:
+        return parse(value)
+    except WrongValue as wrong:
+        remedy = f": {wrong.remedy}" if wrong.remedy else ""
+        raise argparse.ArgumentTypeError(f"{wrong}{remedy}") from wrong

@@ -1,0 +1,76 @@
+"""A simulated line as a part of a program: devices behind a virtual serial port, in an event loop.
+
+    async with SimulatedLine("/tmp/hall-a", [Weigher(1), Weigher(2, moves=True)]):
+        ...  # /tmp/hall-a can be opened as a serial port
+
+Plain callbacks and one alarm: there is no task that could be left behind.
+"""
+
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
+
+from gateway.config.plan import DEFAULT_FORMATS
+from gateway.modbus.chartime import CharacterFormat
+from gateway.ports.clock import Alarm
+from gateway.simulator.device import Device, Mode
+from gateway.simulator.paced_line import PacedLine, Tell, tell_nobody
+from gateway.simulator.port import VirtualPort
+
+
+class SimulatedLine:
+    """`devices` behind a serial port at `path`, which exists inside of the context.
+
+    `format_` decides how many bits a character takes (8E1 for RTU, 7E1 for ASCII); on a pseudo-terminal the kernel
+    carries eight bits without parity whatever is set. `seed` decides what noise looks like. `tell` is told each frame.
+
+    Raises:
+        PortError: on entering, when there can be no port at `path`.
+        ValueError: a device does not speak the mode.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        devices: Sequence[Device],
+        *,
+        mode: Mode = "rtu",
+        format_: CharacterFormat | None = None,
+        seed: int = 0,
+        tell: Tell = tell_nobody,
+    ) -> None:
+        for device in devices:
+            if mode not in device.modes:
+                raise ValueError(f"{device!r} does not speak {mode}")
+        self.path = Path(path)
+        self.devices = tuple(devices)
+        self._line = PacedLine(mode, format_ or DEFAULT_FORMATS[mode], devices, seed=seed, tell=tell)
+
+    async def __aenter__(self) -> Self:
+        self._loop = asyncio.get_running_loop()
+        self._port = VirtualPort(self.path)
+        self._alarm = Alarm(self._loop, self._wake)
+        self._loop.add_reader(self._port, self._readable)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._loop.remove_reader(self._port)
+        self._alarm.close()
+        self._port.close()
+
+    def _readable(self) -> None:
+        """The gateway has written: the rate it goes at is the one that is set now."""
+        data, now = self._port.read(), self._loop.time()
+        self._let_pass(now)
+        self._line.written(data, now, self._port.baud)
+        self._alarm.set(self._line.deadline())
+
+    def _wake(self) -> None:
+        self._let_pass(self._loop.time())
+        self._alarm.set(self._line.deadline())
+
+    def _let_pass(self, now: float) -> None:
+        data = self._line.tick(now)
+        if data:
+            self._port.write(data)

@@ -1,0 +1,85 @@
+"""An outside client that polls: an operator panel on the other end of a line where the gateway is the server.
+
+async with Panel("/tmp/panel", mode="ascii") as panel:
+    async for request, response in panel.poll([Frame(41, bytes.fromhex("03 0000 0002"))]):
+        print(request, response)
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+from typing import Final, Self
+
+from gateway.config.plan import DEFAULT_FORMATS
+from gateway.modbus import rtu
+from gateway.modbus.ascii import AsciiFramer
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.modbus.frame import Frame, ResponseFramer
+from gateway.modbus.pdu import parse_request
+from gateway.simulator.device import Mode
+from gateway.simulator.pace import Transmission
+from gateway.simulator.port import VirtualPort
+
+#: How long a panel waits for an answer, and between two requests, in seconds.
+PATIENCE: Final = 1.0
+PAUSE: Final = 0.050
+
+
+class Panel:
+    """A client behind a serial port at `path`, which exists inside of the context. It asks one thing at a time.
+
+    Its requests take the time that they take on a line. An answer counts as there when its last byte is.
+    """
+
+    def __init__(self, path: Path | str, *, mode: Mode = "rtu", format_: CharacterFormat | None = None) -> None:
+        self.path = Path(path)
+        self._mode = mode
+        self._format = format_ or DEFAULT_FORMATS[mode]
+
+    async def __aenter__(self) -> Self:
+        self._loop = asyncio.get_running_loop()
+        self._port = VirtualPort(self.path)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._loop.remove_reader(self._port)
+        self._port.close()
+
+    async def poll(self, requests: Sequence[Frame]) -> AsyncIterator[tuple[Frame, Frame | None]]:
+        """Ask all of `requests` in turn, again and again; each with its response, None when there was none."""
+        while True:
+            for request in requests:
+                yield request, await self.ask(request)
+                await asyncio.sleep(PAUSE)
+
+    async def ask(self, request: Frame, patience: float = PATIENCE) -> Frame | None:
+        """The response to `request`, or None when it did not come within `patience` seconds."""
+        timing = LineTiming(self._mode, self._port.baud, self._format)
+        framer: ResponseFramer = rtu.ResponseFramer(timing.t35) if self._mode == "rtu" else AsciiFramer()
+        self._port.read()  # what is left of an answer that came too late
+        framer.expect(request.unit, parse_request(request.pdu))
+        await self._send(framer.encode(*request), timing)
+        try:
+            async with asyncio.timeout(patience):
+                return await self._response(framer)
+        except TimeoutError:
+            return None
+
+    async def _send(self, adu: bytes, timing: LineTiming) -> None:
+        sent = Transmission(adu, self._loop.time(), timing)
+        while not sent.is_over:
+            await asyncio.sleep(sent.next_arrival() - self._loop.time())
+            self._port.write(sent.take(self._loop.time()))
+
+    async def _response(self, framer: ResponseFramer) -> Frame:
+        arrived = asyncio.Event()
+        self._loop.add_reader(self._port, arrived.set)
+        try:
+            while True:
+                await arrived.wait()
+                arrived.clear()
+                frames = framer.received(self._port.read(), self._loop.time())
+                if frames:
+                    return frames[0]
+        finally:
+            self._loop.remove_reader(self._port)

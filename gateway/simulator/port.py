@@ -1,0 +1,89 @@
+"""A virtual serial port: a pseudo-terminal behind a link, as udev makes one for an adapter. This is the far end."""
+
+import os
+import tty
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from gateway.errors import PortError
+from gateway.ports.ioctls import actual_baud
+
+#: The rate to go by where the kernel does not tell the one that was set.
+ASSUMED_BAUD: Final = 9600
+
+_READ_SIZE: Final = 4096
+
+
+class VirtualPort:
+    """Exists, with its link at `path`, from when it is made until `close`.
+
+    A dangling link, which a killed simulator leaves behind, is replaced.
+
+    Raises:
+        PortError: there can be no link at `path`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        # The near end stays open too: while nobody has it open, the far end would read EIO.
+        self._far_end, self._near_end = os.openpty()
+        tty.setraw(self._near_end)
+        os.set_blocking(self._far_end, False)
+        self._device = os.ttyname(self._near_end)
+        try:
+            _link(path, self._device)
+        except PortError:
+            self._close_both_ends()
+            raise
+
+    def fileno(self) -> int:
+        """The descriptor of the devices' end."""
+        return self._far_end
+
+    @property
+    def baud(self) -> int:
+        """The rate that the port is set to."""
+        return actual_baud(self._far_end) or ASSUMED_BAUD
+
+    def read(self) -> bytes:
+        """What was written to the port."""
+        with suppress(BlockingIOError):
+            return os.read(self._far_end, _READ_SIZE)
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """The port receives `data`; lost when nobody has read for so long that the kernel takes no more."""
+        with suppress(BlockingIOError):
+            os.write(self._far_end, data)
+
+    def close(self) -> None:
+        """Remove the link, if it is still ours, and hang up."""
+        with suppress(OSError):
+            if str(self.path.readlink()) == self._device:
+                self.path.unlink()
+        self._close_both_ends()
+
+    def _close_both_ends(self) -> None:
+        os.close(self._near_end)
+        os.close(self._far_end)
+
+
+def _link(path: Path, device: str) -> None:
+    try:
+        path.symlink_to(device)
+    except FileExistsError:
+        _replace_dangling(path, device)
+    except OSError as error:
+        raise PortError(f"{path} cannot be made: {error.strerror}") from error
+
+
+def _replace_dangling(path: Path, device: str) -> None:
+    if path.exists():
+        raise PortError(f"{path} exists already; name a path that is free, or remove it if no simulator uses it")
+    fresh = path.with_name(f"{path.name}.{os.getpid()}")
+    try:
+        fresh.symlink_to(device)
+        fresh.replace(path)
+    except OSError as error:
+        raise PortError(f"{path} cannot be replaced: {error.strerror}") from error
