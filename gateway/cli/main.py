@@ -28,6 +28,7 @@ INTERRUPTED: Final = 130
 DEFAULT_CONFIG: Final = "/etc/modbus-gateway/gateway.toml"
 
 VERBS: Final[Mapping[str, str]] = {
+    "demo": "show the main job on simulated lines",
     "run": "run the gateway in the foreground",
     "check": "check a config file and show what it means",
     "profile": "show what a kind of device accepts, and how fast it answers",

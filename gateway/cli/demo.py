@@ -1,0 +1,150 @@
+"""`demo`: simulated lines, a gateway in front of them, and every document's devices asked once through Modbus TCP."""
+
+import argparse
+import asyncio
+import signal
+import socket
+import sys
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from gateway import events
+from gateway.cli.demo_script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, DemoLine
+from gateway.cli.demo_stage import Stage
+from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.config.load import load
+from gateway.config.plan import Plan, resolve
+from gateway.errors import GatewayError
+from gateway.ports.serial import open_serial
+from gateway.service.build import Gateway, build
+from gateway.service.state import Memory
+from gateway.service.supervisor import Stop, serve
+
+#: Where users expect the demo; any other port when somebody is there already.
+_PORT: Final = 5020
+#: How long simulators and gateway may take to start, in seconds.
+_PATIENCE: Final = 20.0
+
+
+class DemoError(GatewayError):
+    """The demo cannot begin."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `demo`."""
+    parser.add_argument("--once", action="store_true", help="end after the script: status 0 if every answer was right")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show the main job; 1 if an answer was not what it must be.
+
+    Raises:
+        DemoError: a simulator or the gateway did not start.
+    """
+    return asyncio.run(_until_signal(once=args.once))
+
+
+async def _until_signal(*, once: bool) -> int:
+    demo = asyncio.create_task(_demo(once=once), name="demo")
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, demo.cancel)
+    try:
+        return await demo
+    except asyncio.CancelledError:
+        print("\nThe demo has ended.")
+        return FINE
+
+
+async def _demo(*, once: bool) -> int:
+    print("modbus-gateway demo: simulated serial lines, a gateway in front of them\n", flush=True)
+    async with AsyncExitStack() as parts:
+        folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
+        await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in LINES))
+        config = _write_config(folder)
+        plan = _plan(config)
+        stage = Stage(config, plan)
+        gateway = await parts.enter_async_context(_gateway(plan, stage))
+        await parts.enter_async_context(stage.connected(gateway))
+        wrong = await _play(stage)
+        if not once:
+            stage.invite()
+            await asyncio.Event().wait()
+    return PROBLEM_FOUND if wrong else FINE
+
+
+async def _play(stage: Stage) -> int:
+    """Ask everything; how many answers were wrong."""
+    stage.introduce()
+    right = [await stage.first(FIRST_QUESTION)]
+    for chapter in CHAPTERS:
+        print(f"\n{chapter.heading}\n")
+        right += [await stage.ask(question) for question in chapter.questions]
+    right.append(await stage.ask_all_at_once())
+    wrong = right.count(False)
+    print(f"\n{len(right)} questions, {wrong} wrong or missing answers.")
+    return wrong
+
+
+@asynccontextmanager
+async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
+    """A process with the devices of a line behind a virtual serial port in `folder`."""
+    words = ["-m", "gateway.cli.main", "simulate", *line.simulate, "--port", str(folder / line.name)]
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, *words, stdout=asyncio.subprocess.PIPE, stdin=asyncio.subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        async with asyncio.timeout(_PATIENCE):
+            if not process.stdout or not await process.stdout.readline():
+                raise DemoError(f"the simulator of the line {line.name} did not start")
+        yield
+    finally:
+        if process.returncode is None:
+            process.terminate()
+        await process.wait()
+
+
+def _write_config(folder: Path) -> Path:
+    """The config as a user would write it."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        free = probe.connect_ex(("127.0.0.1", _PORT)) != 0
+    parts = [f'[[listen]]\nbind = "tcp://127.0.0.1:{_PORT if free else 0}"\n']
+    parts += [f'[[line]]\nname = "{line.name}"\nport = "{folder / line.name}"\n{line.config}\n' for line in LINES]
+    file = folder / "gateway.toml"
+    file.write_text("\n".join([*parts, IMAGE]), encoding="utf-8")
+    return file
+
+
+def _plan(config: Path) -> Plan:
+    loaded = load(config)
+    if loaded.config is None:
+        raise DemoError("\n".join(map(str, loaded.problems)))
+    return resolve(loaded.config)
+
+
+@asynccontextmanager
+async def _gateway(plan: Plan, stage: Stage) -> AsyncIterator[Gateway]:
+    """The gateway of `plan`, ready; its events go to `stage`."""
+    ready = asyncio.Event()
+
+    def emit(event: events.Event) -> None:
+        stage.tell(event)
+        if isinstance(event, events.Ready):
+            ready.set()
+
+    loop = asyncio.get_running_loop()
+    gateway = build(plan, loop, lambda port: partial(open_serial, port), Memory(), emit)
+    stop = Stop()
+    serving = asyncio.create_task(serve(gateway, stop, emit), name="gateway")
+    try:
+        async with asyncio.timeout(_PATIENCE):
+            await ready.wait()
+        yield gateway
+    finally:
+        stop.order("the demo ends")
+        await serving

@@ -1,0 +1,168 @@
+"""What the demo prints: questions and answers, hop by hop, at 80 columns."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from gateway import events
+from gateway.cli.demo_script import Question, reading
+from gateway.config.plan import Plan
+from gateway.lines.line import Line
+from gateway.lines.transaction import Transaction
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import mbap, rtu
+from gateway.modbus.frame import Frame
+from gateway.service.build import Gateway
+
+#: How long an answer may take, in seconds: longer than any limit of the demo.
+_PATIENCE: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Hop:
+    """What passed on a line for one request: the frames as text, and times in milliseconds."""
+
+    line: str
+    request: str
+    response: str
+    elapsed: float
+    limit: float
+
+
+class Stage:
+    """A Modbus TCP client of the gateway with this plan; it shows what it does. `config` is the gateway's file."""
+
+    _reader: asyncio.StreamReader
+    _writer: asyncio.StreamWriter
+
+    def __init__(self, config: Path, plan: Plan) -> None:
+        self._config = config
+        self._plan = plan
+        self._address = ""
+        self._hops: list[Hop] = []
+        self._told: list[str] = []
+        self._transaction = 0
+
+    @asynccontextmanager
+    async def connected(self, gateway: Gateway) -> AsyncIterator[None]:
+        """As a client of `gateway`, with an eye on its lines."""
+        self._address = gateway.listeners[0].address
+        for driver in gateway.drivers:
+            driver.line.observer = partial(self._observe, driver.line)
+        host, port = self._address.removeprefix("tcp://").split(":")
+        self._reader, self._writer = await asyncio.open_connection(host, int(port))
+        try:
+            yield
+        finally:
+            self._writer.close()
+
+    def tell(self, event: events.Event) -> None:
+        """Take an event of the gateway; it is shown below the question that brought it about."""
+        if isinstance(event, events.AddressMoved | events.BaudChanged):
+            self._told.append(f"{event.name}: {event.advice}")
+        elif isinstance(event, events.RequestTimeout | events.BadFrame):
+            self._told.append(f"{event.name}: {event.elapsed_ms:.0f} ms, limit {event.limit_ms:.0f} ms")
+
+    def introduce(self) -> None:
+        """The address, the lines, the devices."""
+        print(f"  clients   {self._address}")
+        for line in self._plan.lines:
+            timing = line.line.timing
+            devices = ", ".join(f"{device.known_as} {device.name}" for device in line.devices)
+            print(f"  {line.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   {devices}")
+        for image in self._plan.images:
+            print(f"  {'(image)':28} {image.unit} {image.name}")
+        print(f"  config    {self._config}")
+
+    async def first(self, question: Question) -> bool:
+        """Ask, and show every hop."""
+        print(f"\nThe first question, hop by hop: {question.about}\n")
+        request, answer, right = await self._exchange(question)
+        hop = self._hops[-1]
+        self._hop("client", "gateway", request.hex(" ").upper())
+        self._hop("gateway", hop.line, hop.request)
+        self._hop(hop.line, "gateway", hop.response)
+        self._hop("gateway", "client", answer.hex(" ").upper())
+        value = reading(question.shows, answer[7:])
+        print(f"\n  {value}, {hop.elapsed:.1f} ms after the request had left; the limit was {hop.limit:.0f} ms")
+        return right
+
+    async def ask(self, question: Question) -> bool:
+        """Ask, and show the frames on the line."""
+        _, answer, right = await self._exchange(question)
+        mark = "ok " if right else "BAD"
+        value = reading(question.shows, answer[7:])
+        hops, self._hops = self._hops, []
+        times = f"{hops[0].elapsed:.0f} of {hops[0].limit:.0f} ms" if hops else "at once"
+        print(f"  {mark} {question.unit:3}  {question.about + ': ' + value:52} {times:>16}")
+        for hop in hops:
+            print(f"       > {hop.request}\n       < {hop.response}")
+        for text in self._told:
+            print(f"       ! {text}")
+        self._told.clear()
+        return right
+
+    async def ask_all_at_once(self) -> bool:
+        """One segment with a question to every line: each line works for itself."""
+        units = [device.known_as for line in self._plan.lines for device in line.devices]
+        units += [image.unit for image in self._plan.images]
+        print("\nOne TCP segment with a question to each unit; answers as they come\n")
+        self._writer.write(b"".join(mbap.encode(unit, unit, bytes.fromhex("03 00 01 00 01")) for unit in units))
+        answered = []
+        for _ in units:
+            header = await asyncio.wait_for(self._reader.readexactly(6), _PATIENCE)
+            adu = header + await self._reader.readexactly(int.from_bytes(header[4:]))
+            answered.append(adu[6])
+        print("  asked     " + ", ".join(map(str, units)))
+        print("  answered  " + ", ".join(map(str, answered)))
+        self._hops.clear()
+        return sorted(answered) == sorted(units)
+
+    def invite(self) -> None:
+        """What to try next."""
+        port = self._address.rsplit(":", 1)[1]
+        mbpoll = f"mbpoll -m tcp -p {port}"
+        print("\nThe lines stay. From another terminal, for example:\n")
+        print(f"  {mbpoll} -a 41 -t 4:float -B -0 -r 0 127.0.0.1      the weight on silo-1")
+        print(f"  {mbpoll} -a 46 -t 4 -r 108 -c 3 127.0.0.1           the press")
+        print(f"  {mbpoll} -a 52 -t 4 -r 31 127.0.0.1 1234            write Comms 30 of axis-1")
+        print("\nCtrl-C ends everything.", flush=True)
+
+    async def _exchange(self, question: Question) -> tuple[bytes, bytes, bool]:
+        """The request and response as TCP ADUs, and whether both are right, on the line too."""
+        self._transaction += 1
+        request = mbap.encode(self._transaction, question.unit, bytes.fromhex(question.request))
+        self._hops.clear()
+        self._writer.write(request)
+        header = await asyncio.wait_for(self._reader.readexactly(6), _PATIENCE)
+        answer = header + await asyncio.wait_for(self._reader.readexactly(int.from_bytes(header[4:])), _PATIENCE)
+        right = answer == mbap.encode(self._transaction, question.unit, bytes.fromhex(question.answer))
+        if question.printed is not None:
+            right = right and question.printed == (self._hops[-1].request, self._hops[-1].response)
+        return request, answer, right
+
+    def _observe(self, line: Line, transaction: Transaction, response: Frame | None, now: float) -> None:
+        mode = line.settings.timing.mode
+        self._hops.append(
+            Hop(
+                line=line.settings.name,
+                request=_frame(mode, transaction.unit, transaction.asked.data),
+                response=_frame(mode, *response) if response is not None else "(silence)",
+                elapsed=1000 * (now - transaction.ends_at),
+                limit=1000 * transaction.limit,
+            )
+        )
+
+    def _hop(self, source: str, target: str, text: str) -> None:
+        print(f"  {source:>7} > {target:8} {text}")
+
+
+def _frame(mode: str, unit: int, pdu: bytes) -> str:
+    """A frame as documents print it: hexadecimal bytes in RTU, characters in ASCII."""
+    if mode == "ascii":
+        return ascii_framing.encode(unit, pdu).decode().strip()
+    return rtu.encode(unit, pdu).hex(" ").upper()

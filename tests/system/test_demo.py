@@ -1,0 +1,65 @@
+"""The demo, as somebody sees it who has just cloned the project."""
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+
+from kit.process import COMMAND, PATIENCE, command
+from kit.vectors import seed_frames
+
+
+@pytest.fixture(scope="module")
+def shown() -> subprocess.CompletedProcess[str]:
+    return command("demo", "--once")
+
+
+def test_it_ends_by_itself_with_status_0(shown: subprocess.CompletedProcess[str]) -> None:
+    assert (shown.returncode, shown.stderr) == (0, ""), shown.stdout
+    assert shown.stdout.rstrip().endswith(" 0 wrong or missing answers.")
+    assert "BAD" not in shown.stdout
+
+
+def test_it_shows_the_weight_of_the_document(shown: subprocess.CompletedProcess[str]) -> None:
+    assert "4999.66" in shown.stdout
+
+
+@pytest.mark.parametrize(
+    "frame", [frame for frame in seed_frames() if frame.kind != "misprint"], ids=lambda f: f.meaning
+)
+def test_it_shows_every_printed_frame(shown: subprocess.CompletedProcess[str], frame) -> None:
+    if frame.mode == "rtu":
+        assert frame.data.hex(" ").upper() in shown.stdout
+
+
+def test_it_is_plain_text_of_80_columns(shown: subprocess.CompletedProcess[str]) -> None:
+    assert "\x1b" not in shown.stdout
+    assert max(map(len, shown.stdout.splitlines())) <= 80
+
+
+def test_it_stays_until_it_is_interrupted_and_leaves_nothing_behind() -> None:
+    with subprocess.Popen([*COMMAND, "demo"], stdout=subprocess.PIPE, text=True) as demo:
+        lines = list(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
+        (config,) = (line.split()[1] for line in lines if line.startswith("  config"))
+        (address,) = (line.split()[1] for line in lines if line.startswith("  clients"))
+        with ModbusTcpClient("127.0.0.1", port=int(address.rsplit(":", 1)[1]), timeout=PATIENCE) as client:
+            assert client.read_holding_registers(0, count=2, device_id=41).registers == [0x459C, 0x3D51]
+        demo.send_signal(signal.SIGINT)
+        assert demo.wait(PATIENCE) == 0
+    assert not Path(config).parent.exists()
+    assert not _simulators_in(Path(config).parent)
+
+
+def _simulators_in(folder: Path) -> list[str]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                words = (entry / "cmdline").read_text()
+            except OSError:
+                continue
+            found += [words] if str(folder) in words else []
+    return found
