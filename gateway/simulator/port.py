@@ -13,6 +13,7 @@ from gateway.ports.ioctls import actual_baud
 ASSUMED_BAUD: Final = 9600
 
 _READ_SIZE: Final = 4096
+_VIRTUAL_PORTS: Final = Path("/dev/pts")
 
 
 class VirtualPort:
@@ -79,6 +80,8 @@ def _link(path: Path, device: str) -> None:
 
 
 def _replace_dangling(path: Path, device: str) -> None:
+    if path.is_char_device() and not path.resolve().is_relative_to(_VIRTUAL_PORTS):
+        raise PortError(f"{path} is a real port; devices are simulated on a virtual one only: name a path that is free")
     if path.exists():
         raise PortError(f"{path} exists already; name a path that is free, or remove it if no simulator uses it")
     fresh = path.with_name(f"{path.name}.{os.getpid()}")

@@ -19,7 +19,7 @@ from struct import Struct
 from typing import ClassVar, Final
 
 from gateway.errors import IllegalDataValue
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area, FunctionCode
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.profile import Range, covers
@@ -88,11 +88,11 @@ class Weigher(Device):
 
     def is_meant(self, frame: Frame) -> bool:
         """A question at address 0 is for whoever hears it (3)."""
-        return super().is_meant(frame) or self.answers(frame)
+        return super().is_meant(frame) or _asks_anybody(frame)
 
     def answers(self, frame: Frame) -> bool:
         """It answers a question at address 0, from its real address (3)."""
-        return super().answers(frame) or frame.pdu[0] == FunctionCode.READ_HOLDING_REGISTERS
+        return super().answers(frame) or _asks_anybody(frame)
 
     def has(self, asked: RequestPdu) -> bool:
         """What can be written cannot be read, and the other way round."""
@@ -146,6 +146,10 @@ _COMMANDS: Final[dict[int, tuple[Callable[[Weigher, bytes, float], None], int]]]
     SET_BAUD: (Weigher._set_baud, 4),  # noqa: SLF001
     TAKE_ZERO: (Weigher._take_zero, 2),  # noqa: SLF001
 }
+
+
+def _asks_anybody(frame: Frame) -> bool:
+    return frame.unit == BROADCAST_UNIT and frame.pdu[0] == FunctionCode.READ_HOLDING_REGISTERS
 
 
 def _words(value: float) -> tuple[int, int]:
