@@ -1,0 +1,310 @@
+"""`simulate` as a process, and simulated lines as parts of a program: real virtual ports, clients of others."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from pymodbus import FramerType
+from pymodbus.client import ModbusSerialClient
+from serial import Serial
+
+from gateway.cli.main import main
+from gateway.config.load import parse
+from gateway.errors import PortError
+from gateway.modbus.frame import Frame
+from gateway.simulator.faults import Faults
+from gateway.simulator.generic import Generic
+from gateway.simulator.line import SimulatedLine
+from gateway.simulator.mint import Mint
+from gateway.simulator.panel import Panel
+from gateway.simulator.port import VirtualPort
+from gateway.simulator.weigher import Weigher
+from kit.process import COMMAND, PATIENCE
+
+READ_WEIGHT, WEIGHT = bytes.fromhex("01 03 00 00 00 02 C4 0B"), bytes.fromhex("01 03 04 45 9C 3D 51 FE 7D")
+ASK_ADDRESS, ADDRESS_1 = bytes.fromhex("00 03 00 10 00 01 84 1E"), bytes.fromhex("01 03 02 00 01 79 84")
+BECOME_5, BECAME_5 = bytes.fromhex("01 10 01 00 00 01 02 00 05 76 93"), bytes.fromhex("05 10 01 00 00 01 01 B1")
+BECOME_1, BECAME_1 = bytes.fromhex("05 10 01 00 00 01 02 00 01 45 90"), bytes.fromhex("01 10 01 00 00 01 00 35")
+SET_19200, BAUD_SET = (
+    bytes.fromhex("01 10 02 00 00 02 04 46 96 00 00 1F AB"),
+    bytes.fromhex("01 10 02 00 00 02 40 70"),
+)
+
+
+class Simulation:
+    """`modbus-gateway simulate` on a port; in its context it is ready. `said` is what it printed until then."""
+
+    def __init__(self, port: Path, *words: str) -> None:
+        self.port = port
+        self._words = [*COMMAND, "simulate", *words, "--port", str(port)]
+
+    def __enter__(self):
+        self._process = subprocess.Popen(self._words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.said = "".join(iter(self._process.stdout.readline, "]\n"))
+        assert self.said, self._process.stderr.read()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
+        """The exit code, and what it still had to say."""
+        self._process.send_signal(number)
+        said, complained = self._process.communicate(timeout=PATIENCE)
+        return self._process.returncode, said, complained
+
+
+@contextmanager
+def opened(port: Path, baud: int = 9600) -> Iterator[Serial]:
+    with Serial(str(port), baud, timeout=PATIENCE) as serial:
+        yield serial
+
+
+def ask(serial: Serial, request: bytes, size: int) -> bytes:
+    serial.write(request)
+    response = serial.read(size)
+    time.sleep(0.02)  # the silence before the next request
+    return response
+
+
+def is_silent(serial: Serial, request: bytes) -> bool:
+    serial.timeout = 0.3
+    serial.write(request)
+    silent = serial.read(1) == b""
+    serial.timeout = PATIENCE
+    return silent
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Path:
+    return tmp_path / "hall-a"
+
+
+def test_a_weigher_as_its_document_says(port: Path) -> None:
+    with Simulation(port, "weigher", "--weight", "4999.66", "--baud", "9600"), opened(port) as serial:
+        assert ask(serial, READ_WEIGHT, 9) == WEIGHT
+        assert ask(serial, ASK_ADDRESS, 7) == ADDRESS_1
+        assert ask(serial, BECOME_5, 8) == BECAME_5
+        assert is_silent(serial, READ_WEIGHT)
+        assert ask(serial, BECOME_1, 8) == BECAME_1
+        assert ask(serial, SET_19200, 8) == BAUD_SET
+        assert is_silent(serial, READ_WEIGHT)
+        serial.baudrate = 19200
+        assert ask(serial, READ_WEIGHT, 9) == WEIGHT
+
+
+def test_an_answer_takes_at_least_its_time_on_the_wire(port: Path) -> None:
+    """At 1200 baud 125 registers take 2.3 seconds; the margin above is wide."""
+    with Simulation(port, "v80"), opened(port, 1200) as serial:
+        request = bytes.fromhex("01 03 00 00 00 7D 85 EB")
+        start = time.monotonic()
+        assert len(ask(serial, request, 255)) == 255
+        wire = (8 + 255) * 11 / 1200
+        assert wire < time.monotonic() - start < wire + 2
+
+
+def test_pymodbus_reads_and_writes_two_devices(port: Path) -> None:
+    with Simulation(port, "generic", "--unit", "1-2"):
+        client = ModbusSerialClient(str(port), framer=FramerType.RTU, baudrate=115200, timeout=PATIENCE)
+        try:
+            assert client.connect()
+            for unit in (1, 2):
+                assert not client.write_registers(10, [unit, 7], device_id=unit).isError()
+                assert client.read_holding_registers(10, count=2, device_id=unit).registers == [unit, 7]
+            assert client.read_holding_registers(100, device_id=1).exception_code == 2
+        finally:
+            client.close()
+
+
+def test_pymodbus_speaks_ascii_with_a_mint_controller_beside_a_silent_one(port: Path) -> None:
+    with Simulation(port, "mint", "--unit", "2-3", "--silent-unit", "3") as simulation:
+        client = ModbusSerialClient(str(port), framer=FramerType.ASCII, baudrate=19200, timeout=PATIENCE)
+        try:
+            assert client.connect()
+            assert not client.write_registers(1, [1234], device_id=2).isError()
+            assert client.read_holding_registers(1, device_id=2).registers == [1234]
+            with opened(port, 19200) as serial:
+                assert is_silent(serial, b":030300010001F8\r\n")
+        finally:
+            client.close()
+        assert 'mode = "ascii"' in simulation.said
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=str)
+def test_it_ends_with_status_0_and_takes_its_port_away(port: Path, number: signal.Signals) -> None:
+    with Simulation(port, "generic") as simulation:
+        assert port.is_symlink()
+        code, said, complained = simulation.end(number)
+        assert (code, said.strip(), complained) == (0, "", "")
+        assert not port.is_symlink()
+
+
+def test_the_table_that_it_shows_is_good_in_a_config(port: Path) -> None:
+    with Simulation(port, "weigher:1-2,9", "v80:6") as simulation:
+        ready, _, table = simulation.said.partition("\n")
+        assert ready.startswith(f"weigher 1-2, 9, v80 6 at {port}: rtu 8E1, ")
+        loaded = parse(table + "]\n")
+        assert loaded.problems == ()
+        (line,) = loaded.config.line
+        assert [unit for device in line.devices for unit in device.units] == [1, 2, 9, 6]
+
+
+def test_it_shows_the_frames(port: Path) -> None:
+    with Simulation(port, "weigher", "--weight", "4999.66", "-v") as simulation, opened(port) as serial:
+        ask(serial, READ_WEIGHT, 9)
+        _, said, _ = simulation.end()
+    assert [line.partition(" ")[2] for line in said.split("\n") if line] == [
+        ">> 01 03 00 00 00 02 C4 0B",
+        "<< 01 03 04 45 9C 3D 51 FE 7D",
+    ]
+
+
+def test_a_link_left_behind_is_replaced(port: Path) -> None:
+    port.symlink_to("/dev/pts/no-such-terminal")
+    with Simulation(port, "weigher", "--weight", "4999.66"), opened(port) as serial:
+        assert ask(serial, READ_WEIGHT, 9) == WEIGHT
+
+
+def test_another_file_is_left_alone(port: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    port.write_text("precious")
+    assert main(["simulate", "generic", "--port", str(port)]) == 1
+    assert f"{port} exists already" in capsys.readouterr().err
+    assert port.read_text() == "precious"
+
+
+def test_a_real_port_and_a_folder_that_is_missing_are_refused(tmp_path: Path, capsys) -> None:
+    assert main(["simulate", "generic", "--port", "/dev/null"]) == 1
+    assert "/dev/null is a real port" in capsys.readouterr().err
+    assert main(["simulate", "generic", "--port", str(tmp_path / "missing" / "port")]) == 1
+    assert "cannot be made: No such file or directory" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["nonsense"], 'there is no profile "nonsense" to simulate'),
+        (["weihger"], 'did you mean "weigher"?'),
+        (["generic:0"], "unit 0 is outside 1-247"),
+        (["generic", "--unit", "1,x"], '"x" is no unit'),
+        (["generic", "--baud", "fast"], '"fast" is no rate'),
+        (["generic", "--noise", "105%"], '"105%" is no share'),
+        (["generic", "--noise", "much"], '"much" is no share'),
+        (["generic", "--slow", "200"], 'write "200 ms" or "200 s"'),
+        (["generic", "--format", "9X9"], '"9X9" is no character format'),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_word_that_cannot_be_used(words: list[str], complaint: str, capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", *words, "--port", "/tmp/never-made"])
+    assert ended.value.code == 2
+    assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["weigher:1-3", "v80:3"], "names unit 3 twice"),
+        (["mint", "--mode", "rtu"], "<Mint unit=1> does not speak rtu"),
+        (["weigher", "--mode", "ascii"], "<Weigher unit=1> does not speak ascii"),
+        (["weigher", "--baud", "4800"], "cannot be set to 4800 baud"),
+        (["generic", "--silent-unit", "7"], "there is no unit 7 on this line: it has 1"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_devices_that_cannot_be_on_one_line(words: list[str], complaint: str, capsys) -> None:
+    assert main(["simulate", *words, "--port", "/tmp/never-made"]) == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_a_reader_that_has_gone_ends_it(port: Path) -> None:
+    words = [*COMMAND, "simulate", "generic", "-v", "--port", str(port)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        "".join(iter(process.stdout.readline, "]\n"))
+        process.stdout.close()
+        with opened(port) as serial:
+            serial.write(READ_WEIGHT)
+            assert process.wait(PATIENCE) in {0, 1}
+        assert process.stderr.read() == ""
+    assert not port.is_symlink()
+
+
+async def exchange(port: Path, request: bytes, size: int, baud: int = 115200) -> bytes:
+    def talk() -> bytes:
+        with opened(port, baud) as serial:
+            return ask(serial, request, size)
+
+    return await asyncio.to_thread(talk)
+
+
+async def test_a_line_as_a_part_of_a_program(port: Path) -> None:
+    heard: list[tuple[str, bytes]] = []
+    weigher = Weigher(1)
+    async with SimulatedLine(port, [weigher, Generic(2)], tell=lambda sender, data: heard.append((sender, data))):
+        assert await exchange(port, READ_WEIGHT, 9) == WEIGHT
+        weigher.faults = Faults(slow=0.3)
+        start = time.monotonic()
+        assert await exchange(port, READ_WEIGHT, 9) == WEIGHT
+        assert time.monotonic() - start > 0.3
+    assert heard == 2 * [("port", READ_WEIGHT), ("device", WEIGHT)]
+
+
+def test_a_link_is_not_taken_away_when_something_else_has_replaced_it(port: Path) -> None:
+    virtual = VirtualPort(port)
+    port.unlink()
+    port.write_text("precious")
+    virtual.close()
+    assert port.read_text() == "precious"
+
+
+async def test_two_lines_cannot_have_one_port(port: Path) -> None:
+    async with SimulatedLine(port, [Generic(1)]):
+        with pytest.raises(PortError, match="exists already"):
+            await SimulatedLine(port, [Generic(1)]).__aenter__()
+
+
+async def test_what_nobody_reads_does_not_stop_a_line(port: Path) -> None:
+    """A pseudo-terminal takes some kilobytes; opening it discards them."""
+    async with SimulatedLine(port, [Weigher(1)]) as line:
+        for _ in range(100):
+            line._port.write(bytes(4096))
+        assert await exchange(port, READ_WEIGHT, 9) == WEIGHT
+
+
+@pytest.mark.parametrize("mode", ["rtu", "ascii"])
+async def test_a_panel_asks_in_turn_and_collects_the_answers(port: Path, mode) -> None:
+    """Here its line is joined to a simulated one: what one end says, the other one hears."""
+    devices = port.with_name("devices")
+    simulated = [Mint(1)] if mode == "ascii" else [Generic(1)]
+    requests = [Frame(1, bytes.fromhex("10 0001 0001 02 1234")), Frame(1, bytes.fromhex("03 0001 0001"))]
+    async with SimulatedLine(devices, simulated, mode=mode), Panel(port, mode=mode) as panel:
+        with joined(port, devices):
+            answers = []
+            async for _, answer in panel.poll(requests):
+                answers.append(answer)
+                if len(answers) == 4:
+                    break
+            assert await panel.ask(Frame(9, bytes.fromhex("03 0001 0001")), patience=0.1) is None
+    assert [answer.pdu.hex() for answer in answers] == 2 * ["1000010001", "03021234"]
+
+
+@contextmanager
+def joined(one: Path, other: Path) -> Iterator[None]:
+    """A cable between two ports, in this event loop."""
+    loop = asyncio.get_running_loop()
+    ends = [os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) for path in (one, other)]
+    for source, sink in (ends, reversed(ends)):
+        loop.add_reader(source, lambda source=source, sink=sink: os.write(sink, os.read(source, 512)))
+    yield
+    for end in ends:
+        loop.remove_reader(end)
+        os.close(end)
