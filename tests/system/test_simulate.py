@@ -1,7 +1,6 @@
 """`simulate` as a process, and simulated lines as parts of a program: real virtual ports, clients of others."""
 
 import asyncio
-import os
 import signal
 import subprocess
 import time
@@ -17,11 +16,13 @@ from serial import Serial
 from gateway.cli.main import main
 from gateway.config.load import parse
 from gateway.errors import PortError
+from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.frame import Frame
+from gateway.modbus.rtu import RequestFramer
+from gateway.simulator.device import Device
 from gateway.simulator.faults import Faults
 from gateway.simulator.generic import Generic
 from gateway.simulator.line import SimulatedLine
-from gateway.simulator.mint import Mint
 from gateway.simulator.panel import Panel
 from gateway.simulator.port import VirtualPort
 from gateway.simulator.weigher import Weigher
@@ -111,8 +112,9 @@ def test_an_answer_takes_at_least_its_time_on_the_wire(port: Path) -> None:
 
 
 def test_pymodbus_reads_and_writes_two_devices(port: Path) -> None:
+    """At 9600 baud: pymodbus keeps no silence between frames, but there it looks for answers seldom enough."""
     with Simulation(port, "generic", "--unit", "1-2"):
-        client = ModbusSerialClient(str(port), framer=FramerType.RTU, baudrate=115200, timeout=PATIENCE)
+        client = ModbusSerialClient(str(port), framer=FramerType.RTU, baudrate=9600, timeout=PATIENCE)
         try:
             assert client.connect()
             for unit in (1, 2):
@@ -282,13 +284,10 @@ async def test_what_nobody_reads_does_not_stop_a_line(port: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["rtu", "ascii"])
 async def test_a_panel_asks_in_turn_and_collects_the_answers(port: Path, mode) -> None:
-    """Here its line is joined to a simulated one: what one end says, the other one hears."""
-    devices = port.with_name("devices")
-    simulated = [Mint(1)] if mode == "ascii" else [Generic(1)]
     requests = [Frame(1, bytes.fromhex("10 0001 0001 02 1234")), Frame(1, bytes.fromhex("03 0001 0001"))]
-    async with SimulatedLine(devices, simulated, mode=mode), Panel(port, mode=mode) as panel:
-        with joined(port, devices):
-            answers = []
+    answers = []
+    async with Panel(port, mode=mode) as panel:
+        with served(port, Generic(1), RequestFramer(silence=1.0) if mode == "rtu" else AsciiFramer()):
             async for _, answer in panel.poll(requests):
                 answers.append(answer)
                 if len(answers) == 4:
@@ -297,14 +296,26 @@ async def test_a_panel_asks_in_turn_and_collects_the_answers(port: Path, mode) -
     assert [answer.pdu.hex() for answer in answers] == 2 * ["1000010001", "03021234"]
 
 
+async def test_a_panel_takes_the_time_of_its_requests_on_the_wire(port: Path) -> None:
+    async with Panel(port) as panel:
+        with served(port, Generic(1), RequestFramer(silence=1.0), baud=1200):
+            start = time.monotonic()
+            assert await panel.ask(Frame(1, bytes.fromhex("10 0000 0014 28") + bytes(40)))
+            assert time.monotonic() - start > 49 * 11 / 1200
+
+
 @contextmanager
-def joined(one: Path, other: Path) -> Iterator[None]:
-    """A cable between two ports, in this event loop."""
+def served(port: Path, device: Device, framer: RequestFramer | AsciiFramer, baud: int = 9600) -> Iterator[None]:
+    """A server on a port, in this event loop, that forgives holes in a frame as the gateway does."""
+
+    def answer() -> None:
+        for frame in framer.received(serial.read(serial.in_waiting), time.monotonic()):
+            heard = device.hear(frame, time.monotonic(), baud)
+            if heard is not None:
+                serial.write(framer.encode(*heard.frame))
+
     loop = asyncio.get_running_loop()
-    ends = [os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) for path in (one, other)]
-    for source, sink in (ends, reversed(ends)):
-        loop.add_reader(source, lambda source=source, sink=sink: os.write(sink, os.read(source, 512)))
-    yield
-    for end in ends:
-        loop.remove_reader(end)
-        os.close(end)
+    with opened(port, baud) as serial:
+        loop.add_reader(serial, answer)
+        yield
+        loop.remove_reader(serial)
