@@ -57,6 +57,7 @@ class ConfigWarning(Event):
 
     level = Level.WARNING
     problem: str
+    help: str
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ class Origin(Protocol):
     def may_write(self) -> bool:
         """Whether the client may use functions that can change a device."""
 
-    @property
-    def gone(self) -> bool:
-        """Whether the client has left: what still waits for it need not be sent."""
+    def wants(self, request: "Request") -> bool:
+        """Whether a request that still waits should be sent: not for a client that has left."""
 
     def answer(self, request: "Request", pdu: bytes | None) -> None:
         """Take the one response to `request`; None ends it without one. Never raises."""

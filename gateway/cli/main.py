@@ -49,9 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return PROBLEM_FOUND
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read the output has gone. Python would complain when it flushes at exit: there is nobody to hear it.
+    except OSError as error:
+        # Nobody takes the output any more. Python would complain when it flushes at exit: there is nobody to hear it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            print(f"modbus-gateway: error: {error}", file=sys.stderr)
         return PROBLEM_FOUND
     return code
 

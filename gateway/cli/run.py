@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import signal
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     emit = open_log(plan.log.level, plan.log.format)
     emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
     for problem in loaded.problems:
-        emit(events.ConfigWarning(str(problem)))
+        emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
     memory = StateFile(state_folder(), emit)
     try:
         asyncio.run(_run(plan, file, memory, emit))
@@ -54,9 +55,16 @@ async def _run(plan: Plan, file: Path, memory: Memory, emit: events.Emit) -> Non
     stop = Stop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
-    refused = events.ConfigRejected(str(file), "reload is not built yet in this version; restart to apply changes")
-    loop.add_signal_handler(signal.SIGHUP, emit, refused)
+    loop.add_signal_handler(signal.SIGHUP, _hang_up, file, stop, emit)
     await serve(gateway, stop, emit)
+
+
+def _hang_up(file: Path, stop: Stop, emit: events.Emit) -> None:
+    """SIGHUP: a terminal that was closed ends what runs in it; a daemon is asked to read its config again."""
+    if sys.stderr.isatty():
+        stop.order("SIGHUP")
+    else:
+        emit(events.ConfigRejected(str(file), "reload is not built yet in this version; restart to apply changes"))
 
 
 def _units(plan: Plan) -> int:

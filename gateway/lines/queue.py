@@ -8,7 +8,8 @@ from gateway.lines.transaction import Transaction
 class WaitingQueue:
     """First come, first served, with a bound on how many wait and on how long each one does.
 
-    `size` is the most that wait, `max_wait` the longest time in seconds. Requests of clients that left are passed over.
+    `size` is the most that wait, `max_wait` the longest time in seconds. What nobody wants any more ends without a
+    response.
     """
 
     def __init__(self, size: int, max_wait: float) -> None:
@@ -22,7 +23,7 @@ class WaitingQueue:
     def put(self, transaction: Transaction, now: float) -> bool:
         """Let `transaction` wait from `now` on; False when the queue is full."""
         if len(self._waiting) >= self._size:
-            self._drop_departed()
+            self._drop_unwanted()
             if len(self._waiting) >= self._size:
                 return False
         transaction.waits_until = now + self._max_wait
@@ -30,11 +31,12 @@ class WaitingQueue:
         return True
 
     def take(self) -> Transaction | None:
-        """The next transaction whose client still wants it."""
+        """The next transaction that its client still wants."""
         while self._waiting:
             transaction = self._waiting.popleft()
-            if not transaction.request.origin.gone:
+            if transaction.is_wanted:
                 return transaction
+            transaction.request.end()
         return None
 
     def expired(self, now: float) -> list[Transaction]:
@@ -54,5 +56,8 @@ class WaitingQueue:
         self._waiting.clear()
         return waiting
 
-    def _drop_departed(self) -> None:
-        self._waiting = deque(waiting for waiting in self._waiting if not waiting.request.origin.gone)
+    def _drop_unwanted(self) -> None:
+        unwanted = [waiting for waiting in self._waiting if not waiting.is_wanted]
+        self._waiting = deque(waiting for waiting in self._waiting if waiting.is_wanted)
+        for transaction in unwanted:
+            transaction.request.end()

@@ -62,6 +62,11 @@ class Transaction:
         return frame.unit == self.unit and self.asked.accepts(frame.pdu)
 
     @property
+    def is_wanted(self) -> bool:
+        """Whether the client still wants the request to be sent."""
+        return self.request.origin.wants(self.request)
+
+    @property
     def fails_at(self) -> float:
         """When the response must be there."""
         return self.ends_at + self.limit

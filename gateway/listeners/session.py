@@ -5,6 +5,7 @@ from typing import Literal, Protocol
 
 from gateway.errors import NotModbus
 from gateway.modbus import mbap
+from gateway.modbus.codes import READING_FUNCTIONS
 from gateway.request import Request, Target
 
 
@@ -100,6 +101,14 @@ class Session:
             self._draining = False
         self._flush()
         self._close_when_done()
+
+    def wants(self, request: Request) -> bool:
+        """Whether a request that still waits should be sent.
+
+        A client that sends no more may have left or may still read: it gets the answers to what it read, but a write
+        that nobody may be waiting for is not sent any more.
+        """
+        return not self.gone and (not self._at_end or request.pdu[0] in READING_FUNCTIONS)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response to one of the session's requests."""

@@ -18,6 +18,11 @@ from gateway.routing.access import may_write
 UNSENT_BYTES = 64 * 1024
 #: Keep-alive (T 4.3.2): a peer that vanished is noticed after a minute. Seconds, seconds, probes.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 30, 10, 3
+_ADVICE = {
+    errno.EACCES: "permission denied; ports below 1024 need root or CAP_NET_BIND_SERVICE",
+    errno.EADDRINUSE: "another program has this port, perhaps another modbus-gateway",
+    errno.EADDRNOTAVAIL: "this machine has no such address",
+}
 #: How often idle connections are looked for, as a share of the idle time.
 _SWEEPS_PER_IDLE_TIME = 10
 
@@ -53,7 +58,8 @@ class TcpListener:
             )
         except OSError as error:
             address = _url(settings.host, settings.port)
-            raise ListenError(f"{settings.source}: cannot listen on {address}: {_why(error)}") from error
+            place = f"{settings.source}: " if settings.source else ""
+            raise ListenError(f"{place}cannot listen on {address}: {_why(error)}") from error
 
     async def start(self) -> None:
         """Accept clients."""
@@ -78,7 +84,7 @@ class TcpListener:
         """Accept nobody any more and close every connection."""
         self.stop_accepting()
         for connection in list(self.connections):
-            connection.close()
+            connection.close("the gateway ends")
 
     def make_room(self) -> bool:
         """Whether there is room for one more client, after closing the longest idle one if need be (T 4.2.1.1)."""
@@ -112,7 +118,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     def __init__(self, listener: TcpListener, time: Callable[[], float]) -> None:
         self._listener = listener
         self._time = time
-        self._reason = "closed by the client"
+        self._reason = "the client has closed it"
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
@@ -164,12 +170,13 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.session.closed()
         if self in self._listener.connections:
             self._listener.connections.remove(self)
-            reason = self._reason if exc is None else str(exc)
+            reason = self._reason if not isinstance(exc, OSError) else f"lost: {_why(exc)}"
             self._listener.emit(events.ClientClosed(self._listener.settings.name, self.session.client, reason))
 
     def send(self, data: bytes) -> None:
-        """Send a response."""
-        self.transport.write(data)
+        """Send a response; not to a client that has gone, of whom asyncio may not have told yet."""
+        if not self.transport.is_closing():
+            self.transport.write(data)
 
     def pause(self) -> None:
         """Receive nothing more until `resume`."""
@@ -180,7 +187,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._proceed)
 
-    def close(self, reason: str = "closed by the gateway") -> None:
+    def close(self, reason: str = "the client has closed it") -> None:
         """Close once everything sent has left."""
         self._reason = reason
         self.transport.close()
@@ -210,8 +217,8 @@ def _pair(host: str, port: int) -> str:
 
 
 def _why(error: OSError) -> str:
-    if error.errno == errno.EACCES:
-        return "permission denied; ports below 1024 need root or CAP_NET_BIND_SERVICE"
+    if error.errno in _ADVICE:
+        return _ADVICE[error.errno]
     if error.errno is not None and error.errno > 0:
         return os.strerror(error.errno).lower()
     return str(error.strerror).lower()

@@ -1,5 +1,6 @@
 """Events become log lines on standard error, through structlog."""
 
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -16,34 +17,48 @@ def open_log(level: str, log_format: LogFormat, stream: TextIO = sys.stderr) -> 
     """The function that writes events of `level` and above to `stream`.
 
     `console` is for people, with colours on a terminal unless NO_COLOR is set; `json` is one object a line; `auto` is
-    `console`. A log that cannot be written is given up silently: the gateway serves on.
+    `console`. What libraries log through Python's `logging` is written the same way, from warnings on. A log that
+    cannot be written is given up silently: the gateway serves on.
     """
-    structlog.configure(
+    logger = structlog.wrap_logger(
+        structlog.PrintLogger(stream),
         processors=[
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=log_format == "json"),
-            _renderer(log_format, stream),
+            *([structlog.processors.JSONRenderer()] if log_format == "json" else _for_people(stream)),
         ],
-        logger_factory=structlog.PrintLoggerFactory(stream),
-        cache_logger_on_first_use=True,
+        wrapper_class=structlog.make_filtering_bound_logger(Level[level.upper()]),
     )
-    logger = structlog.get_logger()
-    least = Level[level.upper()]
-    writers: dict[Level, Callable[..., object]] = {each: getattr(logger, each.name.lower()) for each in Level}
 
-    def emit(event: Event) -> None:
-        if event.level < least:
-            return
+    def write(urgency: int, name: str, **fields: object) -> None:
         try:
-            writers[event.level](event.name, **event.fields())
+            logger.log(urgency, name, **fields)
         except (OSError, ValueError):
             return
 
+    def emit(event: Event) -> None:
+        write(event.level, event.name, **event.fields())
+
+    logging.getLogger().handlers = [_FromLibraries(write)]
     return emit
 
 
-def _renderer(log_format: LogFormat, stream: TextIO) -> structlog.typing.Processor:
-    if log_format == "json":
-        return structlog.processors.JSONRenderer()
+class _FromLibraries(logging.Handler):
+    """Takes what libraries log, asyncio above all."""
+
+    def __init__(self, write: Callable[..., None]) -> None:
+        super().__init__(logging.WARNING)
+        self._write = write
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record; its text is the field `message`."""
+        self._write(record.levelno, record.name, message=record.getMessage())
+
+
+def _for_people(stream: TextIO) -> list[structlog.typing.Processor]:
     colors = stream.isatty() and "NO_COLOR" not in os.environ
-    return structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)
+    return [_lists_as_text, structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)]
+
+
+def _lists_as_text(_logger: object, _method: str, fields: structlog.typing.EventDict) -> structlog.typing.EventDict:
+    return {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in fields.items()}

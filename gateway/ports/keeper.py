@@ -94,7 +94,7 @@ class Keeper:
         if self._lost_at is None:
             self._emit(LineUp(self._name, self._port_path))
         else:
-            self._emit(LineReopened(self._name, self._port_path, away_s=_now() - self._lost_at))
+            self._emit(LineReopened(self._name, self._port_path, away_s=round(_now() - self._lost_at, 1)))
         self.tried.set()
 
     def _is_down(self, error: PortError) -> None:

@@ -15,7 +15,7 @@ DriverError: Final = (OSError, termios.error)
 
 _REASONS: Final = {
     errno.ENOENT: "{port} does not exist: is the adapter plugged in?",
-    errno.EACCES: "no permission for {port}: add the user to the {group} group",
+    errno.EACCES: "no permission for {port}: {permission}",
     errno.EPERM: "{port} is kept from this service: allow it with DeviceAllow= in its unit",
     errno.EBUSY: "{port} is held by another program",
     errno.EAGAIN: "{port} is held by another program",
@@ -37,7 +37,7 @@ def why_not_opened(settings: SerialSettings, error: OSError | termios.error | Va
         port=settings.port,
         format=settings.format,
         baud=settings.baud,
-        group=group_of(settings.port),
+        permission=permission_remedy(settings.port),
         error=os.strerror(number),
     )
 
@@ -54,6 +54,14 @@ def _errno(error: BaseException) -> int:
     if isinstance(error, termios.error) and error.args and isinstance(error.args[0], int):
         return error.args[0]
     return _errno(error.__context__) if error.__context__ is not None else errno.EIO
+
+
+def permission_remedy(port: str) -> str:
+    """What to do when a user may not use the port."""
+    group = group_of(port)
+    if group == "root":
+        return "it belongs to root; give it to the group dialout with a udev rule"
+    return f"add the user to the {group} group"
 
 
 def group_of(port: str) -> str:

@@ -38,9 +38,8 @@ class _Copies:
         self.client = original.origin.client
         self.may_write = original.origin.may_write
 
-    @property
-    def gone(self) -> bool:
-        return self._original.origin.gone
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - all copies share the fate of the original
+        return self._original.origin.wants(self._original)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:  # noqa: ARG002 - no copy's answer reaches the client
         self.one_done()

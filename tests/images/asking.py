@@ -22,10 +22,12 @@ class Answers:
 
     client = "test"
     may_write = True
-    gone = False
 
     def __init__(self) -> None:
         self.came: list[bytes | None] = []
+
+    def wants(self, request: Request) -> bool:
+        return True
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         self.came.append(pdu)

@@ -15,5 +15,8 @@ class Asker:
     def ask(self, pdu: str, *, unit: int = 1, now: float = 0.0) -> Request:
         return Request(unit, bytes.fromhex(pdu), self, now)
 
+    def wants(self, request: Request) -> bool:
+        return not self.gone
+
     def answer(self, request: Request, pdu: bytes | None) -> None:
         self.answers.append(pdu.hex(" ").upper() if pdu is not None else None)

@@ -148,7 +148,7 @@ def test_an_adu_of_another_protocol_is_passed_over(client: Client) -> None:
 def test_a_client_that_leaves_is_marked_and_hears_nothing(client: Client) -> None:
     client.ask(1)
     client.session.closed()
-    assert client.target.requests[0].origin.gone
+    assert not client.session.wants(client.target.requests[0])
     client.target.requests[0].respond(RESPONSE)
     assert client.connection.sent == []
 
@@ -159,6 +159,17 @@ def test_a_half_closed_client_gets_its_responses_first(client: Client) -> None:
     assert client.connection.log == []
     client.target.requests[0].respond(RESPONSE)
     assert client.connection.log == ["send", "close"]
+
+
+def test_of_a_half_closed_client_reads_are_still_sent_and_writes_are_not(client: Client) -> None:
+    client.ask(1)
+    client.send(encode(2, 7, bytes.fromhex("06 00 01 00 05")))
+    read, write = client.target.requests
+    assert client.session.wants(read)
+    assert client.session.wants(write)
+    client.session.end_of_input()
+    assert client.session.wants(read)
+    assert not client.session.wants(write)
 
 
 def test_a_half_closed_client_without_requests_is_closed(client: Client) -> None:

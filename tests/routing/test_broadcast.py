@@ -65,4 +65,5 @@ def test_the_copies_are_gone_when_the_client_is(targets: list[Target]) -> None:
     client = Asker()
     Broadcast(targets).submit(client.ask(WRITE, unit=0), 0.0)
     client.gone = True
-    assert targets[0].requests[0].origin.gone
+    copy = targets[0].requests[0]
+    assert not copy.origin.wants(copy)

@@ -183,7 +183,7 @@ async def test_a_driver_without_rs485(virtual, user):
 @pytest.mark.parametrize(
     ("error", "reason"),
     [
-        (PermissionError(errno.EACCES, "no"), "no permission for .*: add the user to the .* group"),
+        (PermissionError(errno.EACCES, "no"), "no permission for .*: it belongs to root; give it to the group dialout"),
         (PermissionError(errno.EPERM, "no"), "allow it with DeviceAllow= in its unit"),
         (OSError(errno.EBUSY, "busy"), "is held by another program"),
         (OSError(errno.EIO, "io"), "has no hardware behind it"),
