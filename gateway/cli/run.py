@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import signal
 import sys
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -37,15 +38,12 @@ def run(args: argparse.Namespace) -> int:
         print(*loaded.problems, sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
     plan = resolve(loaded.config)
-    emit = open_log(plan.log.level, plan.log.format)
-    emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
-    for problem in loaded.problems:
-        emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
-    memory = StateFile(state_folder(), emit)
-    try:
-        asyncio.run(_run(plan, file, memory, emit))
-    finally:
-        memory.close()
+    with open_log(plan.log.level, plan.log.format) as emit:
+        emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
+        for problem in loaded.problems:
+            emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
+        with closing(StateFile(state_folder(), emit)) as memory:
+            asyncio.run(_run(plan, file, memory, emit))
     return FINE
 
 

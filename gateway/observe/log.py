@@ -1,64 +1,89 @@
-"""Events become log lines on standard error, through structlog."""
+"""Events become log lines on standard error; structlog makes those for people."""
 
+import json
 import logging
 import os
-import sys
-from collections.abc import Callable
-from typing import Literal, TextIO
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Final, Literal
 
 import structlog
 
 from gateway.events import Emit, Event, Level
+from gateway.observe.backlog import Entry
+from gateway.observe.writer import StandardError, Stream, Writer
 
 LogFormat = Literal["auto", "console", "json"]
 
+#: An event that is never suppressed, however often it comes: each one is a write that somebody may have to account for.
+_AUDIT: Final = "write_audit"
 
-def open_log(level: str, log_format: LogFormat, stream: TextIO = sys.stderr) -> Emit:
-    """The function that writes events of `level` and above to `stream`.
+
+@contextmanager
+def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) -> Iterator[Emit]:
+    """In its context the function that logs events of `level` and above on `stream`, by default standard error.
 
     `console` is for people, with colours on a terminal unless NO_COLOR is set; `json` is one object a line; `auto` is
-    `console`. What libraries log through Python's `logging` is written the same way, from warnings on. A log that
-    cannot be written is given up silently: the gateway serves on.
+    `console`. What libraries log through Python's `logging` is written the same way, from warnings on. The log never
+    does harm: a thread writes it, at most ten lines a second about the same (WriteAudit and errors of the service
+    excepted), and what cannot be written is given up silently.
     """
-    logger = structlog.wrap_logger(
-        structlog.PrintLogger(stream),
-        processors=[
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso", utc=log_format == "json"),
-            *([structlog.processors.JSONRenderer()] if log_format == "json" else _for_people(stream)),
-        ],
-        wrapper_class=structlog.make_filtering_bound_logger(Level[level.upper()]),
-    )
-
-    def write(urgency: int, name: str, **fields: object) -> None:
-        try:
-            logger.log(urgency, name, **fields)
-        except (OSError, ValueError):
-            return
+    least = Level[level.upper()]
+    stream = StandardError() if stream is None else stream
+    writer = Writer(stream, _as_json if log_format == "json" else _for_people(stream))
 
     def emit(event: Event) -> None:
-        write(event.level, event.name, **event.fields())
+        if event.level >= least:
+            writer.put(_entry(event.level, event.name, event.fields(), is_limited=_is_limited(event)))
 
-    logging.getLogger().handlers = [_FromLibraries(write)]
-    return emit
+    root = logging.getLogger()
+    before = root.handlers
+    root.handlers = [_FromLibraries(max(least, Level.WARNING), writer)]
+    try:
+        yield emit
+    finally:
+        root.handlers = before
+        writer.close()
+
+
+def _is_limited(event: Event) -> bool:
+    return event.level < Level.ERROR and event.name != _AUDIT
+
+
+def _entry(level: int, name: str, fields: dict[str, object], *, is_limited: bool = True) -> Entry:
+    return Entry(time.monotonic(), time.time(), level, name, fields, is_limited)
 
 
 class _FromLibraries(logging.Handler):
     """Takes what libraries log, asyncio above all."""
 
-    def __init__(self, write: Callable[..., None]) -> None:
-        super().__init__(logging.WARNING)
-        self._write = write
+    def __init__(self, least: int, writer: Writer) -> None:
+        super().__init__(least)
+        self._writer = writer
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record; its text is the field `message`."""
-        self._write(record.levelno, record.name, message=record.getMessage())
+        """Log one record; its text is the field `message`."""
+        self._writer.put(_entry(record.levelno, record.name, {"message": record.getMessage()}))
 
 
-def _for_people(stream: TextIO) -> list[structlog.typing.Processor]:
+def _as_json(entry: Entry) -> str:
+    stamp = datetime.fromtimestamp(entry.clock, UTC).isoformat().replace("+00:00", "Z")
+    return json.dumps({**entry.fields, **_what_and_when(entry, stamp)}, default=repr) + "\n"
+
+
+def _for_people(stream: Stream) -> Callable[[Entry], str]:
     colors = stream.isatty() and "NO_COLOR" not in os.environ
-    return [_lists_as_text, structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)]
+    renderer = structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)
+
+    def render(entry: Entry) -> str:
+        stamp = datetime.fromtimestamp(entry.clock).isoformat()  # noqa: DTZ006 - the clock on the operator's wall
+        shown = {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in entry.fields.items()}
+        return f"{renderer(None, entry.name, {**shown, **_what_and_when(entry, stamp)})}\n"
+
+    return render
 
 
-def _lists_as_text(_logger: object, _method: str, fields: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    return {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in fields.items()}
+def _what_and_when(entry: Entry, stamp: str) -> dict[str, str]:
+    return {"event": entry.name, "level": logging.getLevelName(entry.level).lower(), "timestamp": stamp}

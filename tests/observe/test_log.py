@@ -3,35 +3,52 @@
 import io
 import json
 import logging
+from threading import Event
 
 import pytest
 
-from gateway.events import ClientConnected, LineLost, Ready
+from gateway.events import AccessDenied, ClientConnected, ConfigRejected, LineLost, Ready, RequestTimeout
+from gateway.observe.backlog import MOST_WAITING
 from gateway.observe.log import open_log
 
 LOST = LineLost("hall-a", "/dev/ttyUSB0", "unplugged")
+TIMEOUT = RequestTimeout("hall-a", 1, "silo-1", 3, 1009.3, 1009.0, "gateway.toml:4")
+PATIENCE = 20.0
 
 
-@pytest.fixture(autouse=True)
-def _python_logging_as_it_was():
-    before = logging.getLogger().handlers
-    yield
-    logging.getLogger().handlers = before
+class SlowStream(io.StringIO):
+    """Nobody reads it until it is `released`. `asked` once something is to be written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = Event()
+        self.released = Event()
+
+    def write(self, text: str) -> int:
+        self.asked.set()
+        assert self.released.wait(PATIENCE)
+        return super().write(text)
+
+
+def logged(stream: io.StringIO) -> list[dict[str, object]]:
+    return [json.loads(line) for line in stream.getvalue().splitlines()]
 
 
 def test_json_is_one_object_a_line_with_the_fields_of_the_event() -> None:
     stream = io.StringIO()
-    open_log("info", "json", stream)(LOST)
-    logged = json.loads(stream.getvalue())
-    assert logged.pop("timestamp").endswith("Z")
-    assert logged == {
+    with open_log("info", "json", stream) as emit:
+        emit(LOST)
+    (line,) = logged(stream)
+    assert str(line.pop("timestamp")).endswith("Z")
+    assert line == {
         "event": "line_lost", "level": "warning", "line": "hall-a", "port": "/dev/ttyUSB0", "reason": "unplugged",
     }  # fmt: skip
 
 
 def test_console_is_plain_text_when_it_is_no_terminal() -> None:
     stream = io.StringIO()
-    open_log("info", "auto", stream)(Ready(("tcp://127.0.0.1:502", "tcp://[::1]:502"), 2, 1))
+    with open_log("info", "auto", stream) as emit:
+        emit(Ready(("tcp://127.0.0.1:502", "tcp://[::1]:502"), 2, 1))
     (line,) = stream.getvalue().splitlines()
     assert "ready" in line
     assert "listeners='tcp://127.0.0.1:502, tcp://[::1]:502'" in line
@@ -47,28 +64,94 @@ def test_a_terminal_gets_colours_unless_no_color_is_set(
         monkeypatch.setenv("NO_COLOR", no_color)
     stream = io.StringIO()
     stream.isatty = lambda: True  # type: ignore[method-assign]
-    open_log("info", "console", stream)(LOST)
+    with open_log("info", "console", stream) as emit:
+        emit(LOST)
     assert ("\x1b" in stream.getvalue()) is colored
 
 
 def test_events_below_the_level_are_not_written() -> None:
     stream = io.StringIO()
-    open_log("info", "json", stream)(ClientConnected("scada", "10.0.0.9:1"))
-    open_log("error", "json", stream)(LOST)
+    with open_log("info", "json", stream) as emit:
+        emit(ClientConnected("scada", "10.0.0.9:1"))
+    with open_log("error", "json", stream) as emit:
+        emit(LOST)
+        logging.getLogger("asyncio").warning("slow")
     assert stream.getvalue() == ""
 
 
 def test_what_libraries_log_is_written_the_same_way() -> None:
     stream = io.StringIO()
-    open_log("info", "json", stream)
-    logging.getLogger("asyncio").warning("slow %s", "callback")
-    logging.getLogger("asyncio").info("not worth a line")
-    logged = json.loads(stream.getvalue())
-    assert (logged["event"], logged["level"], logged["message"]) == ("asyncio", "warning", "slow callback")
+    with open_log("info", "json", stream):
+        logging.getLogger("asyncio").warning("slow %s", "callback")
+        logging.getLogger("asyncio").info("not worth a line")
+    (line,) = logged(stream)
+    assert (line["event"], line["level"], line["message"]) == ("asyncio", "warning", "slow callback")
+
+
+def test_afterwards_the_logging_of_libraries_is_as_it_was() -> None:
+    before = logging.getLogger().handlers
+    with open_log("info", "json", io.StringIO()):
+        assert logging.getLogger().handlers != before
+    assert logging.getLogger().handlers == before
 
 
 def test_a_log_that_cannot_be_written_is_given_up() -> None:
     stream = io.StringIO()
-    emit = open_log("info", "json", stream)
-    stream.close()
-    emit(LOST)
+    with open_log("info", "json", stream) as emit:
+        stream.close()
+        emit(LOST)
+
+
+def test_a_log_that_nobody_reads_stops_nobody_and_says_later_what_is_missing() -> None:
+    stream = SlowStream()
+    with open_log("info", "json", stream) as emit:
+        emit(LOST)
+        assert stream.asked.wait(PATIENCE)
+        for unit in range(MOST_WAITING + 8):
+            emit(AccessDenied("10.0.0.9:1", unit, 3))
+        stream.released.set()
+    *told, last = logged(stream)
+    assert [line.get("unit") for line in told] == [None, *range(MOST_WAITING)]
+    assert (last["event"], last["dropped"]) == ("events_dropped", 8)
+
+
+def test_the_end_does_not_wait_for_a_log_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.observe.writer.CLOSING_PATIENCE", 0.0)
+    stream = SlowStream()
+    with open_log("info", "json", stream) as emit:
+        emit(LOST)
+        assert stream.asked.wait(PATIENCE)
+        emit(LOST)
+    assert stream.getvalue() == ""
+    stream.released.set()
+
+
+def test_what_is_said_over_and_over_is_counted() -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for _ in range(100):
+            emit(TIMEOUT)
+        emit(LOST)
+    *told, lost, count = logged(stream)
+    assert [line["event"] for line in told] == ["request_timeout"] * 10
+    assert lost["event"] == "line_lost"
+    del count["timestamp"]
+    assert count == {"event": "request_timeout", "level": "warning", "line": "hall-a", "unit": 1, "suppressed": 90}
+
+
+def test_the_count_comes_though_nothing_else_happens() -> None:
+    stream = io.StringIO()
+    counted = Event()
+    stream.write = lambda text: counted.set() if "suppressed" in text else None  # type: ignore[method-assign]
+    with open_log("info", "json", stream) as emit:
+        for _ in range(11):
+            emit(TIMEOUT)
+        assert counted.wait(PATIENCE)
+
+
+def test_errors_of_the_service_are_never_suppressed() -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for _ in range(30):
+            emit(ConfigRejected("gateway.toml", "it has errors"))
+    assert len(logged(stream)) == 30

@@ -1,0 +1,100 @@
+"""A thread that writes the log: whoever has something to tell never waits for whoever reads it."""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from math import inf
+from threading import Thread
+from typing import Final, Protocol
+
+from gateway.observe.backlog import Backlog, Entry
+from gateway.observe.limiter import Limiter, Subject, subject_of
+
+#: How long a gateway that ends waits for its log to be read, in seconds.
+CLOSING_PATIENCE: Final = 0.5
+
+
+class Stream(Protocol):
+    """Where the log goes."""
+
+    def write(self, text: str, /) -> object:
+        """Write the text; may take as long as it likes."""
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+
+
+class StandardError:
+    """Standard error past Python's buffer: the lock of that, in a thread that hangs, would abort the process's end."""
+
+    def write(self, text: str) -> None:
+        """Write the text to its end.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        if sys.stderr is None:  # closed by whoever started us: descriptor 2 may be anything now
+            return
+        rest = text.encode("utf-8", "backslashreplace")
+        while rest:
+            rest = rest[os.write(2, rest) :]
+
+    def isatty(self) -> bool:
+        """Whether a person may be looking."""
+        return sys.stderr is not None and sys.stderr.isatty()
+
+
+class Writer:
+    """Writes entries to `stream` as `render` shows them, each subject as often as the limiter allows.
+
+    A stream that cannot be written is given up silently, and tried again with the next entry.
+    """
+
+    def __init__(self, stream: Stream, render: Callable[[Entry], str]) -> None:
+        self._stream = stream
+        self._render = render
+        self._limiter = Limiter()
+        self._backlog = Backlog()
+        # A daemon, because a write that hangs must not keep the process from ending.
+        self._thread = Thread(target=self._run, name="log", daemon=True)
+        self._thread.start()
+
+    def put(self, entry: Entry) -> None:
+        """Have an entry written soon. Never waits."""
+        self._backlog.put(entry)
+
+    def close(self) -> None:
+        """Write what waits, as far as the stream takes it within CLOSING_PATIENCE. The last call."""
+        self._backlog.close()
+        self._thread.join(CLOSING_PATIENCE)
+
+    def _run(self) -> None:
+        while not self._backlog.is_done:
+            entry = self._backlog.take(self._until_next_count())
+            self._write_counts(time.monotonic() if entry is None else entry.at)
+            if entry is not None and self._admits(entry):
+                self._write(entry)
+        self._write_counts(inf)
+
+    def _until_next_count(self) -> float | None:
+        due = self._limiter.next_due
+        return None if due is None else max(0.0, due - time.monotonic())
+
+    def _admits(self, entry: Entry) -> bool:
+        return not entry.is_limited or self._limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
+
+    def _write_counts(self, now: float) -> None:
+        for subject, count in self._limiter.due(now):
+            self._write(_count(subject, count))
+
+    def _write(self, entry: Entry) -> None:
+        try:
+            self._stream.write(self._render(entry))
+        except (OSError, ValueError):
+            return
+
+
+def _count(subject: Subject, count: int) -> Entry:
+    fields = {**dict(subject.key), "suppressed": count}
+    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields)

@@ -1,0 +1,44 @@
+"""`run` as a process, as far as its own output is concerned."""
+
+import fcntl
+import signal
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from kit.process import COMMAND, PATIENCE
+
+
+@pytest.fixture
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def exchange(port: int) -> bytes:
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as client:
+        client.sendall(bytes.fromhex("0001 0000 0006 C8 03 0000 0001"))
+        return client.recv(260)
+
+
+def test_a_log_that_nobody_reads_stops_neither_the_gateway_nor_its_end(tmp_path: Path, free_port: int) -> None:
+    config = tmp_path / "gateway.toml"
+    config.write_text(
+        f'[[listen]]\nbind = "tcp://127.0.0.1:{free_port}"\n[[image]]\nunit = 200\nholding = 1\n'
+        '[log]\nlevel = "debug"\nformat = "json"\n'
+    )
+    with subprocess.Popen([*COMMAND, "run", str(config)], stderr=subprocess.PIPE) as process:
+        try:
+            assert process.stderr is not None
+            # Room for a page of log, and enough clients to fill it many times.
+            fcntl.fcntl(process.stderr, fcntl.F_SETPIPE_SZ, 4096)
+            while b'"ready"' not in process.stderr.readline():
+                pass
+            for turn in range(200):
+                assert exchange(free_port).hex() == "000100000005c8030200" + "00", turn
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(PATIENCE) == 0
+        finally:
+            process.kill()

@@ -1,0 +1,92 @@
+"""Ten lines a second about the same, and the count of the rest."""
+
+from math import inf
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.observe.limiter import MOST_LINES, MOST_SUBJECTS, Limiter, Subject, subject_of
+
+SILO = Subject(30, "request_timeout", (("line", "hall-a"), ("unit", 1)))
+PRESS = Subject(30, "request_timeout", (("line", "hall-a"), ("unit", 6)))
+
+
+def test_what_identifies_an_event_is_its_place_not_its_numbers() -> None:
+    fields = {"line": "hall-a", "unit": 1, "device": "silo-1", "function": 3, "elapsed_ms": 1009.3}
+    assert subject_of(30, "request_timeout", fields) == SILO
+
+
+@pytest.mark.parametrize(
+    ("client", "host"),
+    [("10.0.0.9:49152", "10.0.0.9"), ("[fe80::1]:49152", "[fe80::1]"), ("control", "control")],
+)
+def test_a_client_is_its_host_because_each_connection_has_another_port(client: str, host: str) -> None:
+    fields = {"listener": "scada", "client": client, "reason": "full"}
+    assert subject_of(30, "client_rejected", fields).key == (("listener", "scada"), ("client", host))
+
+
+def test_each_warning_about_a_config_is_a_subject_of_its_own() -> None:
+    assert subject_of(30, "config_warning", {"problem": "a"}) != subject_of(30, "config_warning", {"problem": "b"})
+
+
+def test_ten_lines_pass_and_the_rest_is_counted_once_the_second_is_over() -> None:
+    limiter = Limiter()
+    assert [limiter.admits(SILO, 0.01 * n) for n in range(100)] == [True] * MOST_LINES + [False] * 90
+    assert limiter.next_due == pytest.approx(1.1)
+    assert list(limiter.due(1.09)) == []
+    assert list(limiter.due(1.1)) == [(SILO, 90)]
+    assert limiter.next_due is None
+    assert list(limiter.due(inf)) == []
+
+
+def test_one_subject_takes_nothing_from_another() -> None:
+    limiter = Limiter()
+    assert not all(limiter.admits(SILO, 0.0) for _ in range(MOST_LINES + 1))
+    assert limiter.admits(PRESS, 0.0)
+
+
+def test_less_than_ten_lines_a_second_are_never_suppressed() -> None:
+    limiter = Limiter()
+    assert all(limiter.admits(SILO, 0.11 * n) for n in range(100))
+
+
+def test_at_the_end_every_count_is_due() -> None:
+    limiter = Limiter()
+    for _ in range(MOST_LINES + 1):
+        limiter.admits(SILO, 0.0)
+        limiter.admits(PRESS, 0.0)
+    assert list(limiter.due(inf)) == [(SILO, 1), (PRESS, 1)]
+
+
+@given(st.lists(st.floats(0.0, 0.3), max_size=300))
+def test_no_second_has_more_lines_and_no_event_is_lost(pauses: list[float]) -> None:
+    limiter = Limiter()
+    now, lines, told = 0.0, [], 0
+    for pause in pauses:
+        now += pause
+        for _, count in limiter.due(now):
+            lines.append(now)
+            told += count
+        if limiter.admits(SILO, now):
+            lines.append(now)
+            told += 1
+    told += sum(count for _, count in limiter.due(inf))
+    assert told == len(pauses)
+    assert all(sum(start <= line < start + 1.0 for line in lines) <= MOST_LINES for start in lines)
+
+
+def test_too_many_subjects_are_told_apart_by_their_event_only() -> None:
+    limiter = Limiter()
+    passed = [limiter.admits(Subject(30, "access_denied", (("unit", n),)), 0.0) for n in range(MOST_SUBJECTS + 50)]
+    assert sum(passed) == MOST_SUBJECTS + MOST_LINES
+    assert list(limiter.due(inf)) == [(Subject(30, "access_denied"), 40)]
+
+
+def test_subjects_that_rest_make_room_for_others() -> None:
+    limiter = Limiter()
+    for n in range(MOST_SUBJECTS):
+        limiter.admits(Subject(30, "access_denied", (("unit", n),)), 0.0)
+    for _ in range(MOST_LINES + 1):
+        limiter.admits(SILO, 1.0)
+    assert list(limiter.due(inf)) == [(SILO, 1)]
