@@ -4,7 +4,7 @@ import argparse
 import json
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
+from typing import Any, Final
 
 from gateway.cli.columns import aligned
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
@@ -18,6 +18,10 @@ from gateway.config.unitset import show_units
 from gateway.images.image import ImageSettings
 from gateway.lines.device import DeviceSettings
 from gateway.listeners.session import ListenSettings
+
+_ADVICE: Final = """\
+Longest wait = max_wait + gap + longest request on the wire + its time limit.
+Set each client's time-out above the longest wait of the units that it asks."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +74,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     if plan.images:
         parts.append(_images(plan.images))
     if plan.lines:
-        parts.append("Set each client's time-out above the longest wait of the units that it asks.")
+        parts.append(_ADVICE)
     return "\n\n".join([*parts, _verdict(loaded.problems)])
 
 
@@ -151,7 +155,7 @@ def limits_table(limits: tuple[FunctionLimits, ...], indent: str) -> str:
         )
         for one in limits
     ]
-    return aligned([("FUNCTION", "1 ITEM", "MOST", "LIMIT THEN"), *rows], indent)
+    return aligned([("FUNCTION", "LIMIT FOR 1 ITEM", "MOST ITEMS", "LIMIT FOR MOST"), *rows], indent)
 
 
 def _images(images: tuple[ImageSettings, ...]) -> str:
@@ -189,8 +193,8 @@ def _problem_as_json(problem: Problem) -> dict[str, Any]:
     return {
         "severity": problem.severity,
         "file": problem.file,
-        "line": problem.line,
-        "column": problem.column,
+        "line": problem.line or None,
+        "column": problem.column or None,
         "path": dotted(problem.path),
         "what": problem.what,
         "help": problem.remedy,

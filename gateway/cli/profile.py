@@ -16,7 +16,7 @@ from gateway.config.plan import ASSUMED_LATENCY, DEFAULT_FORMATS, profile_of
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.ranges import show_ranges
 from gateway.config.schema import ProfileTable
-from gateway.config.values import parse_format
+from gateway.config.values import fits_mode, parse_format
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print one profile, or the list of them. 1 when the config file has errors, 2 when there is no such profile."""
+    """Print one profile, or the list of them. 1 when the config file has errors, 2 when what is asked for is none."""
     tables = _tables(args.config)
     if tables is None:
         return PROBLEM_FOUND
@@ -41,15 +41,21 @@ def run(args: argparse.Namespace) -> int:
         print(_list_as_json(tables) if args.json else _list_as_text(tables))
         return FINE
     if args.name not in tables:
-        remedy = did_you_mean(args.name, tables)
-        print(f'modbus-gateway: error: there is no profile "{args.name}"; {remedy}', file=sys.stderr)
-        return WRONG_USAGE
+        return _wrong_usage(f'there is no profile "{args.name}"; {did_you_mean(args.name, tables)}')
+    format_: CharacterFormat = args.format or DEFAULT_FORMATS[args.mode]
+    if not fits_mode(format_, args.mode):
+        return _wrong_usage(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}; is it --mode ascii?")
     profile = profile_of(args.name, tables[args.name])
-    timing = LineTiming(args.mode, args.baud, args.format or DEFAULT_FORMATS[args.mode])
+    timing = LineTiming(args.mode, args.baud, format_)
     answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
     limits = function_limits(profile, answer_time, timing, ASSUMED_LATENCY)
     print(_as_json(profile, timing, limits) if args.json else _as_text(profile, timing, limits))
     return FINE
+
+
+def _wrong_usage(what: str) -> int:
+    print(f"modbus-gateway: error: {what}", file=sys.stderr)
+    return WRONG_USAGE
 
 
 def _baud(text: str) -> int:

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import dataclass
-from ipaddress import ip_address
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final
 
 from gateway.config.problem import WrongValue
@@ -10,7 +10,9 @@ from gateway.config.problem import WrongValue
 #: Ports that an address may leave out.
 DEFAULT_PORTS: Final = {"tcp": 502, "udp": 502, "tls": 802}
 
-_ADDRESS = re.compile(r"([a-z+]+)://(?:\[([0-9A-Fa-f:.%\w]*)\]|([^\[\]:/@]*))(?::(\d+))?/?")
+_ADDRESS = re.compile(r"([a-z+]+)://(?:\[([^\[\]/@]*)\]|([^\[\]:/@]*))(?::([0-9]{1,20}))?/?")
+_LABEL = r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)"
+_HOST_NAME = re.compile(rf"{_LABEL}(?:\.{_LABEL})*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +24,30 @@ class Address:
     port: int
 
     @property
+    def is_wildcard(self) -> bool:
+        """Whether it stands for every address of its kind, IPv4 or IPv6, that this machine has."""
+        ip = _ip(self.host)
+        return ip is not None and ip.is_unspecified
+
+    def collides_with(self, other: "Address") -> bool:
+        """Whether nobody can listen at both: they are the same, or one is a wildcard that stands for the other too.
+
+        IPv4 and IPv6 have ports of their own: 0.0.0.0 and [::] go together.
+        """
+        if not self.port or (self.scheme == "udp", self.port) != (other.scheme == "udp", other.port):
+            return False
+        mine, others = _ip(self.host), _ip(other.host)
+        if mine is None or others is None:
+            return self.host.lower() == other.host.lower()
+        if mine.version != others.version:
+            return False
+        return mine == others or mine.is_unspecified or others.is_unspecified
+
+    @property
     def is_loopback(self) -> bool:
         """Whether only programs on this machine can reach it."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        ip = _ip(self.host)
+        return ip is not None and ip.is_loopback
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
@@ -50,9 +70,30 @@ def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
     host = ipv6 if ipv6 is not None else name
     if host in ("", "*"):
         raise WrongValue("names no host", f'"{scheme}://0.0.0.0:{port or 502}" stands for every IPv4 address')
+    _check_host(host, in_brackets=ipv6 is not None)
     if port is None and scheme not in DEFAULT_PORTS:
         raise WrongValue("names no port", f'write "{value}:PORT"')
     number = int(port) if port else DEFAULT_PORTS[scheme]
     if number > 65535:
         raise WrongValue(f"port {number} is above 65535")
     return Address(scheme, host, number)
+
+
+def _check_host(host: str, *, in_brackets: bool) -> None:
+    if in_brackets:
+        if not isinstance(_ip(host), IPv6Address):
+            raise WrongValue(f'"{host}" is no IPv6 address', "such as [::1] or [fe80::1%eth0]")
+    elif host.replace(".", "").isdecimal():
+        if _ip(host) is None:
+            raise WrongValue(f'"{host}" is no IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7")
+    elif _HOST_NAME.fullmatch(host) is None:
+        remedy = "letters, digits and hyphens, in parts joined by single dots, such as plc.example"
+        raise WrongValue(f"{host!a} is no host name", remedy)
+
+
+def _ip(host: str) -> IPv4Address | IPv6Address | None:
+    """The IP address that `host` is, or None for a name that only the network knows."""
+    try:
+        return ip_address("127.0.0.1" if host == "localhost" else host)
+    except ValueError:
+        return None

@@ -5,15 +5,20 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from gateway.config.check_units import (
+    check_addresses,
     check_device_rows,
     check_images,
     check_overlaps,
     check_passing_through,
     check_references,
 )
-from gateway.config.not_yet import check_built, is_refused
-from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.not_yet import check_built, is_refused, unbuilt_tables
+from gateway.config.problem import Path, Problem, did_you_mean, error, warning
 from gateway.config.schema import Access, Config, Device, Image, Line, Listen, ProfileTable, Table
+from gateway.config.values import fits_mode
+
+#: What keeps the port at a path from being used, as far as can be seen without opening it; None if nothing does.
+PortTrouble = Callable[[str], str | None]
 
 #: Keys that only one role of a line has.
 _CLIENT_KEYS: Final = (
@@ -29,18 +34,30 @@ _CONTROL: Final = "control"
 def check(
     config: Config,
     failed: frozenset[str] = frozenset(),
-    port_exists: Callable[[str], bool] = lambda _: True,
+    port_trouble: PortTrouble = lambda _: None,
     real_path: Callable[[str], str] = str,
 ) -> Iterator[Problem]:
-    """Everything that does not fit together.
+    """Everything that does not fit together, and what this version cannot do.
 
     `failed` are the sections of which the config lacks a table, because something was wrong with it: nobody complains
-    about what might refer to that table. `port_exists` and `real_path` look at the paths of ports.
+    about what might refer to that table. `port_trouble` and `real_path` look at the paths of ports.
     """
+    unbuilt = unbuilt_tables(config)
+    for problem in _misfits(config, failed, port_trouble, real_path):
+        if not any(problem.path[: len(path)] == path for path in unbuilt):
+            yield problem
+    yield from check_built(config)
+
+
+def _misfits(
+    config: Config, failed: frozenset[str], port_trouble: PortTrouble, real_path: Callable[[str], str]
+) -> Iterator[Problem]:
     yield from _check_content(config, failed)
-    yield from _check_names(config)
-    yield from _check_listeners(config, failed)
-    yield from _check_ports(config, port_exists, real_path)
+    places = [*_check_binds(config), *_check_ports(config, real_path)]
+    yield from places
+    yield from _check_names(config, {problem.path[:-1] for problem in places})
+    yield from _check_rights(config, failed)
+    yield from _look_at_ports(config, port_trouble)
     for line in config.line:
         yield from _check_format(line)
         yield from _check_role(line)
@@ -51,7 +68,7 @@ def check(
     yield from check_passing_through(config)
     yield from check_references(config, failed)
     yield from check_images(config, failed)
-    yield from check_built(config)
+    yield from check_addresses(config)
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
@@ -59,27 +76,32 @@ def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         yield error((), "there is no [[line]], and nothing else to serve", 'add [[line]] with port = "/dev/ttyUSB0"')
 
 
-def _check_names(config: Config) -> Iterator[Problem]:
+def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
+    """Names are there once. A table in a place that is taken is not blamed for being called after that place."""
     servers = [line for line in config.line if line.role == "server"]
     listeners: tuple[Listen | Line, ...] = (*config.listen, *servers)
     for listener in listeners:
         if listener.name == _CONTROL:
             yield error((*listener.path, "name"), f'"{_CONTROL}" is what [[access]] calls the control socket')
-    yield from _repeated("name", ((listener.label, listener) for listener in listeners))
-    yield from _repeated("name", ((line.label, line) for line in config.line))
+    for called in (listeners, config.line):
+        yield from _repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
     yield from _repeated("name", ((image.label, image) for image in config.image))
     yield from _repeated("name", ((upstream.label, upstream) for upstream in config.upstream))
     rows = [(line, row) for line in config.line for row in line.devices or () if row.name is not None]
     yield from _repeated("name", ((name, row) for line, row in rows for name in line.device_names(row)))
 
 
-def _check_listeners(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    binds = [
-        ((listen.bind.scheme == "udp", listen.bind.host, listen.bind.port), listen)
-        for listen in config.listen
-        if listen.bind.port
-    ]
-    yield from _repeated("bind", binds, "this address")
+def _check_binds(config: Config) -> Iterator[Problem]:
+    for index, listen in enumerate(config.listen):
+        first = next((one for one in config.listen[:index] if one.bind.collides_with(listen.bind)), None)
+        if first is None:
+            continue
+        wildcard = first.bind if first.bind.is_wildcard else listen.bind
+        covers = f"; {wildcard.host} stands for every address of its kind" if wildcard.is_wildcard else ""
+        yield error((*listen.path, "bind"), f"this address is already used in {first.source}{covers}")
+
+
+def _check_rights(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     if config.access or failed & {"access"}:
         return
     for listen in config.listen:
@@ -91,20 +113,22 @@ def _check_listeners(config: Config, failed: frozenset[str]) -> Iterator[Problem
             )
 
 
-def _check_ports(
-    config: Config, port_exists: Callable[[str], bool], real_path: Callable[[str], str]
-) -> Iterator[Problem]:
+def _check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Problem]:
     yield from _repeated("port", ((_real(line, real_path), line) for line in config.line), "this port")
+
+
+def _look_at_ports(config: Config, port_trouble: PortTrouble) -> Iterator[Problem]:
     for line in config.line:
-        if isinstance(line.port, str) and not port_exists(line.port):
-            what = "there is no such port at the moment; the line waits for it"
-            yield warning((*line.path, "port"), what, "modbus-gateway ports lists those that exist")
+        trouble = port_trouble(line.port) if isinstance(line.port, str) else None
+        if trouble is not None:
+            remedy = "the line waits for it; modbus-gateway ports lists those that exist"
+            yield warning((*line.path, "port"), trouble, remedy)
 
 
 def _check_format(line: Line) -> Iterator[Problem]:
     if line.format is None:
         return
-    if line.mode == "rtu" and line.format.data_bits == 7:
+    if not fits_mode(line.format, line.mode):
         remedy = f'write "8{line.format.parity}{line.format.stop_bits}", or mode = "ascii"'
         yield error((*line.path, "format"), "RTU needs 8 data bits", remedy)
     if line.mode == "ascii" and line.format.data_bits == 8 and line.format.parity != "N":
@@ -123,6 +147,8 @@ def _check_role(line: Line) -> Iterator[Problem]:
 
 def _check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     for profile in config.profile.values():
+        if profile.functions == ():
+            yield error((*profile.path, "functions"), "is empty", "leave it out, and every function is accepted")
         yield from _check_timing(profile)
     if "profile" in failed:
         return

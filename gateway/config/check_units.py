@@ -2,14 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from gateway.config.problem import Path, Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
-from gateway.config.schema import Config, Device, Image, Line
+from gateway.config.schema import Config, Device, Image, Line, ProfileTable
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area
 from gateway.modbus.pdu import Span
-from gateway.profiles.profile import covers
+from gateway.profiles.profile import Range, covers
+
+#: How manuals number what has address 0, and how many such numbers there are. Coils begin at 1: nobody can tell.
+_MANUAL_BASES: Final = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
+_MANUAL_SPAN: Final = 9999
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +118,20 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             yield error((*image.path, "of"), f'there is no device "{image.of}"', did_you_mean(image.of, devices))
 
 
+def check_addresses(config: Config) -> Iterator[Problem]:
+    """Addresses are those on the wire: who writes 40001 mostly means 0."""
+    tables: tuple[Image | ProfileTable, ...] = (*config.image, *config.profile.values())
+    for table in tables:
+        for area, base in _MANUAL_BASES.items():
+            ranges: tuple[Range, ...] = getattr(table, area) or ()
+            first, last = ranges[0] if ranges else (0, 0)
+            if base <= first and last < base + _MANUAL_SPAN:
+                remedy = (
+                    f'{base} of a manual is address 0: "{first}-{last}" there is "{first - base}-{last - base}" here'
+                )
+                yield warning((*table.path, area), "addresses are those on the wire, from 0", remedy)
+
+
 def _check_row(row: Device) -> Iterator[Problem]:
     if len(row.client_units) != len(row.units):
         yield error(
@@ -162,7 +181,9 @@ def _check_initial(image: Image, area: Area) -> Iterator[Problem]:
     ranges = image.ranges(area)
     for row in image.initial.rows(area):
         span = Span(area, row.at, len(row.values))
-        if not covers(ranges, span):
+        if not row.values:
+            yield error((*row.path, "values"), "is empty")
+        elif not covers(ranges, span):
             what = f"{area} {span.start}-{span.end - 1} do not all exist in this image"
             yield error(row.path, what, f"its {area}: {show_ranges(ranges)}")
         if area in {Area.COILS, Area.DISCRETE} and any(value > 1 for value in row.values):

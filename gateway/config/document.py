@@ -21,12 +21,10 @@ format = "8E1"
 """
 
 EXAMPLE: Final = """\
-site = "plant-2"                 # for logs and metrics
-
 [[listen]]                       # where clients connect
 name    = "scada"
 bind    = "tcp://0.0.0.0:502"
-unit0   = "broadcast"            # a write to unit 0 goes to every device
+unit0   = "broadcast"            # a write to unit 0 goes to every device and image; it is never answered
 
 [[line]]                         # an RS-485 line with six devices of three kinds
 name    = "hall-a"
@@ -77,8 +75,11 @@ It is written in [TOML](https://toml.io). The smallest useful file names a port 
 
 Clients of this machine then connect to `tcp://127.0.0.1:5020`, and every unit from 1 to 247 passes through to the
 line. `modbus-gateway ports` lists the ports of the machine. `modbus-gateway check FILE` says everything that is wrong
-with a file, with line and column, and shows what it means: who listens where, which device stands behind which unit,
-and the longest that a client may have to wait for each. Set the time-outs of your clients above that.
+with the file, with line and column, and what can be seen of its ports without opening them. Then it shows what the
+file means: who listens where, which device stands behind which unit, and the longest that a client may have to wait
+for each. Set the time-outs of your clients above that.
+
+Commands are written `modbus-gateway ...` here; from a checkout it is `./deploy/go ...`.
 
 ## An example
 
@@ -90,9 +91,9 @@ and the longest that a client may have to wait for each. Set the time-outs of yo
 | value | written |
 |---|---|
 | duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`. `"0"` only where it says so |
-| units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]` |
+| units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]`; 1-247, as 0 and 255 are no devices |
 | addresses | protocol addresses from 0: a count `100` (0-99), a range `"1-99"`, or a list of ranges; 40001 is 0 |
-| address | `"tcp://host:port"`; an IPv6 address stands in brackets: `"tcp://[::1]:502"` |
+| address | `"tcp://host:port"`, or `"tcp://host"` for port 502; IPv6 stands in brackets: `"tcp://[::1]:502"` |
 | format | data bits, parity, stop bits, in quotes: `"8E1"`, `"8N2"`, `"7O1"` |
 
 Keys that are not on this page are errors. Time limits follow from these settings: a device must have answered within

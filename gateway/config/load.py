@@ -10,7 +10,8 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from gateway.config.check import check
+from gateway.config.check import PortTrouble, check
+from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
 from gateway.config.problem import Path, Problem, error
 from gateway.config.schema import (
@@ -57,15 +58,17 @@ def load(path: str | FilePath) -> Loaded:
     except UnicodeDecodeError as wrong:
         line = wrong.object.count(b"\n", 0, wrong.start) + 1
         return _hopeless(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
+    except FileNotFoundError:
+        return _hopeless(error((), "there is no such file", "name a file: modbus-gateway run FILE"), file, 0, 0)
     except OSError as wrong:
-        return _hopeless(error((), f"cannot be read: {wrong.strerror}"), file)
+        return _hopeless(error((), f"cannot be read: {wrong.strerror}"), file, 0, 0)
     return parse(text, file)
 
 
 def parse(
     text: str,
     file: str = "gateway.toml",
-    port_exists: Callable[[str], bool] = os.path.exists,
+    port_trouble: PortTrouble = port_trouble,
     real_path: Callable[[str], str] = os.path.realpath,
 ) -> Loaded:
     """The config in `text`, which stands in `file`."""
@@ -80,7 +83,7 @@ def parse(
         return _hopeless(error((), "is nested too deeply"), file)
     reader = _Reader(document, positions, FilePath(file).name)
     config = reader.config()
-    found = [*reader.problems, *check(config, frozenset(reader.failed), port_exists, real_path)]
+    found = [*reader.problems, *check(config, frozenset(reader.failed), port_trouble, real_path)]
     problems = [_located(one, positions, file) for one in dict.fromkeys(found)]
     problems.sort(key=lambda one: (one.line, one.column))
     has_error = any(one.severity == "error" for one in problems)

@@ -17,6 +17,8 @@ class Gap:
     key: str
     applies: Callable[[Any], bool]
     what: str
+    #: The whole table means something else then, and nothing more is said about it.
+    says_all: bool = True
 
     def found_at(self, table: Table) -> Path | None:
         """Where `table` asks for what is missing, or None."""
@@ -30,18 +32,19 @@ REFUSED: Final = (
     Gap(Listen, "bind", lambda listen: listen.bind.scheme != "tcp", "a listener other than tcp://"),
     Gap(Line, "role", lambda line: line.role == "server", 'role = "server"'),
     Gap(Line, "port", lambda line: isinstance(line.port, Address), "a device server as the port of a line"),
-    Gap(Line, "echo", lambda line: line.echo, "echo = true"),
-    Gap(Line, "retries", lambda line: line.retries > 0, "retries above 0"),
-    Gap(Image, "persist", lambda image: image.persist != "never", 'persist other than "never"'),
+    Gap(Line, "echo", lambda line: line.echo, "echo = true", says_all=False),
+    Gap(Line, "retries", lambda line: line.retries > 0, "retries above 0", says_all=False),
+    Gap(Image, "persist", lambda image: image.persist != "never", 'persist other than "never"', says_all=False),
     Gap(Image, "of", lambda image: image.of is not None, "a mirror"),
     Gap(Upstream, "", lambda _: True, "[[upstream]]"),
     Gap(Access, "", lambda _: True, "[[access]]"),
     Gap(Web, "", lambda _: True, "[web]"),
-    Gap(Log, "format", lambda log: log.format == "journald", 'the log format "journald"'),
+    Gap(Log, "format", lambda log: log.format == "journald", 'the log format "journald"', says_all=False),
 )
 
 #: The gateway works as well without: one warning for each of them.
 WITHOUT_EFFECT: Final = (
+    Gap(Config, "site", lambda config: bool(config.site), "site"),
     Gap(Control, "", lambda _: True, "[control]"),
     Gap(Line, "coalesce", lambda line: line.has("coalesce") and line.coalesce, "coalesce = true"),
     Gap(Line, "late_window", lambda line: line.has("late_window"), "late_window"),
@@ -61,6 +64,12 @@ def check_built(config: Config) -> Iterator[Problem]:
             yield warning(first, f"{gap.what} has no effect yet in this version")
 
 
+def unbuilt_tables(config: Config) -> frozenset[Path]:
+    """The tables whose whole meaning is not built."""
+    kinds = [gap for gap in REFUSED if gap.says_all]
+    return frozenset(table.path for table in _tables(config) if any(gap.found_at(table) is not None for gap in kinds))
+
+
 def is_refused(kind: type[Table]) -> bool:
     """Whether every table of this kind is refused."""
     return any(gap.kind is kind and not gap.key for gap in REFUSED)
@@ -68,7 +77,7 @@ def is_refused(kind: type[Table]) -> bool:
 
 def _tables(config: Config) -> Iterator[Table]:
     """Every table of which a use may be missing."""
-    yield from (*config.listen, *config.image, *config.upstream, *config.access, config.log)
+    yield from (config, *config.listen, *config.image, *config.upstream, *config.access, config.log)
     for line in config.line:
         yield from (line, *(line.devices or ()))
     yield from filter(None, (config.web, config.control))

@@ -193,4 +193,5 @@ def _image(image: Image, profiles: dict[str, Profile]) -> ImageSettings:
 
 
 def _log(log: Log) -> LogSettings:
-    return LogSettings(log.level, "json" if log.format == "journald" else log.format)
+    assert log.format != "journald"  # noqa: S101 - the config has passed its checks
+    return LogSettings(log.level, log.format)

@@ -33,7 +33,8 @@ class NotText(WrongValue):
 class Problem:
     """One thing that is wrong, or deserves a second look, at `path`.
 
-    With `on_key` the key itself is meant, not its value. Who knows the text fills in `file`, `line` and `column`.
+    With `on_key` the key itself is meant, not its value. Who knows the text fills in `file`, `line` and `column`; they
+    are 0 when the file has no text.
     """
 
     severity: Severity
@@ -50,7 +51,8 @@ class Problem:
         return replace(self, file=file, line=line, column=column)
 
     def __str__(self) -> str:
-        where = f"{self.file}:{self.line}:{self.column}: {self.severity}: "
+        place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+        where = f"{place}: {self.severity}: "
         subject = f"{dotted(self.path)}: " if self.path else ""
         remedy = f"\n  help: {self.remedy}" if self.remedy else ""
         return where + subject + self.what + remedy

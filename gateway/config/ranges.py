@@ -9,7 +9,7 @@ from gateway.profiles.profile import Range
 #: Addresses have 16 bits (A 4.4).
 MOST_ITEMS: Final = 65536
 
-_RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
+_RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
 
 
 def parse_ranges(value: object) -> tuple[Range, ...]:

@@ -72,7 +72,7 @@ class Listen(Table):
     name: Name | None = Field(None, description="What logs and `[[access]]` call it; the address when there is none.")
     bind: ListenAddress = Field(
         description="Where to listen: `tcp://`, `tls://` (port 802), `rtu+tcp://`, `ascii+tcp://` or `udp://`, then "
-        "host and port. IPv6: `tcp://[::]:502`. Port 0 takes a free one.",
+        "host and port. Without a port it is 502. IPv6: `tcp://[::]:502`. Port 0 takes a free one.",
     )
     clients: Count = Field(
         32, description="Connections at once. When full, the oldest idle one without a request under way is closed."
@@ -81,8 +81,9 @@ class Listen(Table):
     in_flight: Count = Field(16, description="Requests under way per connection; beyond it the gateway stops reading.")
     unit0: Unit0 = Field(
         "refuse",
-        description='Requests to unit 0: `"refuse"` answers 0A, `"broadcast"` sends writes to every device, a number '
-        "is the unit to use instead.",
+        description='Requests to unit 0: `"refuse"` answers 0A, a number is the unit to use instead. `"broadcast"` '
+        "sends a write once to every line that accepts broadcasts, and to the images; it is never answered, so that a "
+        "client tool will show a time-out. A read is answered 01.",
     )
 
     @property
@@ -94,9 +95,15 @@ class Listen(Table):
 class Device(Table):
     """A device on a line, or several of one kind in one row."""
 
-    units: WireUnits = Field(alias="unit", description="Its unit on the wire. A set stands for several devices.")
+    units: WireUnits = Field(
+        alias="unit",
+        description="Its unit on the wire, 1-247; a set stands for several devices. 0 asks whoever is there: for a "
+        "lone device whose address is not known, and only its holding registers can be read.",
+    )
     known_as: Units | None = Field(
-        None, alias="as", description="The unit that clients use; as many as there are in `unit`. Default: the same."
+        None,
+        alias="as",
+        description="The unit that clients use, 1-247; as many as there are in `unit`. Default: the same.",
     )
     name: Name | None = Field(
         None,
@@ -168,7 +175,7 @@ class Line(Table):
         0, description="Reads only, after a broken frame only, at once; writes are never repeated."
     )
     coalesce: bool = Field(True, description="Equal reads that wait share one transaction.")
-    broadcast: bool = Field(True, description="Whether the line accepts broadcasts.")
+    broadcast: bool = Field(True, description="Whether broadcasts go to this line too.")
     devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
         None, description="Its devices. Left out on the only client line, every unit 1-247 passes through."
     )
@@ -359,14 +366,16 @@ class Log(Table):
 
     level: Literal["debug", "info", "warning", "error"] = Field("info", description="The least that is told.")
     format: Literal["auto", "console", "json", "journald"] = Field(
-        "auto", description="How it is written; `auto` is made for people on a terminal, else for programs."
+        "auto",
+        description="How it is written: `console` for people, `json` for programs, one object a line; `auto` is "
+        "`console`.",
     )
 
 
 class Config(Table):
     """A whole file."""
 
-    site: str = Field("", description="The name of the plant, for logs and metrics.")
+    site: str = Field("", description="The name of the plant, for logs and metrics; it has no effect yet.")
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
     line: Annotated[tuple[Line, ...], ListOf] = ()
     image: Annotated[tuple[Image, ...], ListOf] = ()

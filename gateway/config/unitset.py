@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from gateway.config.problem import WrongValue
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 
-_RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
+_RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
 
 
 def parse_units(value: object, first: int = FIRST_UNIT, last: int = LAST_UNIT) -> tuple[int, ...]:
@@ -45,7 +45,8 @@ def _parse_part(part: object, first: int, last: int) -> range:
         raise WrongValue(f'"{part}" counts backwards', f'write "{high}-{low}"')
     for unit in (low, high):
         if not first <= unit <= last:
-            raise WrongValue(f"unit {unit} is outside {first}-{last}")
+            # Where unit 0 is allowed it means something special, and nobody who is wrong is helped by it.
+            raise WrongValue(f"unit {unit} is outside {max(first, FIRST_UNIT)}-{last}")
     return range(low, high + 1)
 
 

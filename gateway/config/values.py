@@ -1,5 +1,6 @@
 """The kinds of value that keys have, as types that read what a user wrote and refuse the rest in plain words."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +28,7 @@ from gateway.profiles.profile import Range
 DEVICE_SERVER_SCHEMES: Final = ("rtu+tcp", "ascii+tcp")
 
 _LONGEST_NAME: Final = 64
+_FUNCTION = re.compile(r"[0-9]{1,9}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,11 @@ def parse_format(value: object) -> CharacterFormat:
         raise WrongValue(f'"{value}" is no character format', str(wrong)) from wrong
 
 
+def fits_mode(value: CharacterFormat, mode: Literal["rtu", "ascii"]) -> bool:
+    """Whether the format can carry what is spoken: RTU needs 8 data bits (S 2.5.1)."""
+    return mode == "ascii" or value.data_bits == 8
+
+
 def parse_port(value: object) -> str | Address:
     """A line's port: the path of a serial device, or the address of a device server.
 
@@ -76,6 +83,8 @@ def parse_port(value: object) -> str | Address:
         return parse_address(value, DEVICE_SERVER_SCHEMES)
     if not value.startswith("/"):
         raise WrongValue(f'"{value}" is no absolute path', f'did you mean "/dev/{value}"?')
+    if not value.isprintable():
+        raise WrongValue("has characters that cannot be seen", "modbus-gateway ports lists the paths of ports")
     return value
 
 
@@ -109,11 +118,17 @@ def parse_limits(value: object) -> dict[int, int]:
     """Most items by function, as in `{ 3 = 99 }`.
 
     Raises:
-        WrongValue: a key is no function, or a value no quantity.
+        WrongValue: a key is no function, one is there twice, or a value is no quantity.
     """
     if not isinstance(value, dict):
         raise WrongValue("must be a table", "write it as { 3 = 99 }: at most 99 items of function 3")
-    return {_function_number(function): _quantity(function, most) for function, most in value.items()}
+    limits: dict[int, int] = {}
+    for text, most in value.items():
+        function = _function_number(text)
+        if function in limits:
+            raise WrongValue(f"function {function} is there twice")
+        limits[function] = _quantity(text, most)
+    return limits
 
 
 def parse_networks(value: object) -> tuple[IPv4Network | IPv6Network, ...]:
@@ -137,7 +152,7 @@ def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
 
 
 def _function_number(text: str) -> int:
-    if text.isdecimal() and 1 <= int(text) <= 127:
+    if _FUNCTION.fullmatch(text) and 1 <= int(text) <= 127:
         return int(text)
     raise WrongValue(f'"{text}" is no function number', "functions are numbered 1 to 127")
 

@@ -17,6 +17,15 @@ _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
 _SYNTAX_ERROR = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
 _DECLARED_TWICE = re.compile(r"Cannot declare \('([^']+)',\) twice")
 
+#: What other programs call a key, and the keys it may be here, in lower case; the first that the table has is meant.
+_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("parity", "stopbits", "stop_bits", "bytesize", "databits", "data_bits"), ("format",)),
+    **dict.fromkeys(("speed", "baudrate", "baud_rate"), ("baud",)),
+    **dict.fromkeys(("slave", "slave_id", "slaveid", "unit_id", "id"), ("unit",)),
+    **dict.fromkeys(("protocol", "type"), ("mode",)),
+    "address": ("unit", "bind", "to"),
+}
+
 _TYPES: Mapping[str, str] = {
     "int_type": "must be a whole number",
     "float_type": "must be a number",
@@ -46,7 +55,13 @@ def value_problems(
 
 def unknown_key(path: Path, known: list[str]) -> Problem:
     """The key at the end of `path` is none of the `known` ones."""
-    return Problem("error", path, "unknown key", did_you_mean(str(path[-1]), known), on_key=True)
+    written = str(path[-1])
+    meant = next((key for key in _ELSEWHERE.get(written.lower(), ()) if key in known), None)
+    if meant == "format":
+        remedy = 'it is part of format, such as format = "8E1": data bits, parity, stop bits'
+    else:
+        remedy = did_you_mean(written, known) if meant is None else f'did you mean "{meant}"?'
+    return Problem("error", path, "unknown key", remedy, on_key=True)
 
 
 def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Problem:
@@ -91,7 +106,7 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
         return error(path, f"must be {str(context['expected']).replace(chr(39), chr(34))}")
     if kind in _LIMITS:
         return error(path, _LIMITS[kind].format(**context))
-    return error(path, _TYPES[kind])
+    return error(path, _TYPES.get(kind, f"cannot be used: {found['msg']}"))
 
 
 def _model_at(model: type[Table], loc: Path) -> type[Table]:

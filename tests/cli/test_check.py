@@ -62,27 +62,28 @@ def test_the_picture_of_a_file(config, capsys):
           110   10           drive-110  generic  2.7 s
           111   11           drive-111  generic  2.7 s
           Time limits of weigher, unit 41
-            FUNCTION  1 ITEM  MOST  LIMIT THEN
-            3         1.01 s  125   1.15 s
-            16        1.01 s  123   1.01 s
+            FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
+            3         1.01 s            125         1.15 s
+            16        1.01 s            123         1.01 s
           Time limits of generic, units 110-111
-            FUNCTION  1 ITEM  MOST  LIMIT THEN
-            1         408 ms  2000  551 ms
-            2         408 ms  2000  551 ms
-            3         409 ms  125   551 ms
-            4         409 ms  125   551 ms
-            5         410 ms  1     410 ms
-            6         410 ms  1     410 ms
-            15        410 ms  1968  410 ms
-            16        410 ms  123   410 ms
-            22        411 ms  1     411 ms
-            23        409 ms  125   551 ms
-            others    405 ms  -     405 ms
+            FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
+            1         408 ms            2000        551 ms
+            2         408 ms            2000        551 ms
+            3         409 ms            125         551 ms
+            4         409 ms            125         551 ms
+            5         410 ms            1           410 ms
+            6         410 ms            1           410 ms
+            15        410 ms            1968        410 ms
+            16        410 ms            123         410 ms
+            22        411 ms            1           411 ms
+            23        409 ms            125         551 ms
+            others    405 ms            -           405 ms
 
         Images
           UNIT  NAME        PROFILE  ADDRESSES
           200   shift-data  generic  coils 0-7, 16-23; holding 0-99
 
+        Longest wait = max_wait + gap + longest request on the wire + its time limit.
         Set each client's time-out above the longest wait of the units that it asks.
 
         no errors, no warnings
@@ -142,8 +143,11 @@ def test_a_file_that_does_not_exist_is_one_problem(tmp_path, capsys):
     path = tmp_path / "absent.toml"
     assert main(["check", str(path)]) == 1
     assert capsys.readouterr().out == (
-        f"{path}:1:1: error: cannot be read: No such file or directory\n1 error, no warnings\n"
+        f"{path}: error: there is no such file\n  help: name a file: modbus-gateway run FILE\n1 error, no warnings\n"
     )
+    assert main(["check", "--json", str(path)]) == 1
+    (problem,) = json.loads(capsys.readouterr().out)["problems"]
+    assert (problem["line"], problem["column"]) == (None, None)
 
 
 def test_the_picture_as_json(config, capsys):

@@ -49,13 +49,13 @@ def test_a_profile_with_a_timing_table(capsys):
           23        99     500 ms
 
         Time limits, counted from the end of the request: ascii 19200 7E1, latency 5 ms
-          FUNCTION  1 ITEM   MOST  LIMIT THEN
-          1         26.8 ms  2000  286 ms
-          2         26.8 ms  2000  286 ms
-          3         27.8 ms  99    847 ms
-          5         28.9 ms  1     28.9 ms
-          16        28.9 ms  99    374 ms
-          23        33.8 ms  99    967 ms
+          FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
+          1         26.8 ms           2000        286 ms
+          2         26.8 ms           2000        286 ms
+          3         27.8 ms           99          847 ms
+          5         28.9 ms           1           28.9 ms
+          16        28.9 ms           99          374 ms
+          23        33.8 ms           99          967 ms
         """
     )
 
@@ -74,7 +74,7 @@ def test_limits_at_another_rate_and_format(capsys):
     assert main(["profile", "weigher", "--baud", "9600", "--format", "8n1"]) == 0
     said = capsys.readouterr().out
     assert "rtu 9600 8N1" in said
-    assert "  3         1.01 s  125   1.27 s\n" in said
+    assert "  3         1.01 s            125         1.27 s\n" in said
 
 
 @pytest.mark.parametrize(
@@ -91,6 +91,13 @@ def test_wrong_usage(words, said, capsys):
         main(["profile", "mint", *words])
     assert ended.value.code == 2
     assert said in capsys.readouterr().err
+
+
+def test_rtu_needs_8_data_bits_here_too(capsys):
+    assert main(["profile", "mint", "--mode", "rtu", "--format", "7E1"]) == 2
+    said = "modbus-gateway: error: RTU needs 8 data bits, and 7E1 has 7; is it --mode ascii?\n"
+    assert capsys.readouterr().err == said
+    assert main(["profile", "mint", "--mode", "ascii", "--format", "7E1"]) == 0
 
 
 def test_an_unknown_profile_is_wrong_usage(capsys):

@@ -6,6 +6,7 @@ from gateway.config.address import Address, parse_address
 from gateway.config.problem import WrongValue
 
 SCHEMES = ("tcp", "tls", "rtu+tcp", "udp")
+NO_NAME = "letters, digits and hyphens, in parts joined by single dots, such as plc.example"
 
 
 @pytest.mark.parametrize(
@@ -15,6 +16,7 @@ SCHEMES = ("tcp", "tls", "rtu+tcp", "udp")
         ("tcp://[::]:502", Address("tcp", "::", 502)),
         ("tcp://[fe80::1%eth0]:502", Address("tcp", "fe80::1%eth0", 502)),
         ("tcp://plc.example:1502", Address("tcp", "plc.example", 1502)),
+        ("tcp://plc_2.hall-a:1502", Address("tcp", "plc_2.hall-a", 1502)),
         ("tcp://127.0.0.1:0", Address("tcp", "127.0.0.1", 0)),
         ("tcp://10.0.0.1", Address("tcp", "10.0.0.1", 502)),
         ("tls://10.0.0.1", Address("tls", "10.0.0.1", 802)),
@@ -36,6 +38,14 @@ def test_scheme_host_and_port(text, address):
         ("tcp://*:502", "names no host", '"tcp://0.0.0.0:502" stands for every IPv4 address'),
         ("rtu+tcp://x", "names no port", 'write "rtu+tcp://x:PORT"'),
         ("tcp://x:70000", "port 70000 is above 65535", ""),
+        ("tcp://a..b:1", "'a..b' is no host name", NO_NAME),
+        ("tcp://a b:1", "'a b' is no host name", NO_NAME),
+        ("tcp://-a:1", "'-a' is no host name", NO_NAME),
+        ("tcp://\u0000:1", "'\\x00' is no host name", NO_NAME),
+        ("tcp://10.0.0.256:1", '"10.0.0.256" is no IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7"),
+        ("tcp://10.0.0:1", '"10.0.0" is no IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7"),
+        ("tcp://[::g]:1", '"::g" is no IPv6 address', "such as [::1] or [fe80::1%eth0]"),
+        ("tcp://[10.0.0.1]:1", '"10.0.0.1" is no IPv6 address', "such as [::1] or [fe80::1%eth0]"),
     ],
 )
 def test_what_is_no_address_is_refused(value, what, remedy):

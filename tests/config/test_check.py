@@ -12,13 +12,15 @@ from gateway.config.problem import dotted
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1, name = "one" }]\n'
 
 
-def problems(text, port_exists=lambda _: True, real_path=str, *, also_not_built=False):
-    """What is said about `text`, without its place in the file; what is not built yet is left out unless asked for."""
-    found = parse(dedent(text), "gateway.toml", port_exists, real_path).problems
+def problems(text, port_trouble=lambda _: None, real_path=str, *, built=True):
+    """What is said about `text`, without its place in the file; unless told otherwise, as if everything was built."""
+    with pytest.MonkeyPatch.context() as patch:
+        if built:
+            patch.setattr("gateway.config.not_yet.REFUSED", ())
+            patch.setattr("gateway.config.not_yet.WITHOUT_EFFECT", ())
+        found = parse(dedent(text), "gateway.toml", port_trouble, real_path).problems
     return [
-        f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "")
-        for one in found
-        if also_not_built or " yet in this version" not in one.what
+        f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "") for one in found
     ]
 
 
@@ -109,6 +111,33 @@ def test_two_listeners_may_both_take_a_free_port():
     assert problems(text) == []
 
 
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("0.0.0.0", "127.0.0.1"), ("127.0.0.1", "0.0.0.0"), ("[::]", "[::1]"), ("0.0.0.0", "localhost"), ("a.b", "A.B")],
+)
+def test_a_wildcard_takes_the_port_from_every_address(one, other):
+    text = LINE + f'[[listen]]\nbind = "tcp://{one}:1"\n[[listen]]\nbind = "tcp://{other}:1"\n'
+    (said,) = [said for said in problems(text) if said.startswith("error")]
+    assert said.startswith("error: listen[1].bind: this address is already used in gateway.toml:5")
+    wildcard = next((host.strip("[]") for host in (one, other) if host in ("0.0.0.0", "[::]")), None)
+    assert wildcard is None or said.endswith(f"; {wildcard} stands for every address of its kind")
+
+
+@pytest.mark.parametrize(("one", "other"), [("0.0.0.0", "[::]"), ("[::]", "127.0.0.1"), ("127.0.0.1", "10.0.0.1")])
+def test_ipv4_and_ipv6_have_ports_of_their_own(one, other):
+    text = LINE + f'[[listen]]\nbind = "tcp://{one}:1"\n[[listen]]\nbind = "tcp://{other}:1"\n'
+    assert [said for said in problems(text) if said.startswith("error")] == []
+
+
+def test_who_has_no_name_is_not_blamed_for_being_called_after_a_place_that_is_taken():
+    line = '[[line]]\nport = "/dev/a"\ndevices = [{{ unit = {} }}]\n'
+    assert problems(line.format(1) + line.format(2)) == [
+        "error: line[1].port: this port is already used in gateway.toml:1"
+    ]
+    listen = '[[listen]]\nbind = "tcp://127.0.0.1:1"\n'
+    assert problems(LINE + listen + listen) == ["error: listen[1].bind: this address is already used in gateway.toml:5"]
+
+
 def test_udp_and_tcp_ports_are_not_the_same():
     text = (
         LINE
@@ -122,18 +151,9 @@ NETWORK = '[[listen]]\nbind = "tcp://0.0.0.0:502"\n'
 
 def test_who_listens_to_the_network_is_told_that_others_only_read():
     row = 'to let them write, add [[access]] with from = ["10.2.0.0/24"] and allow = ["read", "write"]'
-    assert problems(LINE + NETWORK) == [
-        (
-            f"warning: listen[0].bind: clients from other machines may only read without [[access]]"
-            f" | {row} (not built yet in this version)"
-        )
-    ]
-
-
-def test_once_access_is_built_the_row_to_add_is_all_that_is_said(monkeypatch):
-    monkeypatch.setattr("gateway.config.check.is_refused", lambda _: False)
-    (said,) = problems(LINE + NETWORK)
-    assert said.endswith('and allow = ["read", "write"]')
+    said = f"warning: listen[0].bind: clients from other machines may only read without [[access]] | {row}"
+    assert problems(LINE + NETWORK) == [said]
+    assert problems(LINE + NETWORK, built=False) == [f"{said} (not built yet in this version)"]
 
 
 @pytest.mark.parametrize("access", ['[[access]]\nallow = ["read"]\n', '[[access]]\nallow = "read"\n'])
@@ -159,16 +179,15 @@ def test_one_port_under_two_names():
 def test_one_device_server_on_two_lines():
     line = '[[line]]\nname = "{0}"\nport = "rtu+tcp://10.0.0.1:4001"\ndevices = [{{ unit = {0} }}]\n'
     said = ["error: line[1].port: this port is already used in gateway.toml:1"]
-    assert problems(line.format(1) + line.format(2), port_exists=lambda _: False) == said
+    assert problems(line.format(1) + line.format(2), port_trouble=lambda _: "is absent") == said
 
 
-def test_an_absent_port_is_a_warning():
-    assert problems(LINE, port_exists=lambda path: path != "/dev/a") == [
-        (
-            "warning: line[0].port: there is no such port at the moment; the line waits for it"
-            " | modbus-gateway ports lists those that exist"
-        )
+def test_a_port_that_cannot_be_used_is_a_warning():
+    trouble = {"/dev/a": "is no serial port"}
+    assert problems(LINE, port_trouble=trouble.get) == [
+        "warning: line[0].port: is no serial port | the line waits for it; modbus-gateway ports lists those that exist"
     ]
+    assert problems(LINE.replace("/dev/a", "/dev/b"), port_trouble=trouble.get) == []
 
 
 # Lines
@@ -342,6 +361,12 @@ def test_a_profile_that_does_not_exist(text, path):
     assert problems(text) == [f'error: {path}.profile: there is no profile "wiegher" | did you mean "weigher"?']
 
 
+def test_a_profile_without_any_function_is_none():
+    assert problems(LINE + "[profile.x]\nfunctions = []\n") == [
+        "error: profile.x.functions: is empty | leave it out, and every function is accepted"
+    ]
+
+
 def test_more_items_cannot_take_less_time():
     text = LINE + '[profile.x]\ntiming = [{ fc = 3, items = 9, time = "5 ms" }, { fc = 3, items = 1, time = "9 ms" }]\n'
     assert problems(text) == [
@@ -385,6 +410,10 @@ def test_an_image_has_something():
         ),
         ("initial.coils = [{ at = 0, values = [1, false] }]", []),
         (
+            "initial.coils = [{ at = 0, values = [] }]",
+            ["error: image[0].initial.coils[0].values: is empty"],
+        ),
+        (
             "initial.coils = [{ at = 0, values = [2] }]",
             ["error: image[0].initial.coils[0].values: coils can only be 0 or 1"],
         ),
@@ -392,6 +421,25 @@ def test_an_image_has_something():
 )
 def test_first_values_have_their_place_in_the_image(initial, said):
     assert problems(f"[[image]]\nunit = 1\nholding = 10\ncoils = 4\n{initial}\n") == said
+
+
+@pytest.mark.parametrize(
+    ("area", "written", "meant"),
+    [
+        ("holding", "40001-40100", '40001 of a manual is address 0: "40001-40100" there is "0-99" here'),
+        ("input", "30011", '30001 of a manual is address 0: "30011-30011" there is "10-10" here'),
+        ("discrete", "10001-10016", '10001 of a manual is address 0: "10001-10016" there is "0-15" here'),
+    ],
+)
+def test_the_numbers_of_a_manual_are_not_the_addresses_on_the_wire(area, written, meant):
+    said = f"warning: {{}}.{area}: addresses are those on the wire, from 0 | {meant}"
+    assert problems(f'[[image]]\nunit = 1\n{area} = "{written}"\n') == [said.format("image[0]")]
+    assert problems(LINE + f'[profile.x]\n{area} = "{written}"\n') == [said.format("profile.x")]
+
+
+@pytest.mark.parametrize("area", ['holding = "0-65535"', 'holding = "40001-60000"', 'coils = "1-16"', "holding = 0"])
+def test_other_addresses_may_be_meant(area):
+    assert problems(f"[[image]]\nunit = 1\ninput = 1\n{area}\n") == []
 
 
 def test_a_local_image_polls_nothing():
@@ -501,7 +549,25 @@ def test_a_right_says_in_one_way_what_it_allows(row):
     ],
 )
 def test_what_is_not_built_is_refused_plainly(text, said):
-    assert problems(LINE + text, also_not_built=True) == [f"error: {said} is not built yet in this version"]
+    assert problems(LINE + text, built=False) == [f"error: {said} is not built yet in this version"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SERVER + 'retries = 0\nformat = "7E1"\n', 'line[1].role: role = "server"'),
+        ('[[image]]\nunit = 2\nof = "nobody"\nholding = 1\n', "image[0].of: a mirror"),
+        ("[[access]]\n", "access[0]: [[access]]"),
+        ('[[listen]]\nname = "control"\nbind = "udp://0.0.0.0:502"\n', "listen[0].bind: a listener other than tcp://"),
+    ],
+)
+def test_nothing_else_is_said_about_a_table_whose_meaning_is_not_built(text, said):
+    assert problems(LINE + text, lambda _: None, built=False) == [f"error: {said} is not built yet in this version"]
+
+
+def test_what_is_wrong_beside_a_key_that_is_not_built_is_told():
+    said = problems(LINE + 'echo = true\nformat = "7E1"\n', built=False)
+    assert [one.partition(": ")[2].partition(":")[0] for one in said] == ["line[0].echo", "line[0].format"]
 
 
 def test_every_refusal_is_tested():
@@ -522,9 +588,15 @@ def test_every_refusal_is_tested():
     ],
 )
 def test_what_has_no_effect_is_told_once(text, said):
-    assert problems(LINE + text, also_not_built=True) == [f"warning: {said} has no effect yet in this version"]
+    assert problems(LINE + text, built=False) == [f"warning: {said} has no effect yet in this version"]
+
+
+def test_the_name_of_the_plant_is_accepted_and_has_no_effect():
+    said = "warning: site: site has no effect yet in this version"
+    assert problems('site = "plant-2"\n' + LINE, built=False) == [said]
+    assert problems('site = ""\n' + LINE, built=False) == []
 
 
 def test_what_is_off_needs_no_warning():
     text = LINE + 'coalesce = false\nretries = 0\necho = false\n[[image]]\nunit = 2\ncoils = 1\npersist = "never"\n'
-    assert problems(text, also_not_built=True) == []
+    assert problems(text, built=False) == []

@@ -25,7 +25,7 @@ def test_the_page_can_be_made_as_it_says():
 
 @pytest.mark.parametrize("text", [SMALLEST, EXAMPLE])
 def test_its_examples_have_no_error(text):
-    loaded = parse(text, port_exists=lambda _: True)
+    loaded = parse(text, port_trouble=lambda _: None)
     assert [one for one in loaded.problems if one.severity == "error"] == []
 
 
@@ -34,9 +34,9 @@ def test_its_examples_have_no_error(text):
     [
         '| `idle` | duration | `"10 min"` | Close a connection that asked nothing for so long; `"0"`: never. |',
         "| `baud` | number | `19200` | Any rate; 14400 and other odd ones are set as custom rates. |",
-        "| `broadcast` | `true` or `false` | `true` | Whether the line accepts broadcasts. |",
+        "| `broadcast` | `true` or `false` | `true` | Whether broadcasts go to this line too. |",
         '| `mode` | `"rtu"` or `"ascii"` | `"rtu"` | What is spoken on the line. |',
-        "| `unit` | units | **must be given** | Its unit on the wire. A set stands for several devices. |",
+        "| `unit` | units | **must be given** | The units that the other server knows. |",
         "| `values` | list of values | **must be given** | The values: 0-65535, or `true` and `false`. |",
         '| `allow` | list of `"read"` or `"write"` |  | What is allowed; or name `functions`. |',
         "| `read` | list of tables |  | Mirrors: what to poll, and how often. |",

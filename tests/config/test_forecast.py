@@ -96,7 +96,7 @@ def test_the_most_items_are_those_that_protocol_profile_and_addresses_allow(keys
 
 def test_the_longest_wait_is_in_the_queue_and_on_the_line_and_for_the_answer():
     text = '[[line]]\nport = "/dev/a"\nmax_wait = "3 s"\ndevices = [{ unit = 1, profile = "weigher" }]\n'
-    config = parse(text, port_exists=lambda _: True).config
+    config = parse(text, port_trouble=lambda _: None).config
     assert config is not None
     (line,) = resolve(config).lines
     read_most = 8 * CHARACTER + 255 * CHARACTER + 1.0 + LATENCY

@@ -16,7 +16,7 @@ SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'
 
 def problems(text):
     """What is said about `text`, on a machine where every port exists."""
-    loaded = parse(dedent(text), "gateway.toml", port_exists=lambda _: True, real_path=str)
+    loaded = parse(dedent(text), "gateway.toml", port_trouble=lambda _: None, real_path=str)
     assert (loaded.config is None) == any(problem.severity == "error" for problem in loaded.problems)
     return [str(problem) for problem in loaded.problems]
 
@@ -57,7 +57,7 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
             "  help: known here: unit, as, name, profile, priority, timeout"
         ),
         'gateway.toml:10:33: error: line[0].devices[0].profile: must be text\n  help: put it in quotes: "3"',
-        "gateway.toml:11:12: error: line[0].devices[1].unit: unit 300 is outside 0-247",
+        "gateway.toml:11:12: error: line[0].devices[1].unit: unit 300 is outside 1-247",
         "gateway.toml:11:23: error: line[0].devices[2]: must be a table",
         "gateway.toml:14:1: error: web.bind: is missing",
     ]
@@ -147,6 +147,58 @@ def test_a_value_of_the_wrong_kind_is_said_in_plain_words(text, said):
     assert problems(text) == [said]
 
 
+@pytest.mark.parametrize(
+    ("section", "key", "remedy"),
+    [
+        *[
+            ("line", key, 'it is part of format, such as format = "8E1": data bits, parity, stop bits')
+            for key in ("parity", "stopbits", "bytesize", "databits", "Data_Bits")
+        ],
+        ("line", "speed", 'did you mean "baud"?'),
+        ("line", "baudrate", 'did you mean "baud"?'),
+        ("line", "protocol", 'did you mean "mode"?'),
+        ("line", "type", 'did you mean "mode"?'),
+        ("image", "slave", 'did you mean "unit"?'),
+        ("image", "slave_id", 'did you mean "unit"?'),
+        ("listen", "address", 'did you mean "bind"?'),
+        ("upstream", "address", 'did you mean "to"?'),
+    ],
+)
+def test_what_other_programs_call_a_key_is_understood(section, key, remedy):
+    assert f"error: {section}[0].{key}: unknown key\n  help: {remedy}" in "\n".join(
+        problems(f"[[{section}]]\n{key} = 1\n")
+    )
+
+
+@pytest.mark.parametrize("key", ["slave", "slave_id", "address", "id"])
+def test_what_other_programs_call_a_unit_is_understood(key):
+    said = problems(f'[[line]]\nport = "/dev/x"\ndevices = [{{ unit = 1, {key} = 5 }}]\n')
+    assert said == [f'gateway.toml:3:24: error: line[0].devices[0].{key}: unknown key\n  help: did you mean "unit"?']
+
+
+MANY = "9" * 4000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"[[image]]\nunit = {MANY}\ncoils = 1\n",
+        f"[[image]]\nunit = 0x{MANY}\ncoils = 1\n",
+        f'[[image]]\nunit = 1\nholding = "{MANY}{MANY}"\n',
+        f"[[image]]\nunit = 1\nholding = 0x{MANY}{MANY}\n",
+        f'[[line]]\nport = "/dev/x"\ndevices = [{{ unit = "{MANY}{MANY}" }}]\n',
+        f'[[line]]\nport = "/dev/x"\ndevices = [{{ unit = 0x{MANY}{MANY} }}]\n',
+        f'[[line]]\nport = "/dev/x"\ntimeout = 0x{MANY}{MANY}\n',
+        f'[[line]]\nport = "/dev/x"\ntimeout = "{MANY}{MANY} s"\n',
+        f'[[line]]\nport = "/dev/x"\n[[listen]]\nbind = "tcp://127.0.0.1:{MANY}{MANY}"\n',
+        f'[[line]]\nport = "/dev/x"\n[profile.x]\nlimits = {{ {MANY}{MANY} = 1 }}\n',
+    ],
+)
+def test_a_number_with_thousands_of_digits_is_one_problem(text):
+    (said,) = problems(text)
+    assert "error" in said
+
+
 def test_one_broken_table_hides_no_problem_of_another_and_causes_none():
     """The unit 99 might be one of the line that failed, and the profile the one that failed: nobody complains."""
     assert problems(
@@ -174,7 +226,7 @@ def test_every_table_knows_its_line_of_the_file():
     config = parse(
         '[[line]]\nport = "/dev/a"\ndevices = [\n  { unit = 1 },\n  { unit = 2 },\n]\n[profile.x]\n[log]\n',
         "/etc/modbus-gateway/gateway.toml",
-        port_exists=lambda _: True,
+        port_trouble=lambda _: None,
     ).config
     assert config is not None
     assert config.line[0].source == "gateway.toml:1"
@@ -186,7 +238,7 @@ def test_every_table_knows_its_line_of_the_file():
 
 def test_a_file_adds_profiles_and_replaces_built_in_ones():
     text = SMALLEST + '[profile.mint]\ntitle = "mine"\n[profile.own]\n'
-    config = parse(text, port_exists=lambda _: True).config
+    config = parse(text, port_trouble=lambda _: None).config
     assert config is not None
     assert set(config.profile) == {"generic", "mint", "v80", "weigher", "own"}
     assert (config.profile["mint"].title, config.profile["mint"].functions) == ("mine", None)
@@ -217,13 +269,13 @@ def test_a_file_is_read(tmp_path):
 def test_a_file_that_does_not_exist_is_one_problem(tmp_path):
     file = tmp_path / "gateway.toml"
     assert [str(one) for one in load(file).problems] == [
-        f"{file}:1:1: error: cannot be read: No such file or directory"
+        f"{file}: error: there is no such file\n  help: name a file: modbus-gateway run FILE"
     ]
     assert load(str(file)).config is None
 
 
 def test_a_folder_is_one_problem(tmp_path):
-    assert [str(one) for one in load(tmp_path).problems] == [f"{tmp_path}:1:1: error: cannot be read: Is a directory"]
+    assert [str(one) for one in load(tmp_path).problems] == [f"{tmp_path}: error: cannot be read: Is a directory"]
 
 
 def test_a_file_in_another_encoding_is_one_problem(tmp_path):
@@ -237,6 +289,7 @@ VALUES = st.sampled_from(
     """\
 0 1 -1 248 8E1 true nan 1979-05-27 "" "auto" "0" "1ms" "1-99" "9-1" "8E1" "/dev/null" "tcp://[::1]:1" "rtu+tcp://x:1"
 "mint" "all" "server" "ascii" [] {} [{}] [1,2] ["read"] {3=99} {x=1} [{unit="1-2",as=5}] [{unit=1},{unit=0}]
+"/dev/\\u0000" "tcp://a..b:5020" {3=1,03=2} "40001-40100" [{at=0,values=[]}] [{unit=0,as=50}]
 [{fc=3,items=1,time="1s"}] [{holding=2,every="1s"}] [{at=0,values=[1]}]""".split()  # noqa: SIM905 - as they stand in a file
 )
 

@@ -46,6 +46,11 @@ def test_what_is_no_unit_set_is_refused(value, what):
     assert str(caught.value) == what
 
 
+def test_who_is_outside_is_not_told_of_the_special_unit_0():
+    with pytest.raises(WrongValue, match="unit 248 is outside 1-247"):
+        parse_units(248, first=0)
+
+
 def test_other_bounds_can_be_asked_for():
     assert parse_units(0, first=0) == (0,)
     assert parse_units(255, last=255) == (255,)

@@ -88,7 +88,7 @@ class House:
     """
 
     def __init__(self, config: str, memory: Memory | None = None) -> None:
-        loaded = parse(config, port_exists=lambda port: True, real_path=lambda port: port)
+        loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
         assert loaded.config is not None, "\n".join(map(str, loaded.problems))
         self.events: list[Event] = []
         self.lines: dict[str, MemoryLine] = {}
