@@ -97,7 +97,9 @@ def _check_binds(config: Config) -> Iterator[Problem]:
         if first is None:
             continue
         wildcard = first.bind if first.bind.is_wildcard else listen.bind
-        covers = f"; {wildcard.host} stands for every address of its kind" if wildcard.is_wildcard else ""
+        covers = ""
+        if wildcard.is_wildcard and first.bind.host != listen.bind.host:
+            covers = f"; {wildcard.host} stands for every address of its kind"
         yield error((*listen.path, "bind"), f"this address is already used in {first.source}{covers}")
 
 
