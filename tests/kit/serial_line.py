@@ -5,6 +5,7 @@ import select
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Self
 
 from kit.device import SimulatedLine
@@ -26,7 +27,8 @@ class _Served:
 
     def _serve(self) -> None:
         while not self._stop.is_set():
-            self._turn(0.01)
+            with suppress(OSError, ValueError):  # a port is pulled out of our hands
+                self._turn(0.01)
 
     def _turn(self, timeout: float) -> None:
         raise NotImplementedError
