@@ -1,12 +1,17 @@
 """One client's connection as a machine: bytes in, requests out, responses back, with bounds on all of it."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus
 from gateway.modbus import mbap
 from gateway.modbus.codes import READING_FUNCTIONS
 from gateway.request import Request, Target
+
+#: How long a client may take to send one ADU, in seconds, however many bytes it sends meanwhile.
+SENDING_DEADLINE: Final = 10.0
+#: How long a client may leave its responses untaken, in seconds.
+TAKING_DEADLINE: Final = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +55,8 @@ class Session:
     """
 
     __slots__ = (
-        "_at_end", "_blocked", "_connection", "_draining", "_framer", "_in_flight", "_limit", "_out", "_paused",
-        "_router", "client", "gone", "last_asked", "may_write",
+        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_framer", "_in_flight", "_limit",
+        "_out", "_paused", "_router", "_whole_at", "client", "gone", "last_asked", "may_write",
     )  # fmt: skip
 
     def __init__(
@@ -71,7 +76,10 @@ class Session:
         self._draining = False
         self._paused = False
         self._blocked = False
+        self._blocked_at = now
+        self._whole_at = now
         self._at_end = False
+        self._ending = False
 
     @property
     def is_idle(self) -> bool:
@@ -122,19 +130,42 @@ class Session:
             self._resume()
             self._close_when_done()
 
-    def block(self) -> None:
+    def block(self, now: float) -> None:
         """The client does not take its responses: read no more requests until `unblock`."""
         self._blocked = True
+        self._blocked_at = now
 
     def unblock(self) -> None:
         """The client takes its responses again."""
         self._blocked = False
         self._resume()
+        self._close_when_done()
 
     def end_of_input(self) -> None:
         """The client sends no more; it still gets its responses, then the connection is closed."""
         self._at_end = True
+        self._ending = True
         self._close_when_done()
+
+    def finish(self) -> None:
+        """Take no more requests; the connection is closed once those under way have been answered."""
+        self._limit = 0
+        self._ending = True
+        self._close_when_done()
+
+    def complaint(self, now: float) -> str:
+        """Why the client cannot be kept any longer; empty when it can.
+
+        To be asked every now and then: the request path keeps no time for it, so an ADU counts as begun when the last
+        call without one was.
+        """
+        if self._blocked and now - self._blocked_at >= TAKING_DEADLINE:
+            return f"took no responses for {TAKING_DEADLINE:g} s"
+        waits_for_us = self._paused or self._blocked
+        self._whole_at = now if waits_for_us or not self._framer.unfinished else max(self._whole_at, self.last_asked)
+        if now - self._whole_at >= SENDING_DEADLINE:
+            return f"sent no whole request within {SENDING_DEADLINE:g} s"
+        return ""
 
     def closed(self) -> None:
         """The connection has gone, and with it the wish for any response."""
@@ -165,7 +196,8 @@ class Session:
             self._connection.send(data)
 
     def _close_when_done(self) -> None:
-        if self._at_end and self._in_flight == 0 and not self.gone:
+        if self._ending and self._in_flight == 0 and not self._blocked and not self.gone:
+            self.gone = True
             self._connection.close()
 
     def __repr__(self) -> str:

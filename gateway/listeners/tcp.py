@@ -1,48 +1,55 @@
 """Modbus TCP: the listening socket, and the driver that joins a session to its connection."""
 
 import asyncio
-import errno
-import os
 import socket
 import traceback
 from collections.abc import Callable
-from typing import cast
+from typing import Final, cast
 
 from gateway import events
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings, Session
+from gateway.listeners.sockets import BACKLOG, Reserve, bound, why, written
 from gateway.request import Target
 from gateway.routing.access import may_write
 
 #: A connection whose client takes no responses keeps at most so many bytes for it.
-UNSENT_BYTES = 64 * 1024
-#: Keep-alive (T 4.3.2): a peer that vanished is noticed after a minute. Seconds, seconds, probes.
-KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 30, 10, 3
-_ADVICE = {
-    errno.EACCES: "permission denied; ports below 1024 need root or CAP_NET_BIND_SERVICE",
-    errno.EADDRINUSE: "another program has this port, perhaps another modbus-gateway",
-    errno.EADDRNOTAVAIL: "this machine has no such address",
-}
-#: How often idle connections are looked for, as a share of the idle time.
-_SWEEPS_PER_IDLE_TIME = 10
+UNSENT_BYTES: Final = 64 * 1024
+#: How long a connection that is being closed may take to send what it still has, in seconds.
+CLOSING_DEADLINE: Final = 2.0
+#: How often a listener looks for connections that cannot be kept, in seconds: all their deadlines hold within that.
+SWEEP_STEP: Final = 0.5
+#: How long nobody is accepted when that has failed for good, in seconds.
+ACCEPT_PAUSE: Final = 0.1
 
 
 class TcpListener:
-    """One `[[listen]]` table: binds, accepts clients, closes those that have been idle for too long."""
+    """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
+
+    `connections` are those that count for `clients`. One that is being closed counts no more; what was sent to its
+    client has CLOSING_DEADLINE to leave.
+    """
 
     def __init__(self, settings: ListenSettings, router: Target, emit: events.Emit) -> None:
         self.settings = settings
         self.router = router
         self.emit = emit
         self.connections: set[TcpConnection] = set()
-        self._server: asyncio.Server | None = None
-        self._sweep: asyncio.TimerHandle | None = None
+        self._closing: dict[TcpConnection, float] = {}
+        self._doors: list[socket.socket] = []
+        self._accepting: list[asyncio.Task[None]] = []
+        self._reserve = Reserve()
+        self._sweeping: asyncio.TimerHandle | None = None
 
     @property
     def address(self) -> str:
         """The bound address, `tcp://127.0.0.1:5020`."""
-        server = cast("asyncio.Server", self._server)
-        return _url(*server.sockets[0].getsockname()[:2])
+        return _url(*self._doors[0].getsockname()[:2])
+
+    @property
+    def has_clients(self) -> bool:
+        """Whether any connection is open, or being closed."""
+        return bool(self.connections or self._closing)
 
     async def bind(self) -> None:
         """Take the address without accepting anybody yet.
@@ -50,43 +57,103 @@ class TcpListener:
         Raises:
             ListenError: it is in use, needs more rights, or is no address of this machine.
         """
-        loop = asyncio.get_running_loop()
-        settings = self.settings
+        loop, settings = asyncio.get_running_loop(), self.settings
         try:
-            self._server = await loop.create_server(
-                lambda: TcpConnection(self, loop.time), settings.host, settings.port, start_serving=False
+            found = await loop.getaddrinfo(
+                settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
             )
+            self._doors = bound(found)
+        except (OSError, UnicodeError) as error:
+            raise self._cannot_listen(error) from error
+        self._reserve.hold()
+
+    def start(self) -> None:
+        """Accept clients.
+
+        Raises:
+            ListenError: another socket on this port was quicker.
+        """
+        try:
+            for door in self._doors:
+                door.listen(BACKLOG)
         except OSError as error:
-            address = _url(settings.host, settings.port)
-            place = f"{settings.source}: " if settings.source else ""
-            raise ListenError(f"{place}cannot listen on {address}: {_why(error)}") from error
-
-    async def start(self) -> None:
-        """Accept clients."""
-        await cast("asyncio.Server", self._server).start_serving()
+            raise self._cannot_listen(error) from error
+        name = f"accept:{self.settings.name}"
+        self._accepting = [asyncio.create_task(self._accept(door), name=name) for door in self._doors]
+        self._sweep_later()
         self.emit(events.ListenerUp(self.settings.name, self.address))
-        if self.settings.idle:
-            self._sweep_later()
 
-    def stop_accepting(self) -> None:
-        """Accept nobody any more; connections stay."""
-        if self._server is not None:
-            self._server.close()
-        if self._sweep is not None:
-            self._sweep.cancel()
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether no request of any client is under way."""
-        return all(connection.session.is_idle for connection in self.connections)
+    def finish(self) -> None:
+        """Accept nobody any more and take no more requests; each client is closed once it has its responses."""
+        self._stop_accepting()
+        for connection in list(self.connections):
+            connection.finish()
 
     def close(self) -> None:
-        """Accept nobody any more and close every connection."""
-        self.stop_accepting()
-        for connection in list(self.connections):
-            connection.close("the gateway ends")
+        """Accept nobody any more and drop every connection."""
+        self._stop_accepting()
+        if self._sweeping is not None:
+            self._sweeping.cancel()
+        for connection in [*self.connections, *self._closing]:
+            connection.abort("the gateway ends")
 
-    def make_room(self) -> bool:
+    def connected(self, connection: "TcpConnection") -> None:
+        """A client has connected."""
+        self.connections.add(connection)
+        self.emit(events.ClientConnected(self.settings.name, connection.client))
+
+    def closing(self, connection: "TcpConnection") -> None:
+        """A connection is being closed: its place is free."""
+        self.connections.discard(connection)
+        self._closing.setdefault(connection, asyncio.get_running_loop().time() + CLOSING_DEADLINE)
+
+    def closed(self, connection: "TcpConnection", reason: str) -> None:
+        """A connection has ended."""
+        self.connections.discard(connection)
+        self._closing.pop(connection, None)
+        self.emit(events.ClientClosed(self.settings.name, connection.client, reason))
+
+    def rejected(self, client: str, reason: str) -> None:
+        """A client is sent away."""
+        self.emit(events.ClientRejected(self.settings.name, client, reason))
+
+    def failed(self, part: str, error: Exception) -> None:
+        """An error that nobody foresaw has ended at one of this module's borders."""
+        self.emit(events.PartFailed(part, repr(error), "".join(traceback.format_exception(error))))
+
+    async def _accept(self, door: socket.socket) -> None:
+        """Take one client after the other, each in a turn of the loop of its own."""
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                sock, address = await loop.sock_accept(door)
+            except OSError as error:
+                await self._refuse(door, why(error))
+            else:
+                await self._welcome(sock, *address[:2])
+            await asyncio.sleep(0)
+
+    async def _welcome(self, sock: socket.socket, host: str, port: int) -> None:
+        client = written(host, port)
+        loop = asyncio.get_running_loop()
+        try:
+            if self._make_room():
+                await loop.connect_accepted_socket(lambda: TcpConnection(self, host, client, loop.time), sock)
+            else:
+                sock.close()
+                self.rejected(client, "too many clients, and all of them have requests under way")
+        except Exception as error:  # noqa: BLE001 - the border of a connection that has just begun
+            sock.close()
+            self.failed(f"client {client}", error)
+
+    async def _refuse(self, door: socket.socket, reason: str) -> None:
+        """Nobody could be accepted, most likely for want of descriptors: those who wait must not wait for ever."""
+        client = self._reserve.send_away(door)
+        self.rejected(client or "unknown", reason)
+        if client is None:
+            await asyncio.sleep(ACCEPT_PAUSE)
+
+    def _make_room(self) -> bool:
         """Whether there is room for one more client, after closing the longest idle one if need be (T 4.2.1.1)."""
         if len(self.connections) < self.settings.clients:
             return True
@@ -98,15 +165,32 @@ class TcpListener:
         return True
 
     def _sweep_later(self) -> None:
-        loop = asyncio.get_running_loop()
-        self._sweep = loop.call_later(self.settings.idle / _SWEEPS_PER_IDLE_TIME, self._close_idle)
+        self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
 
-    def _close_idle(self) -> None:
-        asked_before = asyncio.get_running_loop().time() - self.settings.idle
+    def _sweep(self) -> None:
+        """Close the connections that cannot be kept, and end those that have been closing for too long."""
+        now = asyncio.get_running_loop().time()
         for connection in list(self.connections):
-            if connection.session.is_idle and connection.session.last_asked <= asked_before:
-                connection.close("idle")
+            connection.look_over(now, self.settings.idle)
+        for connection, deadline in list(self._closing.items()):
+            if now >= deadline:
+                connection.abort()
         self._sweep_later()
+
+    def _stop_accepting(self) -> None:
+        loop = asyncio.get_running_loop()
+        for task in self._accepting:
+            task.cancel()
+        for door in self._doors:
+            loop.remove_reader(door)  # now: when the task has its turn, the descriptor may be somebody else's
+            door.close()
+        self._accepting, self._doors = [], []
+        self._reserve.release()
+
+    def _cannot_listen(self, error: OSError | UnicodeError) -> ListenError:
+        settings = self.settings
+        place = f"{settings.source}: " if settings.source else ""
+        return ListenError(f"{place}cannot listen on {_url(settings.host, settings.port)}: {why(error)}")
 
 
 class TcpConnection(asyncio.BufferedProtocol):
@@ -115,31 +199,26 @@ class TcpConnection(asyncio.BufferedProtocol):
     transport: asyncio.Transport
     session: Session
 
-    def __init__(self, listener: TcpListener, time: Callable[[], float]) -> None:
+    def __init__(self, listener: TcpListener, host: str, client: str, time: Callable[[], float]) -> None:
+        """`host` is the peer's address and decides what it may do; `client` is what events call it."""
+        self.client = client
         self._listener = listener
         self._time = time
         self._reason = "the client has closed it"
+        self.session = Session(
+            client,
+            may_write=may_write(host),
+            router=listener.router,
+            connection=self,
+            in_flight=listener.settings.in_flight,
+            now=time(),
+        )
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self.transport = cast("asyncio.Transport", transport)
         self.transport.set_write_buffer_limits(UNSENT_BYTES)
-        _keep_alive(self.transport.get_extra_info("socket"))
-        listener = self._listener
-        host, port = self.transport.get_extra_info("peername")[:2]
-        self.session = Session(
-            _pair(host, port),
-            may_write=may_write(host),
-            router=listener.router,
-            connection=self,
-            in_flight=listener.settings.in_flight,
-            now=self._time(),
-        )
-        if not listener.make_room():
-            self.reject("too many clients, and all of them have requests under way")
-            return
-        listener.connections.add(self)
-        listener.emit(events.ClientConnected(listener.settings.name, self.session.client))
+        self._listener.connected(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the session's buffer has its own size
         """Where asyncio receives into."""
@@ -150,7 +229,8 @@ class TcpConnection(asyncio.BufferedProtocol):
         try:
             self.session.received(nbytes, self._time())
         except Exception as error:  # noqa: BLE001 - the border of a connection
-            self._fail(error)
+            self._listener.failed(f"client {self.client}", error)
+            self.abort("a defect in the gateway")
 
     def eof_received(self) -> bool:
         """The client sends no more; keep the connection until its responses have been sent."""
@@ -159,7 +239,7 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def pause_writing(self) -> None:
         """The client does not take its responses."""
-        self.session.block()
+        self.session.block(self._time())
 
     def resume_writing(self) -> None:
         """The client takes its responses again."""
@@ -168,10 +248,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         self.session.closed()
-        if self in self._listener.connections:
-            self._listener.connections.remove(self)
-            reason = self._reason if not isinstance(exc, OSError) else f"lost: {_why(exc)}"
-            self._listener.emit(events.ClientClosed(self._listener.settings.name, self.session.client, reason))
+        self._listener.closed(self, f"lost: {why(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def send(self, data: bytes) -> None:
         """Send a response; not to a client that has gone, of whom asyncio may not have told yet."""
@@ -187,45 +264,46 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._proceed)
 
-    def close(self, reason: str = "the client has closed it") -> None:
-        """Close once everything sent has left."""
-        self._reason = reason
+    def close(self) -> None:
+        """Close once everything sent has left, or the deadline for that has passed."""
+        self._listener.closing(self)
         self.transport.close()
 
     def reject(self, reason: str) -> None:
-        """Close because of what the client did, or because there is no room for it."""
-        self._listener.emit(events.ClientRejected(self._listener.settings.name, self.session.client, reason))
-        self.close(reason)
+        """Close because of what the client did, or because another one needs the place."""
+        self._listener.rejected(self.client, reason)
+        self._part(reason)
+
+    def look_over(self, now: float, idle: float) -> None:
+        """Close when the client cannot be kept: for what it does, or because it asked nothing for `idle` seconds."""
+        complaint = self.session.complaint(now)
+        if complaint:
+            self.reject(complaint)
+        elif idle and self.session.is_idle and now - self.session.last_asked >= idle:
+            self._part("idle")
+
+    def finish(self) -> None:
+        """Take no more requests; close when those under way have been answered."""
+        self._reason = "the gateway ends"
+        self.session.finish()
+
+    def abort(self, reason: str = "") -> None:
+        """End it now, whatever has not been sent."""
+        self._reason = reason or self._reason
+        self.session.closed()
+        self._listener.closing(self)
+        self.transport.abort()
+
+    def _part(self, reason: str) -> None:
+        """Close, and drop what the client still waits for."""
+        self._reason = reason
+        self.session.closed()
+        self.close()
 
     def _proceed(self) -> None:
         if not self.session.gone:
             self.buffer_updated(0)
 
-    def _fail(self, error: Exception) -> None:
-        text = "".join(traceback.format_exception(error))
-        self._listener.emit(events.PartFailed(f"client {self.session.client}", repr(error), text))
-        self.session.closed()
-        self.transport.abort()
-
 
 def _url(host: str, port: int) -> str:
-    return f"tcp://{_pair(host, port)}"
-
-
-def _pair(host: str, port: int) -> str:
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-
-
-def _why(error: OSError) -> str:
-    if error.errno in _ADVICE:
-        return _ADVICE[error.errno]
-    if error.errno is not None and error.errno > 0:
-        return os.strerror(error.errno).lower()
-    return str(error.strerror).lower()
-
-
-def _keep_alive(sock: socket.socket) -> None:
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
+    return f"tcp://{written(host, port)}"

@@ -17,6 +17,10 @@ OPENING_DEADLINE: Final = 5.0
 #: How long a driver may take to close one before it is left to itself: the last frame at a low rate, and some more.
 CLOSING_DEADLINE: Final = 3.0
 
+#: The kind of trouble that follows every unplugging, and how `ports/reasons.py` words it.
+_ABSENT: Final = "absent"
+_ABSENT_WORDS: Final = ("does not exist", "has no hardware behind it")
+
 
 class PortOwner(Protocol):
     """Whose port is kept open: a line, a serial listener. It starts without a port."""
@@ -47,32 +51,39 @@ class Keeper:
         self._owner = owner
         self._emit = emit
         self._pause = FIRST_PAUSE
+        self._opened_at = 0.0
         self._lost_at: float | None = None
+        self._told: set[str] = set()
 
     async def run(self) -> None:
         """Keep the port open until cancelled; then it is closed, and the owner knows."""
         while True:
-            self._is_down(await self._hold())
+            try:
+                await self._hold()
+            except PortError as error:
+                self.failed(error)
             await asyncio.sleep(self._pause)
             self._pause = min(2 * self._pause, LONGEST_PAUSE)
 
-    async def _hold(self) -> PortError:
-        """Open the port and hold it until it is lost; the error says why it is not open, or not any longer."""
+    def failed(self, error: PortError) -> None:
+        """The port could not be opened. Each kind of trouble is told once until the port is open again."""
+        self.error = error
+        if _trouble(error) not in self._told:
+            self._tell(error)
+        self.tried.set()
+
+    async def _hold(self) -> None:
+        """Open the port and hold it until it is lost.
+
+        Raises:
+            PortError: it cannot be opened.
+        """
         holding = _Holding(self._owner)
+        port = await self._open(holding)
         try:
-            port = await self._open(holding)
-        except PortError as error:
-            return error
-        try:
-            self._is_up(port)
             holding.up = True
-            opened_at = _now()
-            reason = await holding.gone
-            self._lost_at = _now()
-            # A port that opens and fails at once is as good as absent: only one that stayed renews the short pause.
-            if self._lost_at - opened_at > LONGEST_PAUSE:
-                self._pause = FIRST_PAUSE
-            return reason
+            self._is_up(port)
+            self._is_lost(await holding.gone)
         finally:
             holding.lost(PortError("closed"))
             await _let_go(port)
@@ -90,6 +101,8 @@ class Keeper:
 
     def _is_up(self, port: Port) -> None:
         self.error = None
+        self._told.clear()
+        self._opened_at = _now()
         self._owner.port_up(port)
         if self._lost_at is None:
             self._emit(LineUp(self._name, self._port_path))
@@ -97,12 +110,19 @@ class Keeper:
             self._emit(LineReopened(self._name, self._port_path, away_s=round(_now() - self._lost_at, 1)))
         self.tried.set()
 
-    def _is_down(self, error: PortError) -> None:
-        """Remember and tell why; a reason that was told already is not told again."""
-        if self.error is None or str(self.error) != str(error):
-            self._emit(LineLost(self._name, self._port_path, reason=str(error)))
+    def _is_lost(self, error: PortError) -> None:
+        """The port was open and is gone: that it cannot be found from now on is not news."""
         self.error = error
-        self.tried.set()
+        self._tell(error)
+        self._told.add(_ABSENT)
+        self._lost_at = _now()
+        # A port that opens and fails at once is as good as absent: only one that stayed renews the short pause.
+        if self._lost_at - self._opened_at > LONGEST_PAUSE:
+            self._pause = FIRST_PAUSE
+
+    def _tell(self, error: PortError) -> None:
+        self._told.add(_trouble(error))
+        self._emit(LineLost(self._name, self._port_path, reason=str(error)))
 
     def __repr__(self) -> str:
         state = "not tried yet" if not self.tried.is_set() else "open" if self.error is None else f"down: {self.error}"
@@ -127,6 +147,12 @@ class _Holding:
         if self.up:
             self.up = False
             self._owner.port_down(error)
+
+
+def _trouble(error: PortError) -> str:
+    """What kind of trouble it is: the error's own words, unless they are one of the ways to say that it is absent."""
+    reason = str(error)
+    return _ABSENT if any(words in reason for words in _ABSENT_WORDS) else reason
 
 
 async def _let_go(port: Port) -> None:

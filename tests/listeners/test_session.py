@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.listeners.session import Session
+from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, Session
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 
@@ -67,6 +67,10 @@ class Client:
     def ask(self, *transactions: int, unit: int = 7) -> None:
         self.send(b"".join(encode(each, unit, READ) for each in transactions))
 
+    def ask_again(self) -> None:
+        """What the connection does after `resume`, and does in vain before."""
+        self.session.proceed(2.0)
+
 
 @pytest.fixture
 def client() -> Client:
@@ -120,7 +124,7 @@ def test_a_broadcast_frees_its_place_without_a_response(client: Client) -> None:
 
 
 def test_a_client_that_takes_no_responses_is_read_no_more(client: Client) -> None:
-    client.session.block()
+    client.session.block(1.0)
     client.ask(1)
     assert client.target.requests == []
     client.session.unblock()
@@ -183,3 +187,137 @@ def test_it_is_idle_when_nothing_is_under_way_and_knows_when_it_was_last_asked(c
     assert not client.session.is_idle
     assert client.session.last_asked == 5.0
     assert repr(client.session) == "<Session 10.0.0.9:49152 in_flight=1>"
+
+
+def test_reading_resumes_only_when_there_is_room_and_the_client_takes_its_responses(client: Client) -> None:
+    client.ask(1, 2, 3, 4)
+    client.session.block(1.0)
+    client.target.requests[0].respond(RESPONSE)
+    assert client.connection.log == ["pause", "send"]
+    client.ask_again()
+    assert len(client.target.requests) == 3
+    client.session.unblock()
+    assert client.connection.log == ["pause", "send", "resume"]
+
+
+def test_a_client_that_takes_its_responses_again_still_waits_for_room(client: Client) -> None:
+    client.ask(1, 2, 3)
+    client.session.block(1.0)
+    client.session.unblock()
+    assert client.connection.log == ["pause"]
+
+
+def test_a_client_that_was_never_paused_is_not_resumed(client: Client) -> None:
+    client.ask(1)
+    client.session.block(1.0)
+    client.session.unblock()
+    client.target.requests[0].respond(RESPONSE)
+    assert client.connection.log == ["send"]
+
+
+def test_a_half_closed_client_whose_requests_were_answered_at_once_is_closed_at_once(client: Client) -> None:
+    client.target.at_once = True
+    client.ask(1, 2)
+    client.session.end_of_input()
+    assert client.connection.log == ["send", "close"]
+    assert client.session.gone
+
+
+def test_a_half_closed_client_is_closed_once_it_has_taken_its_responses(client: Client) -> None:
+    client.ask(1)
+    client.session.end_of_input()
+    client.session.block(1.0)
+    client.target.requests[0].respond(RESPONSE)
+    assert client.connection.log == ["send"]
+    client.session.unblock()
+    assert client.connection.log == ["send", "close"]
+
+
+def test_a_session_that_finishes_answers_what_is_under_way_and_takes_no_more(client: Client) -> None:
+    client.ask(1, 2)
+    client.session.finish()
+    client.ask(3)
+    client.target.requests[0].respond(RESPONSE)
+    client.ask_again()
+    assert [request.transaction for request in client.target.requests] == [1, 2]
+    assert all(map(client.session.wants, client.target.requests))
+    client.target.requests[1].respond(RESPONSE)
+    assert client.connection.sent == [encode(1, 7, RESPONSE), encode(2, 7, RESPONSE)]
+    assert client.connection.log == ["pause", "send", "send", "close"]
+
+
+def test_a_session_that_finishes_without_requests_is_closed_at_once(client: Client) -> None:
+    client.session.finish()
+    assert client.connection.log == ["close"]
+
+
+def test_a_session_that_finishes_still_sends_writes_that_wait(client: Client) -> None:
+    client.send(encode(1, 7, bytes.fromhex("06 00 01 00 05")))
+    client.session.finish()
+    assert client.session.wants(client.target.requests[0])
+
+
+# --- what a client may not do for long ---
+
+#: How often complaints are asked for, in seconds.
+STEP = 0.5
+LATE = "sent no whole request within 10 s"
+UNTAKEN = "took no responses for 30 s"
+
+
+def watch(client: Client, begin: float, end: float, drip: bytes = b"") -> float | None:
+    """Ask for complaints from `begin` to `end`, a byte of `drip` before each; when there was one."""
+    now = begin
+    while now < end:
+        piece, drip = drip[:1], drip[1:]
+        if piece:
+            client.send(piece, now)
+        if client.session.complaint(now):
+            return now
+        now += STEP
+    return None
+
+
+@pytest.mark.parametrize("begun_at", [100.0, 100.1, 100.4])
+def test_an_adu_that_stays_half_sent_is_complained_about_after_ten_seconds(client: Client, begun_at: float) -> None:
+    assert watch(client, 0, begun_at) is None
+    client.send(encode(1, 7, READ)[:6], begun_at)
+    assert watch(client, 100.5, 200) == pytest.approx(begun_at + SENDING_DEADLINE, abs=STEP)
+    assert client.session.complaint(200) == LATE
+
+
+def test_the_deadline_counts_from_the_first_byte_not_from_the_latest(client: Client) -> None:
+    assert watch(client, 0, 200, drip=bytes.fromhex("0001 0000 00FE") + bytes(250)) == pytest.approx(10, abs=STEP)
+
+
+def test_the_deadline_of_an_adu_begins_after_the_one_before_it(client: Client) -> None:
+    """A client that sends in pieces of any size is never late as long as it completes its requests."""
+    client.target.at_once = True
+    requests = b"".join(encode(each, 7, READ) for each in range(100))
+    assert watch(client, 0, 600, drip=requests) is None
+    assert len(client.target.requests) == 100
+
+
+def test_what_waits_because_of_us_is_not_late(client: Client) -> None:
+    client.ask(1, 2, 3, 4)
+    client.send(encode(5, 7, READ)[:6])
+    assert watch(client, 0, 100) is None
+    for request in list(client.target.requests):
+        request.respond(RESPONSE)
+    client.session.proceed(100.0)
+    assert watch(client, 100.0, 200) == pytest.approx(100 + SENDING_DEADLINE, abs=STEP)
+
+
+def test_a_client_that_takes_no_responses_is_complained_about_after_thirty_seconds(client: Client) -> None:
+    client.session.block(7.0)
+    assert watch(client, 7, 100) == 7 + TAKING_DEADLINE
+    assert client.session.complaint(100) == UNTAKEN
+
+
+def test_a_client_that_takes_its_responses_late_is_not_complained_about(client: Client) -> None:
+    client.session.block(7.0)
+    assert watch(client, 7, 36) is None
+    client.session.unblock()
+    assert watch(client, 36, 100) is None
+    client.session.block(100.0)
+    assert watch(client, 100, 200) == 100 + TAKING_DEADLINE

@@ -1,6 +1,7 @@
 """The keeper: opens, tells, opens again, and leaves nothing behind. Seconds are virtual."""
 
 import asyncio
+import errno
 from contextlib import asynccontextmanager
 from itertools import pairwise
 
@@ -8,9 +9,20 @@ import pytest
 
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
+from gateway.modbus.chartime import CharacterFormat
 from gateway.ports import keeper as keeper_module
 from gateway.ports.keeper import Keeper
 from gateway.ports.memory import MemoryLine
+from gateway.ports.port import SerialSettings
+from gateway.ports.reasons import why_lost, why_not_opened
+
+SETTINGS = SerialSettings("/dev/hall-a", 19200, CharacterFormat(8, "E", 1))
+GONE = why_lost("/dev/hall-a", OSError(errno.EIO, "Input/output error"))
+
+
+def not_opened(number: int) -> str:
+    """What an attempt to open the port says when the system answers with this error."""
+    return why_not_opened(SETTINGS, OSError(number, ""))
 
 
 class Owner:
@@ -162,6 +174,60 @@ async def test_every_loss_is_told_even_for_the_same_reason(house):
         "line_up",
         *["line_lost", "line_reopened"] * 2,
     ]
+
+
+async def test_an_unplugging_is_told_once_whatever_the_attempts_after_it_say(house):
+    async with house.kept():
+        house.line.pull(GONE)
+        await asyncio.sleep(10)
+        for number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOENT):
+            house.line.pull(not_opened(number))
+            await asyncio.sleep(10)
+        assert "does not exist" in str(house.keeper.error)
+    assert house.events == [LineUp("hall-a", "/dev/hall-a"), LineLost("hall-a", "/dev/hall-a", GONE)]
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EPERM, errno.EBUSY, errno.ENOTTY])
+async def test_another_kind_of_trouble_after_a_loss_is_told_once(house, number):
+    async with house.kept():
+        for reason in (
+            GONE,
+            not_opened(errno.ENOENT),
+            not_opened(number),
+            not_opened(errno.ENOENT),
+            not_opened(number),
+        ):
+            house.line.pull(reason)
+            await asyncio.sleep(10)
+    lost = [event.reason for event in house.events if isinstance(event, LineLost)]
+    assert lost == [GONE, not_opened(number)]
+
+
+async def test_a_port_that_was_absent_from_the_start_is_told_once(house):
+    house.line.pull(not_opened(errno.ENOENT))
+    async with house.kept():
+        await asyncio.sleep(10)
+    assert house.events == [LineLost("hall-a", "/dev/hall-a", not_opened(errno.ENOENT))]
+
+
+async def test_a_loss_is_told_when_it_happens_not_when_the_driver_has_let_go(house):
+    async with house.kept():
+        house.line._port.wait_closed = asyncio.Event().wait
+        house.line.pull(GONE)
+        await asyncio.sleep(0.01)
+        assert house.events[-1] == LineLost("hall-a", "/dev/hall-a", GONE)
+        assert str(house.keeper.error) == GONE
+
+
+async def test_an_owner_that_fails_in_taking_the_port_is_told_that_it_is_gone(house):
+    def port_up(port):
+        raise RuntimeError("defect")
+
+    house.owner.port_up = port_up
+    with pytest.raises(RuntimeError):
+        await house.keeper.run()
+    assert house.owner.told == ["down: closed"]
+    assert not house.line.is_open
 
 
 async def test_a_failed_first_attempt_counts_as_tried(house):

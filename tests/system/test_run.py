@@ -1,7 +1,12 @@
 """`run` as a process: it starts, is ready, serves, stops, and says what is wrong in one line."""
 
+import os
+import resource
 import signal
 import socket
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -31,6 +36,20 @@ def ask(gateway: GatewayProcess) -> bytes:
     with socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client:
         client.sendall(READ)
         return client.recv(260)
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Wait for something that should come."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def processor_time(gateway: GatewayProcess) -> float:
+    """Seconds of processor time that the gateway has used."""
+    fields = Path(f"/proc/{gateway.pid}/stat").read_text().rsplit(") ", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def test_it_is_ready_serves_and_ends_with_status_0(tmp_path: Path, config: str) -> None:
@@ -66,8 +85,7 @@ def test_a_request_under_way_is_answered_before_the_end(tmp_path: Path, config: 
         socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client,
     ):
         client.sendall(READ)
-        while not slow.heard:
-            pass
+        until(lambda: slow.heard)
         gateway.signal(signal.SIGTERM)
         assert client.recv(260).hex() == "000100000005010302" + "0000"
         assert client.recv(1) == b""
@@ -85,13 +103,40 @@ def test_a_second_signal_does_not_wait_for_requests(tmp_path: Path, config: str)
         socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client,
     ):
         client.sendall(READ)
-        while not silent.heard:
-            pass
+        until(lambda: silent.heard)
         gateway.signal(signal.SIGINT)
         gateway.wait_for("stopping")
         gateway.signal(signal.SIGINT)
         assert gateway.wait() == 0
     assert gateway.rest == []
+
+
+def test_a_client_that_keeps_asking_does_not_hold_up_the_end(tmp_path: Path, config: str) -> None:
+    """What it asked before the order is answered, what it asks afterwards is not taken."""
+    with (
+        VirtualPort(tmp_path / "hall-a") as port,
+        SerialDevices({port: SimulatedLine("rtu", SimulatedDevice(1, delay=0.05))}),
+        GatewayProcess(tmp_path, config) as gateway,
+        socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client,
+    ):
+        client.sendall(4 * READ)
+        assert len(client.recv(11, socket.MSG_WAITALL)) == 11
+        gateway.signal(signal.SIGTERM)
+        ordered_at = time.monotonic()
+        assert responses_while_asking(client) >= 3
+        assert gateway.wait() == 0
+        assert time.monotonic() - ordered_at < 3
+    assert gateway.rest == []
+
+
+def responses_while_asking(client: socket.socket) -> int:
+    """Ask for more with each response until the gateway closes the connection; how many responses came."""
+    responses = 0
+    with suppress(ConnectionError):  # requests that were not taken any more: the system tells it by a reset
+        while len(client.recv(11, socket.MSG_WAITALL)) == 11:
+            responses += 1
+            client.sendall(READ)
+    return responses
 
 
 def test_an_address_in_use_is_said_in_one_line(tmp_path: Path) -> None:
@@ -101,7 +146,7 @@ def test_an_address_in_use_is_said_in_one_line(tmp_path: Path) -> None:
         file.write_text(f'[[listen]]\nbind = "tcp://{address}"\n[[line]]\nport = "/dev/hall-a"\n')
         done = command("run", str(file))
     assert done.returncode == 1
-    reason = "another program has this port, perhaps another modbus-gateway"
+    reason = "another [[listen]] or another program has this port, perhaps another modbus-gateway"
     said = f"modbus-gateway: error: {file.name}:1: cannot listen on tcp://{address}: {reason}"
     assert done.stderr.splitlines()[-1] == said
     assert "Traceback" not in done.stderr
@@ -121,3 +166,35 @@ def test_a_signal_to_reload_does_not_end_it(tmp_path: Path, config: str) -> None
         gateway.signal(signal.SIGHUP)
         assert "reload is not built yet" in gateway.wait_for("config_rejected")["reason"]
         assert gateway.stop() == 0
+
+
+def test_without_descriptors_it_serves_on_and_accepts_again_when_there_are_some(tmp_path: Path) -> None:
+    config = """
+    [[listen]]
+    bind = "tcp://127.0.0.1:0"
+    clients = 1000
+
+    [[image]]
+    unit = 1
+    holding = 1
+    """
+    with GatewayProcess(tmp_path, config) as gateway, ExitStack() as crowd:
+        old = crowd.enter_context(socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE))
+        used = len(list(Path(f"/proc/{gateway.pid}/fd").iterdir()))
+        _, hard = resource.prlimit(gateway.pid, resource.RLIMIT_NOFILE)
+        resource.prlimit(gateway.pid, resource.RLIMIT_NOFILE, (used + 5, hard))
+        spent = processor_time(gateway)
+        begun_at = time.monotonic()
+        for _ in range(200):
+            crowd.enter_context(socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE))
+        assert "no file descriptors are left" in gateway.wait_for("client_rejected")["reason"]
+        for _ in range(20):
+            old.sendall(READ)
+            assert old.recv(260).hex() == "000100000005010302" + "0000"
+            time.sleep(0.05)
+        assert processor_time(gateway) - spent < 0.5 * (time.monotonic() - begun_at)
+        resource.prlimit(gateway.pid, resource.RLIMIT_NOFILE, (hard, hard))
+        assert ask(gateway).hex() == "000100000005010302" + "0000"
+        assert gateway.stop() == 0
+    assert gateway.rest == []
+    assert not [event for event in gateway.log if "accept" in event["event"] or "traceback" in event]

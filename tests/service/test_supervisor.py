@@ -1,0 +1,179 @@
+"""The supervisor: it starts all parts, keeps the defect of one from the others, and stops in bounded, virtual time."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from gateway.errors import ListenError
+from gateway.events import Event, LineLost, LineUp, PartFailed, Ready
+from gateway.service.supervisor import Stop, serve
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.house import House
+
+CONFIG = """
+[[line]]
+name = "hall-a"
+port = "/dev/hall-a"
+devices = [{ unit = 1 }]
+
+[[line]]
+name = "hall-b"
+port = "/dev/hall-b"
+devices = [{ unit = 2 }]
+"""
+READ = "03 00 00 00 01"
+NEVER = 1e6
+
+
+class Doors:
+    """A listener without sockets: notes what it is told. Its clients are gone `drains_in` seconds after `finish`."""
+
+    def __init__(self, drains_in: float = 0.0, error: Exception | None = None) -> None:
+        self.address = "tcp://127.0.0.1:502"
+        self.told: list[str] = []
+        self._error = error
+        self._drains_in = drains_in
+        self._gone_at = NEVER
+
+    @property
+    def has_clients(self) -> bool:
+        return asyncio.get_running_loop().time() < self._gone_at
+
+    async def bind(self) -> None:
+        self.told.append("bind")
+
+    def start(self) -> None:
+        self.told.append("start")
+        if self._error is not None:
+            raise self._error
+
+    def finish(self) -> None:
+        self.told.append("finish")
+        self._gone_at = asyncio.get_running_loop().time() + self._drains_in
+
+    def close(self) -> None:
+        self.told.append("close")
+
+
+class Service:
+    """A gateway that is served, with doors in the test's hands."""
+
+    def __init__(self, *doors: Doors) -> None:
+        self.home = House(CONFIG)
+        self.events: list[Event] = self.home.events
+        self.doors = doors or (Doors(),)
+        self.client = self.home.client()
+        self.gateway = replace(self.home.gateway, listeners=self.doors)
+        self.stop = Stop()
+        self.serving = asyncio.create_task(serve(self.gateway, self.stop, self.events.append), name="serve")
+
+    def open_with(self, line: str, opener: Callable) -> None:
+        """Let the port of `line` be opened by `opener`."""
+        self.gateway.keepers[line]._open_port = opener
+
+    async def stops_within(self) -> float:
+        """Seconds from the order to stop to the end."""
+        loop = asyncio.get_running_loop()
+        ordered_at = loop.time()
+        self.stop.order("SIGTERM")
+        await self.serving
+        return loop.time() - ordered_at
+
+    def told(self, kind: type[Event]) -> list[Event]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+
+async def hang(user):
+    await asyncio.sleep(NEVER)
+
+
+async def test_it_is_ready_once_every_line_was_tried_and_clients_can_connect() -> None:
+    service = Service()
+    service.open_with("hall-b", hang)
+    await asyncio.sleep(4.9)
+    assert service.doors[0].told == ["bind"]
+    await asyncio.sleep(0.2)
+    assert service.doors[0].told == ["bind", "start"]
+    assert service.told(Ready) == [Ready(("tcp://127.0.0.1:502",), lines_up=1, lines_down=1)]
+    await service.stops_within()
+
+
+async def test_a_defect_in_opening_a_port_does_not_keep_the_others_from_being_served() -> None:
+    service = Service()
+
+    async def defect(user):
+        raise RuntimeError("nobody foresaw this")
+
+    service.open_with("hall-a", defect)
+    await asyncio.sleep(1)
+    service.home.attach("hall-b", SimulatedLine("rtu", SimulatedDevice(2)))
+    assert service.told(Ready) == [Ready(("tcp://127.0.0.1:502",), lines_up=1, lines_down=1)]
+    assert service.told(PartFailed)[0].part == "line hall-a"
+    assert "nobody foresaw this" in service.told(LineLost)[0].reason
+    assert await service.client.asks(2, READ) == "03 02 00 00"
+    assert await service.client.asks(1, READ) == "83 0A"
+    await service.stops_within()
+
+
+async def test_a_line_that_met_a_defect_is_started_again() -> None:
+    service = Service()
+    sound = service.gateway.keepers["hall-a"]._open_port
+
+    async def defect_once(user):
+        service.open_with("hall-a", sound)
+        raise RuntimeError("nobody foresaw this")
+
+    service.open_with("hall-a", defect_once)
+    await asyncio.sleep(3)
+    assert service.told(LineUp)[-1].line == "hall-a"
+    assert await service.client.asks(1, "03 00 00 00 00") == "83 03"
+    await service.stops_within()
+
+
+async def test_a_stop_asks_no_more_of_clients_than_they_need() -> None:
+    service = Service(Doors(drains_in=0.5), Doors(drains_in=1.0))
+    await asyncio.sleep(1)
+    assert await service.stops_within() == pytest.approx(1.0, abs=0.1)
+    assert [doors.told for doors in service.doors] == [["bind", "start", "finish", "close", "close"]] * 2
+    assert [event.name for event in service.events[-2:]] == ["stopping", "stopped"]
+
+
+async def test_clients_that_take_for_ever_do_not_hold_up_a_stop() -> None:
+    service = Service(Doors(drains_in=NEVER))
+    await asyncio.sleep(1)
+    assert await service.stops_within() == pytest.approx(3.0, abs=0.1)
+
+
+async def test_a_second_order_waits_for_no_client() -> None:
+    service = Service(Doors(drains_in=NEVER))
+    await asyncio.sleep(1)
+    service.stop.order("SIGTERM")
+    await asyncio.sleep(0.5)
+    assert await service.stops_within() == pytest.approx(0, abs=0.1)
+
+
+async def test_with_clients_and_a_driver_that_both_hang_a_stop_takes_less_than_five_seconds() -> None:
+    service = Service(Doors(drains_in=NEVER))
+    await asyncio.sleep(1)
+    service.home.lines["hall-a"]._port.wait_closed = asyncio.Event().wait
+    assert await service.stops_within() < 4.8
+    assert not service.home.lines["hall-b"].is_open
+
+
+async def test_a_stop_does_not_wait_for_a_port_that_hangs_at_the_start() -> None:
+    service = Service()
+    service.open_with("hall-a", hang)
+    await asyncio.sleep(1)
+    assert await service.stops_within() == pytest.approx(0, abs=0.1)
+    assert "start" not in service.doors[0].told
+    assert not service.told(Ready)
+
+
+async def test_an_address_that_is_taken_only_now_ends_the_start_and_closes_all() -> None:
+    service = Service(Doors(), Doors(error=ListenError("taken")))
+    with pytest.raises(ListenError, match="taken"):
+        await service.serving
+    assert [doors.told[-1] for doors in service.doors] == ["close", "close"]
+    assert not service.home.lines["hall-a"].is_open

@@ -1,0 +1,531 @@
+"""The real listener on real sockets, with a target in the test's hands: who is kept, who is closed, and why."""
+
+import asyncio
+import socket
+import struct
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, closing
+from typing import Self
+
+import pytest
+
+from gateway.errors import ListenError
+from gateway.events import ClientClosed, ClientConnected, ClientRejected, Event, PartFailed
+from gateway.listeners import session as session_module
+from gateway.listeners import tcp as tcp_module
+from gateway.listeners.session import ListenSettings
+from gateway.listeners.sockets import KEEPALIVE_IDLE, KERNEL_BUFFER, USER_TIMEOUT
+from gateway.listeners.tcp import TcpListener
+from gateway.modbus.mbap import encode
+from gateway.request import Request
+from kit.process import PATIENCE
+
+#: Units of the scripted target.
+PROMPT, PATIENT, DEFECTIVE = 1, 2, 3
+READ = bytes.fromhex("03 0000 007D")
+RESPONSE = bytes.fromhex("03 FA") + bytes(250)
+#: The deadlines of these tests, in seconds: those of the gateway, made shorter.
+SWEEP, CLOSING, SENDING, TAKING = 0.02, 0.2, 0.4, 0.4
+#: How long nothing must happen for a test to believe that nothing will.
+SILENCE = 0.15
+
+
+@pytest.fixture(autouse=True)
+def _in_a_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tcp_module, "SWEEP_STEP", SWEEP)
+    monkeypatch.setattr(tcp_module, "CLOSING_DEADLINE", CLOSING)
+    monkeypatch.setattr(session_module, "SENDING_DEADLINE", SENDING)
+    monkeypatch.setattr(session_module, "TAKING_DEADLINE", TAKING)
+
+
+class Plant:
+    """A target that answers PROMPT at once, keeps requests to PATIENT, and has a defect in DEFECTIVE."""
+
+    def __init__(self) -> None:
+        self.submitted = 0
+        self.waiting: list[Request] = []
+
+    def submit(self, request: Request, now: float) -> None:
+        self.submitted += 1
+        if request.unit == DEFECTIVE:
+            raise RuntimeError("nobody foresaw this")
+        if request.unit == PATIENT:
+            self.waiting.append(request)
+        else:
+            request.respond(RESPONSE)
+
+    def answer_all(self) -> None:
+        for request in self.waiting:
+            request.respond(RESPONSE)
+        self.waiting.clear()
+
+
+class House:
+    """A listener that accepts, and what it tells."""
+
+    def __init__(self, settings: ListenSettings) -> None:
+        self.plant = Plant()
+        self.events: list[Event] = []
+        self.listener = TcpListener(settings, self.plant, self.events.append)
+        self.clients: list[Client] = []
+
+    @property
+    def port(self) -> int:
+        return int(self.listener.address.rsplit(":", 1)[1])
+
+    async def connect(self, host: str = "127.0.0.1", *, small_window: bool = False) -> "Client":
+        """A client that is connected, if only for the system."""
+        client = await Client.connect(self.port, host, small_window=small_window)
+        self.clients.append(client)
+        return client
+
+    async def client(self, *, small_window: bool = False) -> "Client":
+        """A client that the listener has accepted or sent away."""
+        known = len(self.told(ClientConnected)) + len(self.told(ClientRejected))
+        client = await self.connect(small_window=small_window)
+        await until(lambda: len(self.told(ClientConnected)) + len(self.told(ClientRejected)) > known)
+        return client
+
+    def told(self, kind: type[Event]) -> list[Event]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def reason(self, client: "Client", kind: type[Event] = ClientClosed) -> str:
+        """Why `client` was closed; empty when it was not."""
+        return next((event.reason for event in self.told(kind) if event.client == client.name), "")
+
+    async def closes(self, client: "Client") -> str:
+        """Wait until the connection has ended; why."""
+        await until(lambda: self.reason(client))
+        return self.reason(client)
+
+
+class Client:
+    """A Modbus TCP client that reads 125 registers at a time."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.reader = reader
+        self.writer = writer
+        host, port = writer.get_extra_info("sockname")[:2]
+        self.name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self._transaction = 0
+
+    @classmethod
+    async def connect(cls, port: int, host: str = "127.0.0.1", *, small_window: bool = False) -> Self:
+        sock = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        if small_window:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        sock.setblocking(False)
+        try:
+            await asyncio.get_running_loop().sock_connect(sock, (host, port))
+        except OSError:
+            sock.close()
+            raise
+        return cls(*await asyncio.open_connection(sock=sock, limit=1024 if small_window else 2**16))
+
+    def ask(self, unit: int = PROMPT, count: int = 1) -> None:
+        """Send `count` requests in one piece."""
+        first, self._transaction = self._transaction + 1, self._transaction + count
+        self.writer.write(b"".join(encode(each, unit, READ) for each in range(first, self._transaction + 1)))
+
+    async def answer(self) -> int:
+        """The transaction of the next response."""
+        async with asyncio.timeout(PATIENCE):
+            adu = await self.reader.readexactly(7 + len(RESPONSE))
+        assert adu[7:] == RESPONSE
+        return int.from_bytes(adu[:2])
+
+    async def asks(self, unit: int = PROMPT) -> int:
+        self.ask(unit)
+        return await self.answer()
+
+    async def is_closed(self) -> bool:
+        """Whether the gateway closes the connection, soon, without a word more."""
+        try:
+            async with asyncio.timeout(PATIENCE):
+                return await self.reader.read(1) == b""
+        except ConnectionError:
+            return True
+
+    async def is_open(self) -> bool:
+        return await self.asks() == self._transaction
+
+    def reset(self) -> None:
+        """Leave without a goodbye."""
+        sock = self.writer.get_extra_info("socket")
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.writer.transport.abort()
+
+
+@asynccontextmanager
+async def house(
+    clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1"
+) -> AsyncIterator[House]:
+    home = House(ListenSettings("scada", host, 0, clients=clients, idle=idle, in_flight=in_flight))
+    await home.listener.bind()
+    home.listener.start()
+    try:
+        yield home
+    finally:
+        home.listener.close()
+        for client in home.clients:
+            client.writer.transport.abort()
+        await until(lambda: not home.listener.has_clients)
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Wait for something that should come."""
+    async with asyncio.timeout(PATIENCE):
+        while not condition():  # noqa: ASYNC110 - plain calls set no event
+            await asyncio.sleep(0.002)
+
+
+async def block(client: Client, home: House) -> None:
+    """Let `client` ask for more than it takes, until the gateway keeps its responses."""
+    client.ask(count=2000)
+    connection = next(each for each in home.listener.connections if each.client == client.name)
+    await until(lambda: connection.session._blocked)
+
+
+# --- room ---
+
+
+async def test_when_full_the_client_that_has_been_idle_longest_makes_room() -> None:
+    async with house(clients=2) as home:
+        first, second = await home.client(), await home.client()
+        await second.asks()
+        await first.asks()
+        third = await home.client()
+        assert await second.is_closed()
+        assert await home.closes(second) == "made room for another client"
+        assert home.reason(second, ClientRejected) == "made room for another client"
+        assert await first.is_open()
+        assert await third.is_open()
+
+
+async def test_a_client_with_a_request_under_way_never_makes_room() -> None:
+    async with house(clients=2) as home:
+        busy = await home.client()
+        busy.ask(PATIENT)
+        await until(lambda: home.plant.waiting)
+        idle = await home.client()
+        await home.client()
+        assert await idle.is_closed()
+        home.plant.answer_all()
+        assert await busy.answer() == 1
+
+
+async def test_when_all_are_busy_the_new_client_is_sent_away() -> None:
+    async with house(clients=2) as home:
+        busy = [await home.client(), await home.client()]
+        for client in busy:
+            client.ask(PATIENT)
+        await until(lambda: len(home.plant.waiting) == 2)
+        refused = await home.client()
+        assert await refused.is_closed()
+        reason = "too many clients, and all of them have requests under way"
+        assert home.reason(refused, ClientRejected) == reason
+        home.plant.answer_all()
+        assert [await client.answer() for client in busy] == [1, 1]
+
+
+async def test_there_are_never_more_clients_than_allowed_though_some_read_nothing() -> None:
+    """What is being closed counts no more, so it makes room once only; and it is gone after a moment."""
+    async with house(clients=2) as home:
+        for _ in range(6):
+            await block(await home.client(small_window=True), home)
+            assert len(home.listener.connections) <= 2
+        last = await home.client()
+        assert await last.is_open()
+        assert len(home.listener.connections) == 2
+        await until(lambda: not home.listener._closing)
+        assert len(home.told(ClientConnected)) - len(home.told(ClientClosed)) == 2
+
+
+async def test_a_hundred_clients_in_a_row_find_room() -> None:
+    async with house(clients=4) as home:
+        clients = [await home.connect() for _ in range(100)]
+        await until(lambda: len(home.told(ClientConnected)) == 100)
+        await until(lambda: len(home.told(ClientClosed)) == 96)
+        assert [await client.is_open() for client in clients[96:]] == [True] * 4
+
+
+# --- who says nothing, who says half, who does not listen ---
+
+
+async def test_an_idle_client_is_closed_and_a_busy_one_is_left_alone() -> None:
+    async with house(idle=0.3) as home:
+        busy, idle = await home.client(), await home.client()
+        busy.ask(PATIENT)
+        assert await idle.is_closed()
+        assert await home.closes(idle) == "idle"
+        assert not home.told(ClientRejected)
+        await asyncio.sleep(0.3)
+        home.plant.answer_all()
+        assert await busy.answer() == 1
+
+
+async def test_without_an_idle_time_nobody_is_idle() -> None:
+    async with house(idle=0) as home:
+        client = await home.client()
+        await asyncio.sleep(3 * SILENCE)
+        assert await client.is_open()
+
+
+@pytest.mark.parametrize("drip", [b"", bytes(1000)], ids=["slowloris (C01)", "slow drip (C02)"])
+async def test_a_client_that_sends_half_a_request_is_closed(drip: bytes) -> None:
+    async with house(clients=200) as home:
+        healthy = await home.client()
+        half = [await home.connect() for _ in range(100)]
+        for client in half:
+            client.writer.write(bytes.fromhex("0001 0000 00FE"))
+        begun_at = asyncio.get_running_loop().time()
+        for byte in drip[: int(SENDING / SWEEP)]:
+            for client in half:
+                client.writer.write(bytes((byte,)))
+            await asyncio.sleep(SWEEP)
+        assert all([await client.is_closed() for client in half])
+        assert asyncio.get_running_loop().time() - begun_at < 3 * SENDING
+        assert home.reason(half[0], ClientRejected) == f"sent no whole request within {SENDING:g} s"
+        assert await healthy.is_open()
+
+
+async def test_a_slow_reader_is_read_no_more_and_gets_everything_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session_module, "TAKING_DEADLINE", PATIENCE)
+    async with house() as home:
+        slow = await home.client(small_window=True)
+        await block(slow, home)
+        submitted = home.plant.submitted
+        await asyncio.sleep(SILENCE)
+        assert home.plant.submitted == submitted < 1500
+        assert [await slow.answer() for _ in range(2000)] == list(range(1, 2001))
+
+
+async def test_a_client_that_reads_nothing_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """C08: others are served meanwhile, and the connection ends though its responses were never taken."""
+    async with house() as home:
+        deaf, healthy = await home.client(small_window=True), await home.client()
+        await block(deaf, home)
+        assert await healthy.is_open()
+        assert await home.closes(deaf) == f"took no responses for {TAKING:g} s"
+        assert home.reason(deaf, ClientRejected) == home.reason(deaf)
+        assert await healthy.is_open()
+
+
+async def test_a_half_closed_client_that_reads_slowly_gets_everything() -> None:
+    async with house() as home:
+        slow = await home.client(small_window=True)
+        slow.ask(count=400)
+        slow.writer.write_eof()
+        await asyncio.sleep(SILENCE)
+        assert [await slow.answer() for _ in range(400)] == list(range(1, 401))
+        assert await slow.is_closed()
+
+
+# --- goodbyes ---
+
+
+async def test_a_half_closed_client_is_answered_then_closed() -> None:
+    """C07."""
+    async with house() as home:
+        client = await home.client()
+        client.ask(PATIENT)
+        client.writer.write_eof()
+        await until(lambda: home.plant.waiting)
+        await asyncio.sleep(SILENCE)
+        assert not home.reason(client)
+        home.plant.answer_all()
+        assert await client.answer() == 1
+        assert await client.is_closed()
+        assert await home.closes(client) == "the client has closed it"
+
+
+async def test_a_reset_marks_what_is_under_way_as_unwanted() -> None:
+    async with house() as home:
+        client = await home.client()
+        client.ask(PATIENT, count=3)
+        await until(lambda: len(home.plant.waiting) == 3)
+        assert all(request.origin.wants(request) for request in home.plant.waiting)
+        client.reset()
+        assert await home.closes(client) == "lost: connection reset by peer"
+        assert not any(request.origin.wants(request) for request in home.plant.waiting)
+        home.plant.answer_all()
+
+
+async def test_connections_reset_at_once_leave_nothing_behind(caplog: pytest.LogCaptureFixture) -> None:
+    """C10, in small."""
+    async with house(clients=4) as home:
+        for _ in range(500):
+            (await home.connect()).reset()
+        await until(lambda: not home.listener.has_clients)
+        assert await (await home.client()).is_open()
+        assert not home.told(PartFailed)
+    assert not caplog.records
+
+
+# --- bounds and borders ---
+
+
+async def test_beyond_in_flight_nothing_is_read_until_a_response_has_gone() -> None:
+    async with house(in_flight=4) as home:
+        client = await home.client()
+        client.ask(PATIENT, count=10)
+        for waiting in (4, 4, 2):
+            await until(lambda: home.plant.waiting)
+            await asyncio.sleep(SILENCE)
+            assert len(home.plant.waiting) == waiting
+            home.plant.answer_all()
+        assert [await client.answer() for _ in range(10)] == list(range(1, 11))
+
+
+async def test_a_thousand_requests_in_a_row_get_a_thousand_responses() -> None:
+    async with house() as home:
+        client = await home.client()
+        client.ask(count=1000)
+        assert [await client.answer() for _ in range(1000)] == list(range(1, 1001))
+        assert home.plant.submitted == 1000
+
+
+async def test_a_defect_ends_its_own_connection_only() -> None:
+    async with house() as home:
+        client, other = await home.client(), await home.client()
+        client.ask(DEFECTIVE)
+        assert await client.is_closed()
+        assert await home.closes(client) == "a defect in the gateway"
+        [told] = home.told(PartFailed)
+        assert told.part == f"client {client.name}"
+        assert "nobody foresaw this" in told.traceback
+        assert await other.is_open()
+
+
+JUNK = {
+    "HTTP": b"GET / HTTP/1.1\r\nHost: plc\r\n\r\n",
+    "TLS": bytes.fromhex("16 03 01 02 00 01 00 01 FC 03 03") + bytes(200),
+    "TLS, short": bytes.fromhex("16 03 01 00 F4 01 00 00 F0 03 03") + bytes(200),
+    "SSH": b"SSH-2.0-OpenSSH_9.2p1\r\n",
+    "RTU": bytes.fromhex("01 03 00 00 00 01 84 0A"),
+    "0xFF": b"\xff" * 300,
+}
+
+
+@pytest.mark.parametrize("junk", JUNK.values(), ids=JUNK)
+async def test_what_is_no_modbus_is_closed_at_once(junk: bytes) -> None:
+    async with house() as home:
+        client, other = await home.client(), await home.client()
+        client.writer.write(junk)
+        assert await client.is_closed()
+        assert "an MBAP length of" in await home.closes(client)
+        assert home.reason(client, ClientRejected) == home.reason(client)
+        assert await other.is_open()
+        assert not home.told(PartFailed)
+
+
+async def test_a_client_that_vanishes_is_noticed_and_responses_leave_at_once() -> None:
+    async with house() as home:
+        await home.client()
+        [connection] = home.listener.connections
+        sock = connection.transport.get_extra_info("socket")
+        assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == KEEPALIVE_IDLE
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == USER_TIMEOUT
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
+
+
+async def test_the_system_keeps_little_for_a_connection() -> None:
+    async with house() as home:
+        await home.client()
+        [connection] = home.listener.connections
+        sock = connection.transport.get_extra_info("socket")
+        for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+            assert sock.getsockopt(socket.SOL_SOCKET, option) == 2 * KERNEL_BUFFER  # Linux counts its own share too
+
+
+async def test_a_defect_in_welcoming_a_client_does_not_end_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with house() as home:
+        with monkeypatch.context() as defective:
+            defective.setattr(home.listener, "_make_room", None)
+            assert await (await home.connect()).is_closed()
+        assert len(home.told(PartFailed)) == 1
+        assert await (await home.client()).is_open()
+
+
+# --- the end ---
+
+
+async def test_a_listener_that_finishes_accepts_nobody_and_takes_no_more_requests() -> None:
+    async with house() as home:
+        port, idle, busy = home.port, await home.client(), await home.client()
+        busy.ask(PATIENT)
+        await until(lambda: home.plant.waiting)
+        home.listener.finish()
+        assert await idle.is_closed()
+        busy.ask(PROMPT)
+        with pytest.raises(ConnectionRefusedError):
+            await Client.connect(port)
+        await asyncio.sleep(SILENCE)
+        assert home.plant.submitted == 1
+        home.plant.answer_all()
+        assert await busy.answer() == 1
+        assert await busy.is_closed()
+        assert await home.closes(idle) == await home.closes(busy) == "the gateway ends"
+        assert not home.listener.has_clients
+
+
+async def test_a_listener_that_closes_ends_all_connections() -> None:
+    async with house() as home:
+        client = await home.client()
+        client.ask(PATIENT)
+        await until(lambda: home.plant.waiting)
+        home.listener.close()
+        assert await home.closes(client) == "the gateway ends"
+        assert not home.plant.waiting[0].origin.wants(home.plant.waiting[0])
+
+
+# --- addresses ---
+
+
+async def test_two_listeners_on_one_port_are_an_error_in_words() -> None:
+    async with house() as home:
+        second = TcpListener(ListenSettings("all", "0.0.0.0", home.port), home.plant, home.events.append)
+        with pytest.raises(ListenError, match=r"cannot listen on tcp://0\.0\.0\.0:\d+: another \[\[listen\]\]"):
+            await second.bind()
+
+
+async def test_a_port_that_is_taken_between_bind_and_start_is_an_error_in_words() -> None:
+    first = TcpListener(ListenSettings("a", "127.0.0.1", 0), Plant(), print)
+    await first.bind()
+    port = int(first.address.rsplit(":", 1)[1])
+    second = TcpListener(ListenSettings("b", "0.0.0.0", port, source="gateway.toml:7"), Plant(), lambda event: None)
+    await second.bind()
+    with closing(first), closing(second):
+        second.start()
+        with pytest.raises(ListenError, match=r"cannot listen on tcp://127\.0\.0\.1:\d+: another \[\[listen\]\]"):
+            first.start()
+
+
+@pytest.mark.parametrize("host", ["a..b", "x" * 70])
+async def test_what_is_no_host_name_is_an_error_in_words(host: str) -> None:
+    listener = TcpListener(ListenSettings("a", host, 0, source="gateway.toml:7"), Plant(), print)
+    with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on tcp://.*: this is no host name"):
+        await listener.bind()
+
+
+def _has_ipv6() -> bool:
+    try:
+        with socket.socket(socket.AF_INET6) as sock:
+            sock.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
+async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
+    """C15."""
+    async with house(host="::") as home:
+        assert home.listener.address.startswith("tcp://[::]:")
+        old = await home.client()
+        new = await home.connect("::1")
+        assert await old.is_open()
+        assert await new.is_open()
+        assert [event.client for event in home.told(ClientConnected)] == [old.name, new.name]
+        assert all(each.session.may_write for each in home.listener.connections)
