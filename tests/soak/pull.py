@@ -35,6 +35,7 @@ bind = "tcp://127.0.0.1:0"
 [[line]]
 name = "hall-a"
 port = "{port}"
+timeout = "50 ms"   # what was asked when the adapter went may still be answered for twice as long
 """
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 RIGHT = bytes.fromhex("0001 0000 0005 01 03 02 002A")

@@ -446,7 +446,7 @@ async def test_a_replugged_adapter_is_used_again_under_its_new_name(virtual):
         await until(lambda: owner.heard == b"answer")
         os.close(first)
         os.close(second)
-    assert [type(event) for event in events] == [LineUp, LineLost, LineLost, LineReopened]
+    assert [type(event) for event in events] == [LineUp, LineLost, LineReopened]
     assert "does not exist" in events[2].reason
 
 
