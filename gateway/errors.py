@@ -16,7 +16,10 @@ GatewayError
 │   └── TargetFailedToRespond    0B  the device may have acted
 │       ├── ResponseTimeout      0B  nothing came within the limit
 │       ├── BrokenResponse       0B  what came within the limit was no response to the request
-│       └── LineLost             0B  the port died while the request was on the line
+│       ├── LineLost             0B  the port died while the request was on the line
+│       ├── AnswerOverdue        0B  not sent: the late answer to an earlier request could be taken for its answer
+│       ├── UnitResting          0B  not sent: the unit has failed too often
+│       └── AmbiguousResponse    0B  another client was heard, so the response may be the answer to its request
 ├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or has been lost
 ├── ListenError                  no clients can be accepted at an address
@@ -125,6 +128,18 @@ class BrokenResponse(TargetFailedToRespond):
 
 class LineLost(TargetFailedToRespond):
     """The port died while the request was on the line."""
+
+
+class AnswerOverdue(TargetFailedToRespond):
+    """Not sent: the answer to an earlier request may still come, and would be taken for the answer to this one."""
+
+
+class UnitResting(TargetFailedToRespond):
+    """Not sent: the unit has failed too often and rests."""
+
+
+class AmbiguousResponse(TargetFailedToRespond):
+    """Another client was heard on the line, so the response may be the answer to its request."""
 
 
 class NotModbus(GatewayError):

@@ -205,7 +205,7 @@ class RequestTimeout(Event):
 
 @dataclass(frozen=True)
 class BadFrame(Event):
-    """What came within the limit was no frame: noise, a cut frame, a wrong CRC or LRC."""
+    """What came within the limit was not the response: noise, a cut frame, a wrong CRC or LRC, a foreign frame."""
 
     level = Level.WARNING
     line: str
@@ -215,6 +215,7 @@ class BadFrame(Event):
     elapsed_ms: float
     limit_ms: float
     source: str
+    heard: str
 
 
 @dataclass(frozen=True)
@@ -261,3 +262,58 @@ class BaudChanged(Event):
     device: str
     baud: float
     advice: str
+
+
+@dataclass(frozen=True)
+class LateResponse(Event):
+    """A response came after its limit; it was dropped. The device needs a longer time limit."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+
+
+@dataclass(frozen=True)
+class UnitResting(Event):
+    """A unit has failed three times in a row: its requests are answered 0B at once until it is tried again."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    rest_s: float
+    source: str
+
+
+@dataclass(frozen=True)
+class UnitRecovered(Event):
+    """A unit that rested has answered."""
+
+    line: str
+    unit: int
+    device: str
+
+
+@dataclass(frozen=True)
+class EchoHeard(Event):
+    """The adapter returns what is sent. Until `echo = true` is set, writes whose answer is a copy of them get 0B."""
+
+    level = Level.ERROR
+    line: str
+    source: str
+
+
+@dataclass(frozen=True)
+class OtherClientHeard(Event):
+    """Another client asked the same unit on the line, so the response that followed was not believed."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    frame: str

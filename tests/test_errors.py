@@ -21,6 +21,9 @@ CODES = {
     "ResponseTimeout": 0x0B,
     "BrokenResponse": 0x0B,
     "LineLost": 0x0B,
+    "AnswerOverdue": 0x0B,
+    "UnitResting": 0x0B,
+    "AmbiguousResponse": 0x0B,
 }
 
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from gateway.config.address import Address
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.schema import Access, Config, Control, Device, Image, Line, Listen, Log, Table, Upstream, Web
+from gateway.config.schema import Access, Config, Control, Image, Line, Listen, Log, Table, Upstream, Web
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,6 @@ REFUSED: Final = (
     Gap(Listen, "bind", lambda listen: listen.bind.scheme != "tcp", "a listener other than tcp://"),
     Gap(Line, "role", lambda line: line.role == "server", 'role = "server"'),
     Gap(Line, "port", lambda line: isinstance(line.port, Address), "a device server as the port of a line"),
-    Gap(Line, "echo", lambda line: line.echo, "echo = true", says_all=False),
-    Gap(Line, "retries", lambda line: line.retries > 0, "retries above 0", says_all=False),
     Gap(Image, "persist", lambda image: image.persist != "never", 'persist other than "never"', says_all=False),
     Gap(Image, "of", lambda image: image.of is not None, "a mirror"),
     Gap(Upstream, "", lambda _: True, "[[upstream]]"),
@@ -46,9 +44,6 @@ REFUSED: Final = (
 WITHOUT_EFFECT: Final = (
     Gap(Config, "site", lambda config: bool(config.site), "site"),
     Gap(Control, "", lambda _: True, "[control]"),
-    Gap(Line, "coalesce", lambda line: line.has("coalesce") and line.coalesce, "coalesce = true"),
-    Gap(Line, "late_window", lambda line: line.has("late_window"), "late_window"),
-    Gap(Device, "priority", lambda device: device.priority == "high", 'priority = "high"'),
 )
 
 

@@ -7,7 +7,7 @@ from typing import Final, Literal
 from gateway.config.schema import Config, Device, Image, Line, Listen, Log, ProfileTable
 from gateway.images.image import ImageSettings
 from gateway.lines.device import DeviceSettings
-from gateway.lines.line import LineSettings
+from gateway.lines.settings import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
@@ -131,6 +131,10 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
         idle_chars=max([_IDLE_CHARACTERS, *(device.profile.idle_chars for device in devices)]),
         gap=line.gap,
         turnaround=_turnaround(devices) if line.turnaround is None else line.turnaround,
+        late_window=line.late_window,
+        retries=line.retries,
+        echo=line.echo,
+        coalesce=line.coalesce,
         queue=line.queue,
         max_wait=line.max_wait,
         broadcast=line.broadcast,

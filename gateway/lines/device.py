@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from gateway.errors import RequestError
+from gateway.lines.breaker import Breaker
 from gateway.lines.transaction import BroadcastTransaction, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.modbus.frame import Frame
@@ -43,6 +44,8 @@ class Device:
         self.name = settings.name
         self.source = settings.source
         self.answer_time = settings.answer_time
+        self.is_urgent = settings.priority == "high"
+        self.breaker = Breaker()
         self._check = settings.profile.check
         self._line = line
 
@@ -71,9 +74,11 @@ class EveryDevice:
     unit = BROADCAST_UNIT
     name = "every device"
     source = ""
+    is_urgent = False
     answer_time = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
 
     def __init__(self, line: TakesTransactions) -> None:
+        self.breaker = Breaker()
         self._line = line
 
     def submit(self, request: Request, now: float) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from gateway.errors import PortError
@@ -38,7 +39,7 @@ class LineDriver:
     def port_up(self, port: Port) -> None:
         """The port is open."""
         self._port = port
-        self._run(self.line.port_up, port.write, port.latency, self._time())
+        self._run(partial(self.line.port_up, virtual=port.virtual), port.write, port.latency, self._time())
 
     def received(self, data: bytes) -> None:
         """These bytes became readable."""

@@ -1,63 +1,246 @@
-"""Requests that wait for their line."""
+"""Requests that wait for their line: fair to clients, quick with what is urgent, sent once where two ask the same.
+
+- **Turns by client.** Each client has its own row of waiting transactions, and clients take turns.
+- **Urgent ones first**: writes, and devices of high priority. Only what is next in a client's row counts, so priority
+  acts between clients. After `OVERTAKES` urgent ones in a row a plain one goes, if one waits.
+- **Order.** A client's requests to one device keep their order. Its broadcasts keep theirs to all that it asks before
+  and behind them. What must not be sent yet lets others pass, but not those.
+- **Equal reads share one transaction** as long as it waits, and as long as nothing but reads has come since. A read
+  that is on the line already is never shared: every answer is newer than its question.
+"""
 
 from collections import deque
+from collections.abc import Callable
+from typing import Final
 
-from gateway.lines.transaction import Transaction
+from gateway.lines.transaction import Addressee, Transaction
+from gateway.modbus.codes import FunctionCode
+from gateway.request import Request
+
+#: How many urgent transactions may go before a plain one that waits.
+OVERTAKES: Final = 4
+
+_READS: Final = frozenset(
+    {
+        FunctionCode.READ_COILS,
+        FunctionCode.READ_DISCRETE_INPUTS,
+        FunctionCode.READ_HOLDING_REGISTERS,
+        FunctionCode.READ_INPUT_REGISTERS,
+    }
+)
+
+#: Up to so many clients, a row is kept for the next request when it is empty.
+_EMPTY_ROWS: Final = 256
+
+#: Whether a transaction must not be sent yet.
+Held = Callable[[Transaction], bool]
+
+
+class _Row:
+    """The waiting transactions of one client, oldest first. An empty row does not take turns."""
+
+    __slots__ = ("client", "ring", "waiting")
+
+    def __init__(self, client: str, ring: "deque[_Row]") -> None:
+        self.client = client
+        self.waiting: deque[Transaction] = deque()
+        #: Where the row takes its turns.
+        self.ring = ring
+
+    def next(self, is_held: Held | None) -> Transaction | None:
+        """The first one that may go: not held, and not behind a held one whose order it keeps."""
+        held: list[Addressee] = []
+        for transaction in self.waiting:
+            keeps_order = held and (transaction.device in held or not transaction.expects_answer)
+            must_wait = keeps_order or (transaction.follows and transaction.must_follow)
+            if not must_wait and (is_held is None or not is_held(transaction)):
+                return transaction
+            if not transaction.expects_answer:
+                return None
+            held.append(transaction.device)
+        return None
 
 
 class WaitingQueue:
-    """First come, first served, with a bound on how many wait and on how long each one does.
+    """At most `size` requests wait, each for at most `max_wait` seconds. With `coalesce`, equal reads are shared."""
 
-    `size` is the most that wait, `max_wait` the longest time in seconds. What nobody wants any more ends without a
-    response.
-    """
-
-    def __init__(self, size: int, max_wait: float) -> None:
+    def __init__(self, size: int, max_wait: float, *, coalesce: bool) -> None:
+        self.coalesced = 0
         self._size = size
         self._max_wait = max_wait
-        self._waiting: deque[Transaction] = deque()
+        self._coalesce = coalesce
+        self._overtakes = 0
+        self._rows: dict[str, _Row] = {}
+        self._urgent: deque[_Row] = deque()
+        self._plain: deque[_Row] = deque()
+        #: Every waiting request with its transaction.
+        self._waiting: dict[Request, Transaction] = {}
+        #: When each request will have waited too long, oldest first; also of some that wait no more.
+        self._expiries: deque[tuple[float, Request]] = deque()
+        #: The reads that others may join, by device and PDU.
+        self._reads: dict[tuple[Addressee, bytes], Transaction] = {}
+        #: What a client has joined, by client and device.
+        self._joined: dict[tuple[str, Addressee], Transaction] = {}
 
     def __len__(self) -> int:
         return len(self._waiting)
 
     def put(self, transaction: Transaction, now: float) -> bool:
-        """Let `transaction` wait from `now` on; False when the queue is full."""
+        """Let a transaction with its one request wait from `now` on; False when the queue is full."""
         if len(self._waiting) >= self._size:
             self._drop_unwanted()
             if len(self._waiting) >= self._size:
                 return False
-        transaction.waits_until = now + self._max_wait
-        self._waiting.append(transaction)
+        request = transaction.requests[0]
+        shared = self._join(transaction, request) if self._coalesce else None
+        if shared is None:
+            self._append(transaction)
+        self._waiting[request] = shared or transaction
+        self._expiries.append((now + self._max_wait, request))
         return True
 
-    def take(self) -> Transaction | None:
-        """The next transaction that its client still wants."""
-        while self._waiting:
-            transaction = self._waiting.popleft()
-            if transaction.is_wanted:
-                return transaction
-            transaction.request.end()
+    def take(self, is_held: Held | None = None) -> Transaction | None:
+        """The next transaction in turn; None if there is none that may be sent now."""
+        for ring in self._in_turn():
+            for _ in range(len(ring)):
+                row = ring[0]
+                transaction = row.next(is_held)
+                if transaction is not None:
+                    self._overtakes = self._overtakes + 1 if ring is self._urgent else 0
+                    self._remove(transaction)
+                    if ring and ring[0] is row:
+                        ring.rotate(-1)
+                    return transaction
+                ring.rotate(-1)
         return None
 
-    def expired(self, now: float) -> list[Transaction]:
-        """Remove those that have waited too long at `now`."""
-        waiting, late = self._waiting, []
-        while waiting and waiting[0].waits_until <= now:
-            late.append(waiting.popleft())
+    def expired(self, now: float) -> list[Request]:
+        """Remove the requests that have waited too long at `now`."""
+        late = []
+        expiries, waiting = self._expiries, self._waiting
+        while expiries and (expiries[0][1] not in waiting or expiries[0][0] <= now):
+            _, request = expiries.popleft()
+            if request in waiting:
+                self._withdraw(request)
+                late.append(request)
         return late
 
     def next_expiry(self) -> float | None:
-        """When the next one will have waited too long."""
-        return self._waiting[0].waits_until if self._waiting else None
+        """When the next request will have waited too long, or earlier: a look at `expired` then does no harm."""
+        return self._expiries[0][0] if self._waiting else None
+
+    def drop(self, is_doomed: Held) -> list[Transaction]:
+        """Remove the transactions of which this is true."""
+        doomed = [transaction for row in self._rows.values() for transaction in row.waiting if is_doomed(transaction)]
+        for transaction in doomed:
+            self._remove(transaction)
+        return doomed
 
     def clear(self) -> list[Transaction]:
         """Remove all."""
-        waiting = list(self._waiting)
-        self._waiting.clear()
-        return waiting
+        return self.drop(lambda _: True)
+
+    def _in_turn(self) -> tuple[deque[_Row], deque[_Row]]:
+        """Urgent rows first, unless they have overtaken the others often enough."""
+        if self._overtakes >= OVERTAKES and self._plain:
+            return self._plain, self._urgent
+        return self._urgent, self._plain
+
+    def _append(self, transaction: Transaction) -> None:
+        transaction.waits = True
+        client = transaction.client
+        row = self._rows.get(client)
+        if row is None:
+            row = self._rows[client] = _Row(client, self._plain)
+        if not row.waiting:
+            row.ring = self._ring_for(transaction)
+            row.ring.append(row)
+        row.waiting.append(transaction)
+        if self._coalesce:
+            self._offer(transaction)
+            transaction.follows = self._joined_before(transaction) if self._joined else ()
+
+    def _ring_for(self, transaction: Transaction) -> deque[_Row]:
+        urgent = transaction.device.is_urgent or transaction.asked.function not in _READS
+        return self._urgent if urgent else self._plain
+
+    def _offer(self, transaction: Transaction) -> None:
+        """Let others join a read; anything else is a border between the reads before it and those behind it."""
+        if transaction.asked.function in _READS:
+            self._reads[transaction.device, transaction.asked.data] = transaction
+        else:
+            self._reads.clear()
+
+    def _joined_before(self, transaction: Transaction) -> tuple[Transaction, ...]:
+        """What its client has joined and must be sent before it: all of that if it is a broadcast."""
+        client = transaction.client
+        if transaction.expects_answer:
+            shared = self._joined.get((client, transaction.device))
+            return () if shared is None else (shared,)
+        return tuple(shared for (who, _), shared in self._joined.items() if who == client)
+
+    def _join(self, transaction: Transaction, request: Request) -> Transaction | None:
+        """The waiting transaction that `request` can share. Not if it could overtake its client's older requests."""
+        shared = self._reads.get((transaction.device, transaction.asked.data))
+        if shared is None:
+            return None
+        client = transaction.client
+        row = self._rows.get(client)
+        device = transaction.device
+        older = row.waiting if row is not None else ()
+        if any(waiting.device is device or not waiting.expects_answer for waiting in older):
+            return None
+        if (client, device) in self._joined:
+            return None
+        self.coalesced += 1
+        shared.requests.append(request)
+        self._joined[client, device] = shared
+        return shared
+
+    def _remove(self, transaction: Transaction) -> None:
+        """Let a transaction wait no more. Its client's row keeps its place as long as it stays in its ring."""
+        row = self._rows[transaction.client]
+        row.waiting.remove(transaction)
+        ring = self._ring_for(row.waiting[0]) if row.waiting else None
+        if ring is not row.ring:
+            row.ring.remove(row)
+        if ring is None:
+            if len(self._rows) > _EMPTY_ROWS:
+                del self._rows[row.client]
+        elif ring is not row.ring:
+            row.ring = ring
+            ring.append(row)
+        for request in transaction.requests:
+            del self._waiting[request]
+        transaction.waits = False
+        transaction.follows = ()
+        if self._coalesce:
+            self._withdraw_offer(transaction)
+
+    def _withdraw_offer(self, transaction: Transaction) -> None:
+        key = (transaction.device, transaction.asked.data)
+        if self._reads.get(key) is transaction:
+            del self._reads[key]
+        for request in transaction.requests:
+            self._leave(request, transaction)
+
+    def _leave(self, request: Request, transaction: Transaction) -> None:
+        client = request.origin.client
+        if client != transaction.client:
+            self._joined.pop((client, transaction.device), None)
+
+    def _withdraw(self, request: Request) -> None:
+        """Let a request wait no more, and its transaction if that was its only one."""
+        transaction = self._waiting[request]
+        if len(transaction.requests) == 1:
+            self._remove(transaction)
+            return
+        transaction.requests.remove(request)
+        del self._waiting[request]
+        self._leave(request, transaction)
 
     def _drop_unwanted(self) -> None:
-        unwanted = [waiting for waiting in self._waiting if not waiting.is_wanted]
-        self._waiting = deque(waiting for waiting in self._waiting if waiting.is_wanted)
-        for transaction in unwanted:
-            transaction.request.end()
+        """Let go of requests whose clients have left; they end without a response."""
+        for request in [request for request in self._waiting if not request.origin.wants(request)]:
+            self._withdraw(request)
+            request.end()

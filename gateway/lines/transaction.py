@@ -2,6 +2,8 @@
 
 from typing import Protocol
 
+from gateway.errors import RequestError
+from gateway.lines.breaker import Breaker
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
 from gateway.request import Request
@@ -16,31 +18,44 @@ class Addressee(Protocol):
     #: Its name, and where it is configured, for events.
     name: str
     source: str
+    #: Its requests go before others.
+    is_urgent: bool
     answer_time: AnswerTime
+    breaker: Breaker
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """The transaction was on the line and is over; None when no answer came. Must not call out to requests."""
 
 
 class Transaction:
-    """A request that has passed its device's checks, on its way over the line."""
+    """A request that has passed its device's checks, on its way over the line.
 
-    __slots__ = ("asked", "device", "ends_at", "limit", "request", "unit", "waits_until")
+    Equal reads of several clients share one: then there is more than one request.
+    """
+
+    __slots__ = (
+        "asked", "client", "device", "ends_at", "follows", "limit", "owed", "requests", "retries", "unit", "waits",
+    )  # fmt: skip
 
     #: Whether somebody answers: not to a broadcast (S 2.1).
     expects_answer = True
 
     def __init__(self, request: Request, asked: RequestPdu, device: Addressee) -> None:
-        self.request = request
+        self.requests = [request]
+        self.client = request.origin.client
         self.asked = asked
         self.device = device
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
-        #: When the request has waited too long to be sent; set by the queue.
-        self.waits_until = 0.0
+        #: Whether it is in the queue, and what must leave the queue before it.
+        self.waits = False
+        self.follows: tuple[Transaction, ...] = ()
         #: When the last character of the request leaves, and how long after that it has failed.
         self.ends_at = 0.0
         self.limit = 0.0
+        #: How often it has been sent again, and how many answers to earlier sendings may still come.
+        self.retries = 0
+        self.owed = 0
 
     def start(self, budget: Budget, now: float) -> None:
         """The request is written at `now`: its last character leaves, and its limit begins, a wire time later.
@@ -62,14 +77,40 @@ class Transaction:
         return frame.unit == self.unit and self.asked.accepts(frame.pdu)
 
     @property
+    def must_follow(self) -> bool:
+        """Whether an older request of the same client, which shares another transaction, still waits."""
+        for transaction in self.follows:  # noqa: SIM110 - see is_wanted
+            if transaction.waits:
+                return True
+        return False
+
+    @property
     def is_wanted(self) -> bool:
-        """Whether the client still wants the request to be sent."""
-        return self.request.origin.wants(self.request)
+        """Whether a client still wants the request to be sent."""
+        for request in self.requests:  # noqa: SIM110 - asked for every request: a generator costs more than all the rest
+            if request.origin.wants(request):
+                return True
+        return False
 
     @property
     def fails_at(self) -> float:
         """When the response must be there."""
         return self.ends_at + self.limit
+
+    def respond(self, pdu: bytes) -> None:
+        """Answer all requests."""
+        for request in self.requests:
+            request.respond(pdu)
+
+    def fail(self, error: RequestError) -> None:
+        """Fail all requests."""
+        for request in self.requests:
+            request.fail(error)
+
+    def end(self) -> None:
+        """Finish all requests without a response."""
+        for request in self.requests:
+            request.end()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.device.name} unit={self.unit} {self.asked.data.hex(' ').upper()}>"

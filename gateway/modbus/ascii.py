@@ -63,8 +63,8 @@ class AsciiFramer:
         return []
 
     def conclude(self) -> list[Frame]:
-        """Nothing more is awaited: an unfinished frame is noise, and no frame was held back."""
-        self._drop(len(self._buffer))
+        """No more is awaited: an unfinished frame is noise so far, and no frame was held back. Changes nothing."""
+        self.heard_noise = self.heard_noise or bool(self._buffer)
         return []
 
     def _decode(self, text: bytes) -> Frame | None:

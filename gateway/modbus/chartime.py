@@ -1,7 +1,7 @@
 """Times on a serial line: one character, the silences that part frames, a whole frame. All in seconds."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, Self
 
 from gateway.modbus.codes import MAX_PDU
@@ -11,6 +11,7 @@ FASTEST_SCALED_BAUD: Final = 19200
 T15_FIXED: Final = 0.000750
 T35_FIXED: Final = 0.001750
 
+Mode = Literal["rtu", "ascii"]
 Parity = Literal["N", "E", "O"]
 
 _FORMAT = re.compile(r"([78])([NEO])([12])")
@@ -50,14 +51,14 @@ class CharacterFormat:
 class LineTiming:
     """What a line's mode, rate and character format make of time."""
 
-    mode: Literal["rtu", "ascii"]
+    mode: Mode
     baud: int
     format: CharacterFormat
+    #: One character on the line.
+    character: float = field(init=False, repr=False, compare=False)
 
-    @property
-    def character(self) -> float:
-        """One character on the line."""
-        return self.format.bits / self.baud
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "character", self.format.bits / self.baud)
 
     @property
     def t15(self) -> float:

@@ -37,4 +37,4 @@ class ResponseFramer(Protocol):
         """Let time pass; frames that silence has ended."""
 
     def conclude(self) -> list[Frame]:
-        """Nothing more is awaited: well-formed frames that were passed over. What remains is noise."""
+        """No more is awaited in time: well-formed frames that were passed over. A late response may still complete."""

@@ -24,8 +24,10 @@ OVERHEAD = 3
 _SHORTEST = OVERHEAD + 1
 #: An exception response: a PDU of two bytes.
 _EXCEPTION_SIZE = OVERHEAD + 2
+#: Unit identifier and function code.
+_HEAD_SIZE = 2
 #: As much of a PDU, behind the unit identifier, as foretelling its size looks at.
-_HEAD = slice(1, 11)
+_FORETOLD_BY = slice(1, 11)
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
@@ -66,6 +68,8 @@ class ResponseFramer:
         """Take bytes that became readable at `now`; what looks like the response, if it is complete with them."""
         buffer = self._buffer
         buffer += data
+        if len(buffer) == self._size and buffer.startswith(self._head, self._unknown) and crc_fits(bytes(buffer)):
+            return [self._cut(0, self._size)]  # as nearly always
         frames = []
         while buffer and (frame := self._find_response()) is not None:
             frames.append(frame)
@@ -88,41 +92,56 @@ class ResponseFramer:
         if self._deadline is None or now < self._deadline:
             return []
         self._deadline = None
-        frame = self._find(self._head, 0)
-        return [] if frame is None else [frame]
+        at = self._search(self._head, 0)
+        if at >= 0:
+            return [self._cut(at, len(self._buffer) - at)]
+        at = self._search(self._refusal, _EXCEPTION_SIZE)
+        return [self._cut(at, _EXCEPTION_SIZE)] if at >= 0 else []
 
     def conclude(self) -> list[Frame]:
-        """Nothing more is awaited: the well-formed frames of other units or functions that were passed over."""
-        data, self._deadline = bytes(self._buffer), None
-        self._buffer.clear()
-        frames = list(_frames(data, response_size))
+        """No more is awaited: well-formed frames of other units or functions that were passed over. Changes nothing."""
+        frames = responses_in(bytes(self._buffer))
         heard = sum(len(frame.pdu) + OVERHEAD for frame in frames)
-        self.heard_noise = self.heard_noise or heard < len(data)
+        self.heard_noise = self.heard_noise or heard < len(self._buffer)
         return frames
 
     def _find_response(self) -> Frame | None:
-        response = self._find(self._head, self._size) if self._size else None
-        return response or self._find(self._refusal, _EXCEPTION_SIZE)
+        """The first frame that may be the response, normal or exception."""
+        response = self._search(self._head, self._size) if self._size else -1
+        if 0 <= response < _EXCEPTION_SIZE:
+            return self._cut(response, self._size)
+        end = response - _EXCEPTION_SIZE + _HEAD_SIZE if response > 0 else self._coming()
+        refusal = self._search(self._refusal, _EXCEPTION_SIZE, end)
+        if refusal >= 0:
+            return self._cut(refusal, _EXCEPTION_SIZE)
+        return self._cut(response, self._size) if response > 0 else None
 
-    def _find(self, head: bytes, size: int) -> Frame | None:
-        """The first frame of `size` bytes that begins with `head`; with 0, one that reaches the end of the buffer."""
+    def _coming(self) -> int | None:
+        """Where a response begins that is still coming: what looks like an exception behind that may be its data."""
+        begin = max(0, len(self._buffer) - self._size + 1) if self._size else 0
+        found = self._buffer.find(self._head, begin + self._unknown)
+        return None if found < 0 else found
+
+    def _search(self, head: bytes, size: int, end: int | None = None) -> int:
+        """Where the first frame of `size` bytes begins whose `head` stands before `end`, or -1.
+
+        With a size of 0 the frame ends with the buffer.
+        """
         buffer = self._buffer
-        found = buffer.find(head, self._unknown)
+        found = buffer.find(head, self._unknown, end)
         while found >= 0:
             at = found - self._unknown
-            rest = len(buffer) - at
-            if rest < size:
-                return None
-            frame = self._take(at, size or rest)
-            if frame is not None:
-                return frame
-            found = buffer.find(head, found + 1)
-        return None
+            adu = bytes(buffer[at : at + size] if size else buffer[at:])
+            if len(adu) < size:
+                return -1
+            if len(adu) >= _SHORTEST and crc_fits(adu):
+                return at
+            found = buffer.find(head, found + 1, end)
+        return -1
 
-    def _take(self, at: int, size: int) -> Frame | None:
+    def _cut(self, at: int, size: int) -> Frame:
+        """Take the frame out, and forget what is before it."""
         adu = bytes(self._buffer[at : at + size])
-        if size < _SHORTEST or not crc_fits(adu):
-            return None
         self.heard_noise = self.heard_noise or at > 0
         del self._buffer[: at + size]
         return Frame(adu[0], adu[1:-2])
@@ -161,7 +180,7 @@ class RequestFramer:
             return []
         data, self._deadline = bytes(self._buffer), None
         self._buffer.clear()
-        return list(_frames(data, request_size))
+        return requests_in(data)
 
     def _take_complete(self) -> list[Frame]:
         frames = []
@@ -171,9 +190,19 @@ class RequestFramer:
         return frames
 
 
+def responses_in(data: bytes) -> list[Frame]:
+    """The frames in `data` that read as responses, noise between them left out."""
+    return list(_frames(data, response_size))
+
+
+def requests_in(data: bytes) -> list[Frame]:
+    """The frames in `data` that read as requests, noise between them left out."""
+    return list(_frames(data, request_size))
+
+
 def _complete(data: bytes | bytearray, foretell: Callable[[bytes], int]) -> int:
     """Size of the ADU at the start of `data` when all of it is there, else 0."""
-    size = foretell(bytes(data[_HEAD])) + OVERHEAD
+    size = foretell(bytes(data[_FORETOLD_BY])) + OVERHEAD
     return size if _SHORTEST <= size <= len(data) else 0
 
 

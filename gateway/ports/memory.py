@@ -82,6 +82,7 @@ class MemoryPort:
 
     def __init__(self, line: MemoryLine, user: PortUser) -> None:
         self.latency = line.latency
+        self.virtual = True
         self.user = user
         self._line: MemoryLine | None = line
 

@@ -13,6 +13,8 @@ class Port(Protocol):
 
     #: What adapter and driver may add to an answer, in seconds: part of every time limit on this port.
     latency: float
+    #: It carries bytes at once instead of at the line's rate: a pseudo-terminal, a TCP connection.
+    virtual: bool
 
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""

@@ -534,8 +534,6 @@ def test_a_right_says_in_one_way_what_it_allows(row):
         ('[[listen]]\nbind = "ascii+tcp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
         ('[[listen]]\nbind = "udp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
         (SERVER + "serves = 1\n", 'line[1].role: role = "server"'),
-        ("echo = true\n", "line[0].echo: echo = true"),
-        ("retries = 1\n", "line[0].retries: retries above 0"),
         (
             '[[line]]\nport = "rtu+tcp://10.0.0.1:4001"\ndevices = [{ unit = 2 }]\n',
             "line[1].port: a device server as the port of a line",
@@ -566,8 +564,8 @@ def test_nothing_else_is_said_about_a_table_whose_meaning_is_not_built(text, sai
 
 
 def test_what_is_wrong_beside_a_key_that_is_not_built_is_told():
-    said = problems(LINE + 'echo = true\nformat = "7E1"\n', built=False)
-    assert [one.partition(": ")[2].partition(":")[0] for one in said] == ["line[0].echo", "line[0].format"]
+    said = problems(LINE + '[[image]]\nunit = 1\ncoils = 1\npersist = "always"\n', built=False)
+    assert [one.partition(": ")[2].partition(":")[0] for one in said] == ["image[0].unit", "image[0].persist"]
 
 
 def test_every_refusal_is_tested():
@@ -575,18 +573,7 @@ def test_every_refusal_is_tested():
     assert {gap.what for gap in REFUSED} == {said.partition(": ")[2] for _, said in cases}
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("[control]\n", "control: [control]"),
-        ("coalesce = true\n", "line[0].coalesce: coalesce = true"),
-        ('late_window = "auto"\n', "line[0].late_window: late_window"),
-        (
-            '[[line]]\nport = "/dev/b"\ndevices = [{ unit = 2, priority = "high" }, { unit = 3, priority = "high" }]\n',
-            'line[1].devices[0].priority: priority = "high"',
-        ),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), [("[control]\n", "control: [control]")])
 def test_what_has_no_effect_is_told_once(text, said):
     assert problems(LINE + text, built=False) == [f"warning: {said} has no effect yet in this version"]
 
@@ -598,5 +585,5 @@ def test_the_name_of_the_plant_is_accepted_and_has_no_effect():
 
 
 def test_what_is_off_needs_no_warning():
-    text = LINE + 'coalesce = false\nretries = 0\necho = false\n[[image]]\nunit = 2\ncoils = 1\npersist = "never"\n'
+    text = LINE + '[[image]]\nunit = 2\ncoils = 1\npersist = "never"\n'
     assert problems(text, built=False) == []

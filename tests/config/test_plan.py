@@ -7,7 +7,7 @@ import pytest
 from gateway.config.load import parse
 from gateway.config.plan import DEFAULT_LISTENER, LogSettings, Plan, resolve
 from gateway.images.image import ImageSettings
-from gateway.lines.line import LineSettings
+from gateway.lines.settings import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area

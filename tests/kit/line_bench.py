@@ -2,10 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 from gateway.events import Event
 from gateway.lines.device import Device, DeviceSettings, EveryDevice
-from gateway.lines.line import Line, LineSettings
+from gateway.lines.line import Line
+from gateway.lines.settings import LineSettings
+from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.rtu import encode
 from gateway.profiles.profile import Profile
@@ -14,6 +17,7 @@ from gateway.timing.table import TimingTable
 from kit.asker import Asker
 
 TIMING = LineTiming("rtu", 19200, CharacterFormat.parse("8E1"))
+ASCII = LineTiming("ascii", 9600, CharacterFormat.parse("7E1"))
 SETTINGS = LineSettings("hall-a", TIMING, turnaround=0.1)
 LATENCY = 0.005
 
@@ -21,15 +25,24 @@ READ = "03 00 10 00 01"
 READ_FRAME = "01 03 00 10 00 01 85 CF"
 RESPONSE = "03 02 01 10"
 RESPONSE_FRAME = "01 03 02 01 10 B8 18"
+#: The request's time on the wire, and the limit of a device's time-out, for READ.
+REQUEST_TIME = 8 * TIMING.character
+LIMIT = 0.2 + 7 * TIMING.character + LATENCY
+
+E = TypeVar("E", bound=Event)
 
 
 class Bench:
-    """A Line with one device of unit 1 and a time-out of 200 ms, its port open and quiet."""
+    """A Line with devices that have a time-out of 200 ms, its port open and quiet. `virtual` is the port's."""
 
-    def __init__(self, **settings: object) -> None:
+    def __init__(self, *, virtual: bool = True, **settings: object) -> None:
         self.settings = replace(SETTINGS, **settings)
+        self.virtual = virtual
         self.events: list[Event] = []
         self.line = Line(self.settings, self.events.append)
+        self.counts = self.line.counts
+        self.devices: dict[int, Device] = {}
+        self.everyone = EveryDevice(self.line)
         self.written: list[str] = []
         self.now = 100.0
         self.client = Asker()
@@ -37,22 +50,47 @@ class Bench:
         self.pass_time(1.0)
 
     def plug(self) -> None:
-        self.line.port_up(self._write, LATENCY, self.now)
+        self.line.port_up(self._write, LATENCY, self.now, virtual=self.virtual)
 
-    def device(self, unit: int = 1, profile: Profile | None = None, timeout: float = 0.2) -> Device:
+    def unplug(self) -> None:
+        self.line.port_down(self.now)
+
+    def device(
+        self, unit: int = 1, profile: Profile | None = None, timeout: float = 0.2, *, urgent: bool = False
+    ) -> Device:
+        """A new device; the bench's requests to `unit` go to it from now on."""
         answer_time = AnswerTime(TimingTable(), margin=1.5, timeout=timeout)
-        settings = DeviceSettings(f"unit-{unit}", unit, unit, profile or Profile("generic"), answer_time)
-        return Device(settings, self.line)
+        priority = "high" if urgent else "normal"
+        settings = DeviceSettings(f"unit-{unit}", unit, unit, profile or Profile("generic"), answer_time, priority)
+        self.devices[unit] = Device(settings, self.line)
+        return self.devices[unit]
 
     def ask(self, pdu: str = READ, unit: int = 1, client: Asker | None = None) -> None:
         asker = client or self.client
-        self.device(unit).submit(asker.ask(pdu, unit=unit, now=self.now), self.now)
+        device = self.devices.get(unit) or self.device(unit)
+        device.submit(asker.ask(pdu, unit=unit, now=self.now), self.now)
 
-    def broadcast(self, pdu: str) -> None:
-        EveryDevice(self.line).submit(self.client.ask(pdu, unit=0, now=self.now), self.now)
+    def asks(self, pdu: str = READ, unit: int = 1) -> str | None:
+        """Ask, wait for the answer."""
+        count = len(self.client.answers)
+        self.ask(pdu, unit)
+        self.pass_time(1.0)
+        (answer,) = self.client.answers[count:]
+        return answer
+
+    def broadcast(self, pdu: str, client: Asker | None = None) -> None:
+        self.everyone.submit((client or self.client).ask(pdu, unit=0, now=self.now), self.now)
 
     def hear(self, frame: str) -> None:
         self.line.received(bytes.fromhex(frame), self.now)
+
+    def respond(self, pdu: str = RESPONSE, unit: int = 1) -> None:
+        """A device says this."""
+        self.hear(self.frame(unit, pdu))
+
+    def frame(self, unit: int, pdu: str) -> str:
+        """As it goes on this line."""
+        return frame(unit, pdu, ascii_framing.encode if self.settings.timing.mode == "ascii" else encode)
 
     def pass_time(self, seconds: float) -> None:
         """Let time pass as the driver does: the line is woken at each of its deadlines."""
@@ -62,9 +100,22 @@ class Bench:
             self.line.tick(self.now)
         self.now = end
 
+    def told(self, kind: type[E]) -> list[E]:
+        """The events of this kind."""
+        return [event for event in self.events if isinstance(event, kind)]
+
     def _write(self, data: bytes) -> None:
         self.written.append(data.hex(" ").upper())
 
 
 def frame(unit: int, pdu: str, encoder: Callable[[int, bytes], bytes] = encode) -> str:
     return encoder(unit, bytes.fromhex(pdu)).hex(" ").upper()
+
+
+def is_empty(line: Line) -> bool:
+    """Whether nothing is left behind in a line: no transaction, no window, nothing that waits."""
+    queue = line._queue
+    queue.expired(0.0)  # forgets those that wait no more
+    rows = [row for row in queue._rows.values() if row.waiting]
+    left = (queue._waiting, queue._reads, queue._joined, queue._urgent, queue._plain, queue._expiries, rows)
+    return not any(left) and line._current is None and line._again is None

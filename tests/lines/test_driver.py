@@ -2,17 +2,20 @@
 
 import asyncio
 
+import pytest
+
 from gateway.errors import PortError
 from gateway.events import Event, PartFailed
-from gateway.lines.device import Device
+from gateway.lines.device import Device, EveryDevice
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from kit.asker import Asker
-from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench
+from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench, is_empty
 
 
 class FakePort:
     latency = 0.005
+    virtual = True
 
     def __init__(self) -> None:
         self.written: list[str] = []
@@ -96,4 +99,88 @@ async def test_a_defect_ends_at_the_border_requests_fail_and_the_port_is_reopene
     assert driven.port.closed
     assert isinstance(driven.events[0], PartFailed)
     assert "ZeroDivisionError" in driven.events[0].traceback
+    driven.driver.close()
+
+
+def defect(*_: object) -> None:
+    raise ZeroDivisionError
+
+
+class Unanswerable:
+    """An answer time that cannot be worked out."""
+
+    slowest = 0.0
+    allowed = staticmethod(defect)
+
+
+async def three_clients(driven: Driven) -> list[Asker]:
+    """One request on the line, two that wait, a broadcast behind them; all of different clients."""
+    clients = [Asker(f"10.0.0.{number}:1") for number in range(4)]
+    await asyncio.sleep(0.1)
+    now = driven.loop.time()
+    for client, pdu in zip(clients, [READ, "06 00 01 00 05", "04 00 10 00 01"], strict=False):
+        driven.device.submit(client.ask(pdu, now=now), now)
+    EveryDevice(driven.driver).submit(clients[3].ask("06 00 01 00 05", unit=0, now=now), now)
+    return clients
+
+
+@pytest.mark.parametrize("where", ["encode", "write", "finished", "observer"])
+async def test_a_defect_loses_no_request_each_gets_exactly_one_answer(where: str) -> None:
+    driven = Driven()
+    clients = await three_clients(driven)
+    assert driven.port.written == [READ_FRAME]
+    if where == "encode":
+        driven.line._framer.encode = defect
+    elif where == "write":
+        driven.line._write = defect
+    elif where == "finished":
+        driven.device.finished = defect  # type: ignore[method-assign]
+    else:
+        driven.line.observer = defect
+    driven.driver.received(bytes.fromhex(RESPONSE_FRAME))
+    await asyncio.sleep(0.5)
+    assert clients[0].answers == [RESPONSE]
+    assert [len(client.answers) for client in clients] == [1, 1, 1, 1]
+    assert isinstance(driven.events[0], PartFailed)
+    assert driven.port.closed
+    assert is_empty(driven.line)
+    driven.driver.close()
+
+
+@pytest.mark.parametrize("where", ["encode", "write"])
+async def test_a_defect_while_a_broadcast_leaves_ends_it_once(where: str) -> None:
+    driven = Driven()
+    await asyncio.sleep(0.1)
+    if where == "encode":
+        driven.line._framer.encode = defect
+    else:
+        driven.line._write = defect
+    now = driven.loop.time()
+    EveryDevice(driven.driver).submit(driven.client.ask("06 00 01 00 05", unit=0, now=now), now)
+    assert driven.client.answers == [None]
+    assert isinstance(driven.events[0], PartFailed)
+    driven.driver.close()
+
+
+async def test_a_request_that_cannot_even_be_started_is_answered() -> None:
+    driven = Driven()
+    await asyncio.sleep(0.1)
+    driven.device.answer_time = Unanswerable()  # type: ignore[assignment]
+    driven.ask()
+    assert driven.client.answers == ["83 0B"]
+    assert driven.port.closed
+    driven.driver.close()
+
+
+async def test_the_port_that_a_defect_has_closed_may_come_back() -> None:
+    driven = Driven()
+    await asyncio.sleep(0.1)
+    driven.line._write = defect
+    driven.ask()
+    driven.driver.port_down(PortError("closed"))
+    driven.driver.port_up(driven.port)
+    await asyncio.sleep(1.0)
+    driven.ask()
+    driven.driver.received(bytes.fromhex(RESPONSE_FRAME))
+    assert driven.client.answers == ["83 0B", RESPONSE]
     driven.driver.close()

@@ -3,13 +3,28 @@
 import pytest
 
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
+from gateway.lines.quirks import RestlessDevice, Whereabouts
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.profiles.profile import Profile
 from kit.asker import Asker
-from kit.line_bench import LATENCY, READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
+from kit.line_bench import (
+    ASCII,
+    LATENCY,
+    LIMIT,
+    READ,
+    READ_FRAME,
+    REQUEST_TIME,
+    RESPONSE,
+    RESPONSE_FRAME,
+    TIMING,
+    Bench,
+    frame,
+    is_empty,
+)
 
-REQUEST_TIME = 8 * TIMING.character
-LIMIT = 0.2 + 7 * TIMING.character + LATENCY
+OTHER = "03 00 20 00 01"
+WRITE = "06 00 01 00 05"
 
 
 @pytest.fixture
@@ -97,6 +112,7 @@ def test_silence_is_answered_0b_when_the_limit_after_the_request_has_passed(benc
     assert bench.client.answers == ["83 0B"]
     assert isinstance(bench.events[0], RequestTimeout)
     assert (bench.events[0].limit_ms, bench.events[0].elapsed_ms) == (round(LIMIT * 1000, 1),) * 2
+    assert (bench.counts.broken, bench.counts.timeouts) == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +130,8 @@ def test_rubbish_is_answered_0b_when_the_limit_has_passed(bench: Bench, heard: s
     bench.pass_time(0.3)
     assert bench.client.answers == ["83 0B"]
     assert isinstance(bench.events[0], BadFrame)
-    assert bench.line.counts.broken == 1
+    assert (bench.counts.broken, bench.counts.timeouts) == (1, 0)
+    assert bench.events[0].heard.startswith(heard[:8].strip())
 
 
 @pytest.mark.parametrize(
@@ -141,7 +158,7 @@ def test_a_foreign_frame_alone_is_told_and_ends_in_0b(bench: Bench) -> None:
     bench.hear(frame(0x4D, "03 02 DE AD"))
     bench.pass_time(0.3)
     assert bench.client.answers == ["83 0B"]
-    assert bench.events[0] == ForeignFrame("hall-a", 0x4D, "unit-1", 3, "4D 03 02 DE AD")
+    assert bench.events[0] == ForeignFrame("hall-a", 1, "unit-1", 3, "4D 03 02 DE AD")
     assert bench.line.counts.foreign_frames == 1
 
 
@@ -166,7 +183,7 @@ def test_an_exception_from_the_device_is_passed_on_at_once(bench: Bench) -> None
     bench.ask()
     bench.hear("01 83 06 C1 32")
     assert bench.client.answers == ["83 06"]
-    assert bench.line.counts.exceptions == 1
+    assert (bench.counts.responses, bench.counts.exceptions) == (1, 1)
 
 
 @pytest.mark.parametrize("noise", ["00 FF", "01", "01 03", "01 83", READ_FRAME])
@@ -324,12 +341,6 @@ def test_a_foreign_ascii_frame_is_dropped_as_it_comes() -> None:
     assert bench.line.counts.foreign_frames == 1
 
 
-def test_busy_says_whether_something_is_under_way(bench: Bench) -> None:
-    assert not bench.line.busy
-    bench.ask()
-    assert bench.line.busy
-
-
 def test_the_repr_is_a_status_line(bench: Bench) -> None:
     assert repr(bench.line) == "<Line hall-a idle waiting=0>"
     bench.ask()
@@ -345,3 +356,363 @@ def test_a_request_that_its_device_cannot_have_never_reaches_the_line(bench: Ben
     bench.ask(pdu)
     assert len(bench.client.answers) == 1
     assert bench.written == []
+
+
+# --- several frames at once ---
+
+
+def test_a_second_response_in_one_chunk_is_dropped_and_counted(bench: Bench) -> None:
+    bench.ask()
+    bench.hear(2 * RESPONSE_FRAME)
+    assert bench.client.answers == [RESPONSE]
+    assert (bench.counts.responses, bench.counts.foreign_frames) == (1, 1)
+
+
+@pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+def test_the_next_client_does_not_get_the_second_copy_of_a_response(timing: LineTiming) -> None:
+    """With no gap its request goes out between the two copies; but both came before it."""
+    bench = Bench(timing=timing, gap=0.0)
+    second = Asker("10.0.0.10:1")
+    bench.ask()
+    bench.ask(OTHER, client=second)
+    bench.hear(2 * bench.frame(1, RESPONSE))
+    assert bench.written == [bench.frame(1, READ), bench.frame(1, OTHER)]
+    assert (bench.client.answers, second.answers) == ([RESPONSE], [])
+    assert bench.counts.foreign_frames == 1
+    bench.respond("03 02 00 07")
+    assert second.answers == ["03 02 00 07"]
+
+
+def test_an_exception_behind_the_response_is_not_the_next_requests(bench: Bench) -> None:
+    bench.ask()
+    bench.hear(RESPONSE_FRAME + "01 83 06 C1 32")
+    bench.ask(OTHER)
+    bench.pass_time(0.01)
+    assert bench.client.answers == [RESPONSE]
+    assert bench.counts.exceptions == 0
+
+
+def test_an_exception_inside_the_data_of_a_response_is_data() -> None:
+    data = "03 06 01 83 02 C0 F1 00"
+    for size in (1, 3, 11):
+        bench = Bench()
+        bench.ask("03 00 10 00 03")
+        whole = bytes.fromhex(frame(1, data))
+        for at in range(0, len(whole), size):
+            bench.hear(whole[at : at + size].hex())
+        assert bench.client.answers == [data]
+
+
+# --- what ends by silence ---
+
+
+def test_a_response_of_an_unknown_function_may_end_a_little_after_the_limit(bench: Bench) -> None:
+    """Its size is not foretold, so its limit has no time for it on the wire."""
+    bench.ask("41 01 02")
+    whole = frame(1, "41 99 98 97 96 95")
+    bench.pass_time(6 * TIMING.character + 0.2 + LATENCY - 0.001)
+    bench.hear(whole[:12])
+    bench.pass_time(0.002)
+    bench.hear(whole[12:])
+    bench.pass_time(TIMING.t35 + LATENCY - 1e-6)
+    assert bench.client.answers == []
+    bench.pass_time(2e-6)
+    assert bench.client.answers == ["41 99 98 97 96 95"]
+    assert bench.counts.timeouts == bench.counts.broken == 0
+
+
+def test_babble_does_not_put_off_the_limit_of_an_unknown_function_for_ever(bench: Bench) -> None:
+    bench.ask("41 01 02")
+    began = bench.now
+    while not bench.client.answers and bench.now < began + 5:
+        bench.hear("55")
+        bench.pass_time(0.001)
+    assert bench.client.answers == ["C1 0B"]
+    assert bench.now - began < 0.2 + TIMING.longest_frame + 0.02
+    assert bench.counts.broken == 1
+
+
+# --- silences ---
+
+
+def test_noise_does_not_end_the_turnaround_after_a_broadcast_early(bench: Bench) -> None:
+    bench.broadcast(WRITE)
+    bench.ask()
+    bench.pass_time(0.01)
+    bench.hear("55")
+    bench.pass_time(REQUEST_TIME + 0.1 - 0.01 - 1e-6)
+    assert len(bench.written) == 1
+    bench.pass_time(2e-6)
+    assert len(bench.written) == 2
+
+
+def test_noise_at_the_end_of_a_turnaround_puts_the_next_request_off(bench: Bench) -> None:
+    bench.broadcast(WRITE)
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + 0.1 - 1e-4)
+    bench.hear("55")
+    bench.pass_time(TIMING.t35 - 1e-6)
+    assert len(bench.written) == 1
+    bench.pass_time(2e-6)
+    assert len(bench.written) == 2
+
+
+def test_without_a_turnaround_the_silence_before_a_request_is_kept_behind_a_broadcast() -> None:
+    bench = Bench(turnaround=0.0)
+    bench.broadcast(WRITE)
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + TIMING.t35 - 1e-6)
+    assert len(bench.written) == 1
+    bench.pass_time(2e-6)
+    assert len(bench.written) == 2
+
+
+def test_the_first_request_waits_for_the_silence_after_the_port_has_opened(bench: Bench) -> None:
+    bench.unplug()
+    bench.plug()
+    bench.ask()
+    bench.pass_time(TIMING.t35 - 1e-6)
+    assert bench.written == []
+    bench.pass_time(2e-6)
+    assert bench.written == [READ_FRAME]
+
+
+def test_a_gap_longer_than_the_limit_is_kept_after_a_time_out() -> None:
+    bench = Bench(gap=0.5)
+    bench.ask()
+    bench.ask(unit=2)
+    bench.pass_time(REQUEST_TIME + 0.5 - 1e-6)
+    assert bench.client.answers == ["83 0B"]
+    assert len(bench.written) == 1
+    bench.pass_time(2e-6)
+    assert len(bench.written) == 2
+
+
+def test_unasked_frames_are_dropped_and_counted(bench: Bench) -> None:
+    bench.hear(RESPONSE_FRAME)
+    bench.ask()
+    bench.pass_time(0.01)
+    assert bench.client.answers == []
+    assert bench.counts.unasked_bytes == 7
+
+
+# --- retries ---
+
+
+def broken_frame(bench: Bench) -> None:
+    """Instead of the response, until the limit has run out."""
+    bench.hear(bench.frame(1, RESPONSE)[:-2] + "00")
+    bench.pass_time(REQUEST_TIME + LIMIT + 1e-3)
+
+
+def test_a_read_is_sent_again_at_once_after_a_broken_frame() -> None:
+    bench = Bench(retries=1)
+    bench.ask()
+    bench.ask(WRITE, client=Asker("10.0.0.10:1"))
+    broken_frame(bench)
+    assert bench.written == [READ_FRAME, READ_FRAME]
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
+    assert (bench.counts.retries, bench.counts.sent, bench.counts.broken, bench.counts.responses) == (1, 2, 0, 1)
+    assert bench.events == []
+
+
+def test_it_is_sent_again_so_many_times_and_no_more() -> None:
+    bench = Bench(retries=2)
+    bench.ask()
+    for _ in range(3):
+        broken_frame(bench)
+    assert bench.client.answers == ["83 0B"]
+    assert bench.written == [READ_FRAME] * 3
+    assert (bench.counts.retries, bench.counts.broken) == (2, 1)
+    assert bench.devices[1].breaker.failures == 1
+
+
+def test_after_silence_nothing_is_sent_again() -> None:
+    bench = Bench(retries=3)
+    bench.ask()
+    bench.pass_time(1.0)
+    assert bench.client.answers == ["83 0B"]
+    assert bench.written == [READ_FRAME]
+
+
+@pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "41 01", "08 00 00 12 34"])
+def test_what_may_change_something_is_never_sent_again(pdu: str) -> None:
+    bench = Bench(retries=3)
+    bench.ask(pdu)
+    bench.hear("55")
+    bench.pass_time(1.0)
+    assert len(bench.client.answers) == 1
+    assert bench.written == [frame(1, pdu)]
+
+
+def test_what_nobody_wants_any_more_is_not_sent_again() -> None:
+    bench = Bench(retries=3)
+    bench.ask()
+    bench.client.gone = True
+    broken_frame(bench)
+    assert bench.written == [READ_FRAME]
+
+
+def test_who_leaves_before_the_second_sending_changes_nothing() -> None:
+    """It was on the line, so what may still come of it matters."""
+    bench = Bench(retries=1, gap=0.5)
+    bench.ask()
+    bench.hear("55")
+    bench.pass_time(0.3)
+    bench.client.gone = True
+    bench.pass_time(0.5)
+    assert bench.written == [READ_FRAME, READ_FRAME]
+
+
+def test_the_silence_before_a_request_is_kept_before_a_second_sending_too() -> None:
+    bench = Bench(retries=1, gap=0.5)
+    bench.ask()
+    bench.ask(unit=2)
+    bench.pass_time(0.1)
+    bench.hear("55")
+    bench.pass_time(0.5 - 1e-6)
+    assert bench.written == [READ_FRAME]
+    bench.pass_time(2e-6)
+    assert bench.written == [READ_FRAME, READ_FRAME]
+
+
+def test_a_line_that_stays_loud_is_given_up_without_a_second_sending() -> None:
+    bench = Bench(retries=1, gap=0.5)
+    bench.ask()
+    bench.hear("55")
+    bench.pass_time(0.3)
+    bench.hear("55")
+    assert bench.client.answers == ["83 0B"]
+    bench.respond()
+    assert bench.counts.late_responses == 1
+    bench.pass_time(5.0)
+    assert bench.written == [READ_FRAME]
+    assert is_empty(bench.line)
+
+
+def test_a_request_that_waits_behind_a_second_sending_expires_in_time() -> None:
+    bench = Bench(retries=1, gap=5.0, max_wait=1.0)
+    bench.pass_time(5.0)
+    bench.ask()
+    second = Asker("10.0.0.10:1")
+    bench.ask(unit=2, client=second)
+    bench.hear("55")
+    bench.pass_time(1.0)
+    assert second.answers == ["83 06"]
+
+
+def test_a_port_lost_before_the_second_sending_is_0b_because_it_was_sent() -> None:
+    bench = Bench(retries=1, gap=0.5)
+    bench.ask()
+    bench.ask(unit=2)
+    bench.hear("55")
+    bench.pass_time(0.3)
+    bench.unplug()
+    assert bench.client.answers == ["83 0B", "83 0A"]
+    assert is_empty(bench.line)
+
+
+# --- order, sharing and refusals as the line sees them ---
+
+
+def test_equal_reads_that_wait_share_one_transaction_and_all_are_answered(bench: Bench) -> None:
+    clients = [Asker(f"10.0.0.{number}:1") for number in range(5)]
+    bench.ask()
+    for client in clients:
+        bench.ask(client=client)
+    bench.respond("03 02 00 01")
+    bench.pass_time(0.01)
+    assert bench.written == [READ_FRAME, READ_FRAME]
+    assert [client.answers for client in clients] == [[]] * 5
+    bench.respond("03 02 00 02")
+    assert bench.client.answers == ["03 02 00 01"]
+    assert [client.answers for client in clients] == [["03 02 00 02"]] * 5
+
+
+def test_all_who_share_fail_together(bench: Bench) -> None:
+    clients = [Asker(f"10.0.0.{number}:1") for number in range(3)]
+    bench.ask(unit=2)
+    for client in clients:
+        bench.ask(client=client)
+    bench.respond(unit=2)
+    bench.pass_time(1.0)
+    assert [client.answers for client in clients] == [["83 0B"]] * 3
+
+
+def test_a_shared_read_is_sent_as_long_as_one_client_wants_it(bench: Bench) -> None:
+    gone, stays = Asker("10.0.0.1:1"), Asker("10.0.0.2:1")
+    bench.ask(unit=2)
+    bench.ask(client=gone)
+    bench.ask(client=stays)
+    gone.gone = True
+    bench.respond(unit=2)
+    bench.pass_time(0.01)
+    bench.respond()
+    assert stays.answers == [RESPONSE]
+
+
+def test_a_request_that_its_device_refuses_when_its_turn_comes_is_not_sent(bench: Bench) -> None:
+    quirky = Profile("weigher", quirks=frozenset({"moves"}))
+    whereabouts = Whereabouts()
+    whereabouts.place("another", 5)
+    bench.devices[1] = RestlessDevice(
+        bench.device(profile=quirky).settings, bench.line, line_name="", line_source="", whereabouts=whereabouts,
+        is_alone=False, remember=lambda _: None, emit=bench.events.append,
+    )  # fmt: skip
+    bench.ask("10 01 00 00 01 02 00 05")
+    assert bench.client.answers == ["90 03"]
+    assert (bench.counts.sent, is_empty(bench.line)) == (0, True)
+
+
+def test_everything_is_counted(bench: Bench) -> None:
+    counts = bench.counts
+    bench.ask()
+    bench.pass_time(0.3)
+    bench.respond()
+    bench.ask("04 00 10 00 01", unit=2)
+    bench.pass_time(0.01)
+    bench.respond("84 02", unit=2)
+    bench.broadcast(WRITE)
+    assert (counts.sent, counts.responses, counts.exceptions, counts.timeouts) == (2, 1, 1, 1)
+    assert (counts.late_responses, counts.broadcasts) == (1, 0)
+    bench.pass_time(1.0)
+    assert (counts.sent, counts.broadcasts, counts.responses) == (3, 1, 1)
+
+
+def test_refusals_are_counted() -> None:
+    bench = Bench(queue=1, max_wait=0.1)
+    for _ in range(3):
+        bench.ask()
+    bench.pass_time(0.1)
+    assert (bench.counts.queue_full, bench.counts.waited_too_long) == (1, 1)
+    assert bench.client.answers == ["83 06", "83 06"]
+
+
+def test_noise_beside_a_response_is_counted(bench: Bench) -> None:
+    bench.ask()
+    bench.hear("55" + RESPONSE_FRAME)
+    bench.pass_time(0.01)
+    bench.ask()
+    bench.hear(RESPONSE_FRAME)
+    assert (bench.counts.noise, bench.counts.responses, bench.counts.foreign_frames) == (1, 2, 0)
+
+
+def test_a_foreign_frame_before_the_response_is_told_and_is_no_noise(bench: Bench) -> None:
+    bench.ask()
+    bench.hear(frame(9, "03 02 DE AD") + RESPONSE_FRAME)
+    assert bench.client.answers == [RESPONSE]
+    assert (bench.counts.noise, bench.counts.foreign_frames) == (0, 1)
+    assert bench.told(ForeignFrame)[0].frame == "09 03 02 DE AD"
+
+
+def test_an_observer_sees_each_transaction_with_its_answer_and_when(bench: Bench) -> None:
+    seen = []
+    bench.line.observer = lambda transaction, answer, now: seen.append((transaction.unit, answer, now))
+    bench.ask()
+    bench.respond()
+    bench.pass_time(0.01)
+    bench.ask(unit=2)
+    bench.pass_time(1.0)
+    assert [(unit, answer and answer.pdu.hex(" ").upper()) for unit, answer, _ in seen] == [(1, RESPONSE), (2, None)]
+    assert seen[0][2] == 101.0

@@ -1,6 +1,6 @@
 """The response framer: what a client hears on an RTU line after its request."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import pytest
 from hypothesis import given
@@ -229,3 +229,61 @@ def test_garbage_raises_nothing(question, chunks):
     framer = asked(question)
     for frame in hear(framer, *chunks) + framer.conclude():
         assert 1 <= len(frame.pdu) <= 253
+
+
+# --- exceptions and data that looks like them ---
+
+#: Asks for three registers. Its answer's data is an exception response, and a byte of the next register's.
+THREE = bytes.fromhex("03 00 10 00 03")
+LOOKS_REFUSED = encode(1, bytes.fromhex("03 06 01 83 02 C0 F1 00"))
+
+
+def from_anywhere(pdu: bytes = THREE) -> ResponseFramer:
+    """One that looks for an answer from whatever unit."""
+    framer = ResponseFramer(SILENCE)
+    framer.expect(None, parse_request(pdu))
+    return framer
+
+
+@pytest.mark.parametrize("expecting", [lambda: asked(THREE, 1), from_anywhere], ids=["unit 1", "any unit"])
+def test_an_exception_inside_the_data_of_a_response_is_data(expecting):
+    assert LOOKS_REFUSED[3:8] == encode(1, b"\x83\x02")
+    for chunks in chunkings(LOOKS_REFUSED):
+        assert hear(expecting(), *chunks) == [(1, LOOKS_REFUSED[1:-2])]
+
+
+@pytest.mark.parametrize("expecting", [lambda: asked(THREE, 1), from_anywhere], ids=["unit 1", "any unit"])
+def test_an_exception_inside_a_response_that_turns_out_broken_is_found_behind_it(expecting):
+    """When the whole of it is there and its CRC is wrong, it was no response: the exception may have been one."""
+    broken_response = LOOKS_REFUSED[:-1] + b"\x00"
+    for chunks in chunkings(broken_response):
+        assert hear(expecting(), *chunks) == [(1, b"\x83\x02")]
+
+
+def test_an_exception_before_the_beginning_of_a_response_is_found_at_once():
+    framer = asked(THREE, 1)
+    assert framer.received(encode(1, b"\x83\x02") + LOOKS_REFUSED[:6], 0.0) == [(1, b"\x83\x02")]
+
+
+def test_all_responses_are_told_in_the_order_they_came_however_they_are_cut():
+    refused = encode(UNIT, b"\x83\x02")
+    frames = {GOOD: (UNIT, ANSWER), refused: (UNIT, b"\x83\x02")}
+    for order in product(frames, repeat=3):
+        for chunks in chunkings(b"\x55".join(order)):
+            framer = asked()
+            assert hear(framer, *chunks) == [frames[frame] for frame in order]
+            assert framer.heard_noise
+
+
+def test_a_response_from_anywhere_is_told_with_its_unit():
+    for unit in (1, 77, 247):
+        assert hear(from_anywhere(), b"\x03", encode(unit, LOOKS_REFUSED[1:-2])) == [(unit, LOOKS_REFUSED[1:-2])]
+
+
+def test_the_rest_of_a_response_completes_it_after_it_was_given_up():
+    """A late response may have begun in time."""
+    framer = asked()
+    framer.received(GOOD[:5], 0.0)
+    framer.conclude()
+    assert framer.heard_noise
+    assert framer.received(GOOD[5:], 1.0) == [(UNIT, ANSWER)]

@@ -8,6 +8,7 @@ from kit.conversation import Conversation, Stage, conversations
 from kit.house import house
 
 LINE_RULES = conversations(Path(__file__).with_name("line-rules.conversations"))
+LATE_ANSWERS = conversations(Path(__file__).with_name("late-answers.conversations"))
 
 CONFIG = """
 [[listen]]
@@ -35,4 +36,27 @@ devices   = [{ unit = 2, timeout = "300 ms" }, { unit = 3, timeout = "3 s" }]
 @pytest.mark.parametrize("conversation", LINE_RULES, ids=lambda conversation: conversation.title)
 async def test_a_line_keeps_the_rules(conversation: Conversation) -> None:
     async with house(CONFIG) as home:
+        await Stage(home).play(conversation)
+
+
+#: Limits of a question for one register: 4 ms for the answer on the wire, the time-out, 5 ms for the port.
+LINES_WITH_FAULTS = """
+[[line]]
+name    = "rtu"
+port    = "/dev/rtu"
+baud    = 19200
+devices = [{ unit = "1-2", timeout = "200 ms" }, { unit = 3, timeout = "50 ms" }]
+
+[[line]]
+name    = "echo"
+port    = "/dev/echo"
+baud    = 19200
+echo    = true
+devices = [{ unit = 11, timeout = "200 ms" }]
+"""
+
+
+@pytest.mark.parametrize("conversation", LATE_ANSWERS, ids=lambda conversation: conversation.title)
+async def test_a_line_never_lies_and_never_stalls(conversation: Conversation) -> None:
+    async with house(LINES_WITH_FAULTS) as home:
         await Stage(home).play(conversation)

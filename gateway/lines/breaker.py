@@ -1,0 +1,50 @@
+"""Resting units: a device that does not answer must not take its line's time from the others.
+
+After three failures in a row a unit rests: its requests are answered 0B at once. A rest counts from the end of the
+last failure's late window. When it is over, the next client's request is the probe: the gateway sends nothing of its
+own. If the probe fails too, the next rest is twice as long. A rest is at least nine limits, so a dead unit takes at
+most a tenth of its line's time. Any valid frame from the unit, a late one included, ends all of it.
+"""
+
+from typing import Final
+
+#: Failures in a row after which a unit rests.
+FAILURES: Final = 3
+#: The first rest and the longest one, in seconds; both at least so many time limits.
+FIRST_REST: Final = 1.0
+LONGEST_REST: Final = 60.0
+LIMITS_PER_REST: Final = 9
+
+
+class Breaker:
+    """Whether one unit may be asked."""
+
+    __slots__ = ("_until", "failures", "rest")
+
+    def __init__(self) -> None:
+        #: Failures in a row.
+        self.failures = 0
+        #: Length of the last rest in seconds, 0 when the unit has not rested since it was heard.
+        self.rest = 0.0
+        self._until = 0.0
+
+    def rests(self, now: float) -> bool:
+        """Whether the unit rests at `now`."""
+        return self.failures >= FAILURES and now < self._until
+
+    def failed(self, limit: float, window_end: float) -> bool:
+        """A request to the unit has failed after `limit` seconds; True when its first rest begins with that."""
+        self.failures += 1
+        if self.failures < FAILURES:
+            return False
+        least = LIMITS_PER_REST * limit
+        is_first = self.rest == 0.0
+        self.rest = max(FIRST_REST, least, min(2 * self.rest, LONGEST_REST))
+        self._until = window_end + self.rest
+        return is_first
+
+    def heard(self) -> bool:
+        """A valid frame has come from the unit; True when that ends its rests."""
+        rested = self.rest > 0.0
+        self.failures, self.rest, self._until = 0, 0.0, 0.0
+        return rested

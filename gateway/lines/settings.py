@@ -1,0 +1,39 @@
+"""How a line behaves: what the config says, and what follows from it."""
+
+from dataclasses import dataclass
+
+from gateway.modbus.chartime import LineTiming
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """How one line behaves; all times in seconds.
+
+    `idle_chars` is the silence that ends an RTU frame for all its devices, in characters. `gap` is the silence before
+    each request, None for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a
+    late answer may come, None for what the device's answer times say.
+    """
+
+    name: str
+    timing: LineTiming
+    turnaround: float
+    idle_chars: float = 3.5
+    gap: float | None = None
+    late_window: float | None = None
+    queue: int = 64
+    max_wait: float = 2.0
+    retries: int = 0
+    echo: bool = False
+    coalesce: bool = True
+    broadcast: bool = True
+    source: str = ""
+
+    @property
+    def frame_end(self) -> float:
+        """The silence that ends a frame: none in ASCII, whose frames show their own ends."""
+        return 0.0 if self.timing.mode == "ascii" else self.timing.silence(self.idle_chars)
+
+    @property
+    def silence_before_request(self) -> float:
+        """How long the line is quiet before each request."""
+        return self.frame_end if self.gap is None else self.gap

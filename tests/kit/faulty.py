@@ -1,0 +1,502 @@
+"""Devices that answer rightly, on a line that does not: each request may meet a fault, and the line notes which.
+
+    line = FaultyLine(timing, FaultyDevice(1, number=7), share=0.2, seed=4)
+    for delay, data in line.received(b"...", now):
+        loop.call_later(delay, port.deliver, data)
+    line.last.fault
+
+Without I/O; the same seed and the same requests give the same bytes. What a device holds says whose it is: the value of
+a register or the pattern of coils is unlike that of any other device, area or address, see `word` and `bit`.
+
+Faults that nobody can detect are left out: an answer that comes later than the late window; a frame that fits a request
+to the same unit with the same function, while such a request is on the line or may still be answered (a duplicate, an
+unasked frame); and damage that the check sum does not show, one case in 65536 for a CRC, one in 256 for an LRC.
+"""
+
+import random
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import rtu
+from gateway.modbus.chartime import LineTiming
+from gateway.modbus.checks import crc_fits, lrc
+from gateway.modbus.codes import Area
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu, parse_request
+from kit.device import Answer, SimulatedDevice
+from kit.noise import flipped
+
+#: Items of each area of a device; `number` of devices: together they fill the 16 bits of a register.
+ITEMS: Final = 512
+NUMBERS: Final = 64
+#: A function of the devices that no specification knows: the answer is the device's number and what was sent.
+OWN_FUNCTION: Final = 65
+
+_READS = frozenset({1, 2, 3, 4})
+_FOREIGN_FUNCTIONS = (1, 2, 3, 4, 5, 6, 15, 16)
+_EXCEPTION_CODES = (2, 4, 5, 6, 8)
+#: The longest time a device thinks, and the longest pause between two chunks of a frame that is not late, in seconds.
+_THINKING = 0.005
+_PAUSE = 0.004
+
+
+def word(number: int, area: Area, address: int) -> int:
+    """What register `address` of device `number` holds until it is written."""
+    return number << 10 | (area is Area.INPUT) << 9 | address
+
+
+def bit(number: int, area: Area, address: int) -> bool:
+    """What coil or discrete input `address` of device `number` holds until it is written."""
+    mixed = (number * 2 + (area is Area.DISCRETE)) * 0x9E3779B1 + address * 0x85EBCA6B & 0xFFFFFFFF
+    return bool((mixed ^ mixed >> 15) * 0xC2B2AE35 >> 20 & 1)
+
+
+class Fault(StrEnum):
+    """What can happen to one exchange."""
+
+    NONE = "no fault"
+    EXCEPTION = "exception"
+    LATE = "late"
+    LATE_EXCEPTION = "late exception"
+    NOISE_THEN_LATE = "noise, then late"
+    HALF_LATE = "half in time, half late"
+    DUPLICATE = "duplicate at once"
+    STALE = "duplicate in another exchange"
+    FOREIGN_UNIT = "foreign unit"
+    FOREIGN_FUNCTION = "foreign function"
+    WRONG_SIZE = "wrong size"
+    WRONG_ECHO = "wrong echo fields"
+    CUT = "cut"
+    FLIPPED = "bits flipped"
+    NOISE_BEFORE = "noise before"
+    NOISE_BEHIND = "noise behind"
+    NOISE_BETWEEN = "noise between"
+    HOLES = "holes"
+    SILENT = "silent"
+    BABBLE = "babble"
+    OTHER_CLIENT = "other client"
+    ECHO_LOST = "echo lost"
+    ECHO_DAMAGED = "echo damaged"
+    ECHO_ALONE = "echo alone"
+
+
+#: Only where the adapter returns what is sent.
+ECHO_FAULTS: Final = frozenset({Fault.ECHO_LOST, Fault.ECHO_DAMAGED, Fault.ECHO_ALONE})
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """What happened to one request: the fault, and the code if the device's answer is an exception."""
+
+    fault: Fault
+    code: int | None = None
+
+
+class FaultyDevice(SimulatedDevice):
+    """A device whose values say that they are its own. `timeout` is what the gateway allows it, in seconds."""
+
+    def __init__(self, unit: int, *, number: int, timeout: float = 0.05) -> None:
+        super().__init__(unit)
+        self.number = number
+        self.timeout = timeout
+        self.dead_until = 0.0
+        self.holding = [word(number, Area.HOLDING, address) for address in range(ITEMS)]
+        self.input = [word(number, Area.INPUT, address) for address in range(ITEMS)]
+        self.coils = [bit(number, Area.COILS, address) for address in range(ITEMS)]
+        self.discrete = [bit(number, Area.DISCRETE, address) for address in range(ITEMS)]
+
+    def respond(self, pdu: bytes) -> bytes:
+        """Act on a request; the right answer."""
+        if pdu[0] == OWN_FUNCTION:
+            return bytes((OWN_FUNCTION, self.number)) + pdu[1:]
+        return self._respond(pdu)
+
+
+@dataclass(frozen=True, slots=True)
+class _Exchange:
+    """A request, its right answer, and when what would happen; times in seconds from the request's first byte."""
+
+    device: FaultyDevice
+    asked: RequestPdu
+    sent: bytes
+    now: float
+    left: float
+    fails_at: float
+    limit: float
+
+    @property
+    def unit(self) -> int:
+        return self.device.unit
+
+
+class FaultyLine:
+    """Devices on one line. `share` of the requests meet a fault, one of `faults` by its weight.
+
+    `latency` is what the gateway allows its port, `late_window` how long it awaits late answers (None: "auto").
+    With `echo` the adapter returns what is sent.
+    """
+
+    def __init__(
+        self,
+        timing: LineTiming,
+        *devices: FaultyDevice,
+        share: float,
+        seed: int,
+        faults: Mapping[Fault, float] | None = None,
+        echo: bool = False,
+        latency: float = 0.005,
+        late_window: float | None = None,
+    ) -> None:
+        self.injected: Counter[Fault] = Counter()
+        self.last = Injection(Fault.NONE)
+        #: What happened to the latest requests, the last one included.
+        self.latest: deque[Injection] = deque(maxlen=8)
+        self._timing = timing
+        self._is_ascii = timing.mode == "ascii"
+        self._devices = {device.unit: device for device in devices}
+        self._share = share
+        self._dice = random.Random(seed)
+        possible = faults or dict.fromkeys((each for each in Fault if each is not Fault.NONE), 1.0)
+        self._faults = [each for each in possible if echo or each not in ECHO_FAULTS]
+        self._weights = [possible[each] for each in self._faults]
+        self._echo = echo
+        self._latency = latency
+        self._late_window = late_window
+        self._framer = ascii_framing.AsciiFramer() if self._is_ascii else rtu.RequestFramer(silence=0.0)
+        self._encode: Callable[[int, bytes], bytes] = self._framer.encode
+        #: Until when an answer of a unit, by function, may still be on its way.
+        self._busy: dict[int, dict[int, float]] = {device.unit: {} for device in devices}
+        self._stale: tuple[Frame, bytes] | None = None
+
+    def received(self, data: bytes, now: float) -> list[Answer]:
+        """Take one request that was written; what the line delivers after it, in the order of time."""
+        frames = self._framer.received(data, now) + self._framer.tick(now)
+        return [answer for frame in frames for answer in self._exchange(frame, data, now)]
+
+    def _exchange(self, frame: Frame, data: bytes, now: float) -> list[Answer]:
+        left = len(data) * self._timing.character
+        if frame.unit == 0:
+            for device in self._devices.values():
+                device.respond(frame.pdu)
+            return [Answer(left, data)] if self._echo else []
+        device = self._devices[frame.unit]
+        asked = parse_request(frame.pdu)
+        longest = 0 if asked.response_size is None else self._timing.frame(asked.response_size)
+        limit = longest + device.timeout + self._latency
+        exchange = _Exchange(device, asked, data, now, left, left + limit, limit)
+        fault = self._choose(exchange)
+        answers = self._stale_copy(frame, left) + _FAULTS[fault](self, exchange)
+        self.injected[self.last.fault] += 1
+        self.latest.append(self.last)
+        if self._echo and fault not in ECHO_FAULTS:
+            answers.append(Answer(left, data))
+        if answers:
+            self._busy[frame.unit][frame.pdu[0]] = now + max(answers)[0]
+        return sorted(answers, key=lambda answer: answer.delay)
+
+    def _choose(self, exchange: _Exchange) -> Fault:
+        fault = Fault.NONE
+        if exchange.now < exchange.device.dead_until:
+            fault = Fault.SILENT
+        elif self._dice.random() < self._share:
+            (fault,) = self._dice.choices(self._faults, self._weights)
+        if fault in _ONLY and not _ONLY[fault](exchange.asked):
+            fault = Fault.CUT
+        self.last = Injection(fault)
+        return fault
+
+    # --- right answers ---
+
+    def _answer(self, exchange: _Exchange) -> bytes:
+        response = exchange.device.respond(exchange.asked.data)
+        self.last = Injection(self.last.fault, response[1] if response[0] & 0x80 else None)
+        return self._encode(exchange.unit, response)
+
+    def _refusal(self, exchange: _Exchange) -> bytes:
+        code = self._dice.choice(_EXCEPTION_CODES)
+        self.last = Injection(self.last.fault, code)
+        return self._encode(exchange.unit, bytes((exchange.asked.function | 0x80, code)))
+
+    def _arrival(self, exchange: _Exchange, data: bytes) -> float:
+        """When all of `data` has come that a device sends at once."""
+        return exchange.left + self._dice.uniform(0.0003, _THINKING) + len(data) * self._timing.character
+
+    def _in_time(self, exchange: _Exchange, data: bytes) -> list[Answer]:
+        return [Answer(self._arrival(exchange, data), data)]
+
+    def _after_the_limit(self, exchange: _Exchange) -> float:
+        window = 2 * exchange.limit if self._late_window is None else self._late_window
+        return exchange.fails_at + self._dice.uniform(0.0001, 0.95 * window)
+
+    def _right(self, exchange: _Exchange) -> list[Answer]:
+        return self._in_time(exchange, self._answer(exchange))
+
+    def _exception(self, exchange: _Exchange) -> list[Answer]:
+        return self._in_time(exchange, self._refusal(exchange))
+
+    # --- late ---
+
+    def _late(self, exchange: _Exchange) -> list[Answer]:
+        return [Answer(self._after_the_limit(exchange), self._answer(exchange))]
+
+    def _late_exception(self, exchange: _Exchange) -> list[Answer]:
+        return [Answer(self._after_the_limit(exchange), self._refusal(exchange))]
+
+    def _noise_then_late(self, exchange: _Exchange) -> list[Answer]:
+        (noise,) = self._in_time(exchange, self._noise())
+        return [noise, *self._late(exchange)]
+
+    def _half_late(self, exchange: _Exchange) -> list[Answer]:
+        data = self._answer(exchange)
+        at = self._dice.randrange(1, len(data))
+        return [Answer(self._arrival(exchange, data), data[:at]), Answer(self._after_the_limit(exchange), data[at:])]
+
+    # --- too often, and of others ---
+
+    def _duplicate(self, exchange: _Exchange) -> list[Answer]:
+        data = self._answer(exchange)
+        first = self._arrival(exchange, data)
+        if self._is_ascii or self._dice.random() < 0.5:
+            return [Answer(first, data + data)]
+        return [Answer(first, data), Answer(first + self._dice.uniform(0.0, 0.9) * self._timing.t35, data)]
+
+    def _stale_once(self, exchange: _Exchange) -> list[Answer]:
+        data = self._answer(exchange)
+        self._stale = Frame(exchange.unit, exchange.asked.data), data
+        return self._in_time(exchange, data)
+
+    def _stale_copy(self, frame: Frame, left: float) -> list[Answer]:
+        """The last answer once more, if the next request cannot mistake it."""
+        stale, self._stale = self._stale, None
+        if stale is None or (stale[0].unit, stale[0].pdu[0]) == (frame.unit, frame.pdu[0]):
+            return []
+        return [Answer(left + self._dice.uniform(-0.5, 0.3) * min(left, _THINKING), stale[1])]
+
+    def _foreign_unit(self, exchange: _Exchange) -> list[Answer]:
+        quiet = [unit for unit in self._devices if unit != exchange.unit and self._is_quiet(unit, exchange.now)]
+        unit = self._dice.choice([*quiet, self._dice.randrange(100, 248)])
+        return self._wrong_one_first(exchange, lambda pdu: self._encode(unit, pdu))
+
+    def _foreign_function(self, exchange: _Exchange) -> list[Answer]:
+        others = [each for each in _FOREIGN_FUNCTIONS if self._may_be_heard(exchange, each)]
+        function = self._dice.choice([*others, 99])
+        return self._wrong_one_first(exchange, lambda pdu: self._encode(exchange.unit, bytes((function,)) + pdu[1:]))
+
+    def _wrong_size(self, exchange: _Exchange) -> list[Answer]:
+        def change(pdu: bytes) -> bytes:
+            if exchange.asked.function not in _READS | {23}:
+                return self._encode(exchange.unit, pdu[:-1] if self._dice.random() < 0.5 else pdu + b"\0")
+            longer = self._dice.random() < 0.5 or pdu[1] < 3
+            data = pdu[2:] + pdu[2:4] if longer else pdu[2:-2]
+            return self._encode(exchange.unit, bytes((pdu[0], len(data))) + data)
+
+        return self._wrong_one_first(exchange, change)
+
+    def _wrong_echo(self, exchange: _Exchange) -> list[Answer]:
+        def change(pdu: bytes) -> bytes:
+            at = self._dice.randrange(1, len(pdu))
+            return self._encode(exchange.unit, flipped(pdu, 8 * at + self._dice.randrange(8)))
+
+        return self._wrong_one_first(exchange, change)
+
+    def _wrong_one_first(self, exchange: _Exchange, change: Callable[[bytes], bytes]) -> list[Answer]:
+        """A frame that is not the answer, and in half of all cases the answer behind it."""
+        right = self._answer(exchange)
+        response = self._pdu(right)
+        wrong = change(response)
+        (answer,) = self._in_time(exchange, wrong)
+        if self._dice.random() < 0.5:
+            return [answer]
+        return [answer, Answer(answer.delay + self._dice.uniform(0.0, _PAUSE), right)]
+
+    def _pdu(self, adu: bytes) -> bytes:
+        return bytes.fromhex(adu[3:-4].decode()) if self._is_ascii else adu[1:-2]
+
+    def _is_quiet(self, unit: int, now: float) -> bool:
+        return all(until < now for until in self._busy[unit].values())
+
+    def _may_be_heard(self, exchange: _Exchange, function: int) -> bool:
+        until = self._busy[exchange.unit].get(function, 0.0)
+        return function != exchange.asked.function and until < exchange.now
+
+    def _other_client(self, exchange: _Exchange) -> list[Answer]:
+        """Somebody else has asked the same unit, and its answer to them comes before the one to us."""
+        asked = exchange.asked
+        if asked.function in _READS:
+            start, count = asked.read.start, asked.read.count
+            address = start + self._dice.randrange(1, 50) if start + count < 200 else self._dice.randrange(start)
+            pdu = bytes((asked.function,)) + address.to_bytes(2) + count.to_bytes(2)
+        else:
+            if not self._may_be_heard(exchange, 3):
+                self.last = Injection(Fault.NOISE_BEFORE)
+                return self._noise_before(exchange)
+            pdu = bytes((3,)) + self._dice.randrange(200).to_bytes(2) + b"\0\1"
+        theirs = self._encode(exchange.unit, exchange.device.respond(pdu))
+        (answer,) = self._in_time(exchange, theirs)
+        ours = Answer(answer.delay + self._dice.uniform(0.0, _PAUSE), self._answer(exchange))
+        heard_at = self._dice.uniform(0.0, answer.delay)
+        return [Answer(heard_at, self._encode(exchange.unit, pdu)), answer, ours]
+
+    # --- damaged ---
+
+    def _cut(self, exchange: _Exchange) -> list[Answer]:
+        return self._damaged(exchange, lambda data: data[: self._dice.randrange(1, len(data))])
+
+    def _flipped(self, exchange: _Exchange) -> list[Answer]:
+        """As many bits as the check sum is sure to notice: three for a CRC, one for an LRC."""
+
+        def flip(data: bytes) -> bytes:
+            count = 1 if self._is_ascii else self._dice.randint(1, 3)
+            for place in self._dice.sample(range(8 * len(data)), count):
+                data = flipped(data, place)
+            return data
+
+        return self._damaged(exchange, flip)
+
+    def _noise_before(self, exchange: _Exchange) -> list[Answer]:
+        return self._with_noise(exchange, is_before=True)
+
+    def _noise_behind(self, exchange: _Exchange) -> list[Answer]:
+        return self._with_noise(exchange, is_before=False)
+
+    def _noise_between(self, exchange: _Exchange) -> list[Answer]:
+        def insert(data: bytes) -> bytes:
+            at = self._dice.randrange(1, len(data))
+            return data[:at] + self._noise() + data[at:]
+
+        return self._damaged(exchange, insert)
+
+    def _with_noise(self, exchange: _Exchange, *, is_before: bool) -> list[Answer]:
+        data = self._answer(exchange)
+        (answer,) = self._in_time(exchange, data)
+        noise = self._noise()
+        while self._misleads(exchange, noise + data if is_before else data + noise, data):
+            noise = self._noise()
+        if self._dice.random() < 0.5:
+            return [Answer(answer.delay, noise + data if is_before else data + noise)]
+        way = -1 if is_before else 1
+        return [answer, Answer(max(0.0, answer.delay + way * self._dice.uniform(0.0001, 2 * _PAUSE)), noise)]
+
+    def _damaged(self, exchange: _Exchange, damage: Callable[[bytes], bytes]) -> list[Answer]:
+        data = self._answer(exchange)
+        damaged = damage(data)
+        while self._misleads(exchange, damaged, data):
+            damaged = damage(data)
+        return self._in_time(exchange, damaged)
+
+    def _misleads(self, exchange: _Exchange, data: bytes, right: bytes) -> bool:
+        """Whether a frame of the unit and the function, other than the right one, stands in `data` by chance."""
+        if self._is_ascii:
+            texts = [text.rpartition(b":")[2] for text in bytes(byte & 0x7F for byte in data).split(b"\r\n")]
+            return any(_is_frame(text) and text.upper() not in right for text in texts[:-1])
+        size = exchange.asked.response_size
+        ends = [(exchange.asked.function, None if size is None else size + 3), (exchange.asked.function | 0x80, 5)]
+        frames = [
+            data[at : len(data) if size is None else at + size]
+            for function, size in ends
+            for at in range(len(data) - 1)
+            if data[at : at + 2] == bytes((exchange.unit, function))
+        ]
+        return any(len(frame) > 3 and frame != right and crc_fits(frame) for frame in frames)
+
+    def _holes(self, exchange: _Exchange) -> list[Answer]:
+        data = self._answer(exchange)
+        at, answers = self._arrival(exchange, data), []
+        while data:
+            size = self._dice.randint(1, 8)
+            answers.append(Answer(at, data[:size]))
+            data = data[size:]
+            at += self._dice.uniform(0.0, _PAUSE)
+        return answers
+
+    def _silent(self, exchange: _Exchange) -> list[Answer]:
+        """It has heard the request, or not; sometimes it is dead for seconds."""
+        device = exchange.device
+        if exchange.now >= device.dead_until:
+            if self._dice.random() < 0.03:
+                device.dead_until = exchange.now + self._dice.uniform(1.0, 10.0)
+            if self._dice.random() < 0.5:
+                device.respond(exchange.asked.data)
+        return []
+
+    def _babble(self, exchange: _Exchange) -> list[Answer]:
+        """Noise, and frames of a unit that does not exist, before, during and after the answer."""
+        answers = self._right(exchange)
+        (answer,) = answers
+        for _ in range(self._dice.randint(2, 8)):
+            at = self._dice.uniform(0.0, 3 * answer.delay)
+            data = self._noise()
+            if self._dice.random() < 0.3:
+                data = self._encode(self._dice.randrange(100, 248), bytes((3, 2)) + self._dice.randbytes(2))
+            answers.append(Answer(at, data))
+        return answers
+
+    def _noise(self) -> bytes:
+        """Not NUL first: a frame with NUL bytes behind it keeps a CRC that fits, and some frames have no known size."""
+        return bytes((self._dice.randint(1, 255),)) + self._dice.randbytes(self._dice.randint(0, 23))
+
+    # --- the echo ---
+
+    def _echo_lost(self, exchange: _Exchange) -> list[Answer]:
+        return self._right(exchange)
+
+    def _echo_damaged(self, exchange: _Exchange) -> list[Answer]:
+        echo = flipped(exchange.sent, self._dice.randrange(8 * len(exchange.sent)))
+        return [Answer(exchange.left, echo), *self._right(exchange)]
+
+    def _echo_alone(self, exchange: _Exchange) -> list[Answer]:
+        return [Answer(exchange.left, exchange.sent)]
+
+
+def _is_frame(digits: bytes) -> bool:
+    try:
+        body = bytes.fromhex(digits.decode())
+    except ValueError:
+        return False
+    return len(body) > 2 and lrc(body[:-1]) == body[-1]
+
+
+def _answers_with_size(asked: RequestPdu) -> bool:
+    return asked.response_size is not None
+
+
+def _is_write(asked: RequestPdu) -> bool:
+    return asked.write is not None and asked.function != 23
+
+
+#: Faults that not every request can meet; others are cut instead.
+_ONLY: dict[Fault, Callable[[RequestPdu], bool]] = {
+    Fault.WRONG_SIZE: _answers_with_size,
+    Fault.WRONG_ECHO: _is_write,
+}
+
+_FAULTS: dict[Fault, Callable[[FaultyLine, _Exchange], list[Answer]]] = {
+    Fault.NONE: FaultyLine._right,
+    Fault.EXCEPTION: FaultyLine._exception,
+    Fault.LATE: FaultyLine._late,
+    Fault.LATE_EXCEPTION: FaultyLine._late_exception,
+    Fault.NOISE_THEN_LATE: FaultyLine._noise_then_late,
+    Fault.HALF_LATE: FaultyLine._half_late,
+    Fault.DUPLICATE: FaultyLine._duplicate,
+    Fault.STALE: FaultyLine._stale_once,
+    Fault.FOREIGN_UNIT: FaultyLine._foreign_unit,
+    Fault.FOREIGN_FUNCTION: FaultyLine._foreign_function,
+    Fault.WRONG_SIZE: FaultyLine._wrong_size,
+    Fault.WRONG_ECHO: FaultyLine._wrong_echo,
+    Fault.CUT: FaultyLine._cut,
+    Fault.FLIPPED: FaultyLine._flipped,
+    Fault.NOISE_BEFORE: FaultyLine._noise_before,
+    Fault.NOISE_BEHIND: FaultyLine._noise_behind,
+    Fault.NOISE_BETWEEN: FaultyLine._noise_between,
+    Fault.HOLES: FaultyLine._holes,
+    Fault.SILENT: FaultyLine._silent,
+    Fault.BABBLE: FaultyLine._babble,
+    Fault.OTHER_CLIENT: FaultyLine._other_client,
+    Fault.ECHO_LOST: FaultyLine._echo_lost,
+    Fault.ECHO_DAMAGED: FaultyLine._echo_damaged,
+    Fault.ECHO_ALONE: FaultyLine._echo_alone,
+}

@@ -1,0 +1,294 @@
+"""Resting units: a device that does not answer takes little of its line's time, and comes back by itself."""
+
+import pytest
+
+from gateway.events import UnitRecovered, UnitResting
+from gateway.lines.breaker import FAILURES, Breaker
+from kit.asker import Asker
+from kit.line_bench import LIMIT, READ, RESPONSE, Bench, is_empty
+
+OTHER_FUNCTION = "04 00 10 00 01"
+#: Long enough for the window after a time-out, and for the first rest behind that (nine limits are more than 1 s).
+WINDOW = 2 * LIMIT
+REST = 9 * LIMIT
+
+
+def failing(*limits: float, window: float = 0.0) -> list[float]:
+    """How long the rests after failures with these limits are, each failure when the rest before it has ended."""
+    breaker, now, rests = Breaker(), 0.0, []
+    for limit in limits:
+        breaker.failed(limit, now + window)
+        rests.append(breaker.rest)
+        now += window + breaker.rest
+        assert not breaker.rests(now)
+    return rests
+
+
+def test_the_third_failure_in_a_row_begins_a_rest() -> None:
+    breaker = Breaker()
+    assert [breaker.failed(0.05, 10.0) for _ in range(FAILURES)] == [False, False, True]
+    assert breaker.rests(10.0 + 1.0 - 0.001)
+    assert not breaker.rests(10.0 + 1.0)
+
+
+def test_a_rest_lasts_a_second_or_nine_limits_and_doubles_to_a_minute() -> None:
+    assert failing(*[0.05] * 10)[2:] == [1, 2, 4, 8, 16, 32, 60, 60]
+    assert failing(*[1.0] * 7)[2:] == [9, 18, 36, 60, 60]
+
+
+def test_nine_limits_may_be_more_than_a_minute() -> None:
+    assert failing(*[10.0] * 5)[2:] == [90, 90, 90]
+
+
+def test_a_rest_is_never_less_than_nine_limits_of_the_request_that_failed() -> None:
+    assert failing(0.05, 0.05, 0.05, 2.0)[2:] == [1, 18]
+
+
+def test_a_rest_counts_from_the_end_of_the_late_window() -> None:
+    breaker = Breaker()
+    for _ in range(FAILURES):
+        breaker.failed(0.05, 7.0)
+    assert breaker.rests(7.999)
+    assert not breaker.rests(8.0)
+
+
+def test_only_the_first_rest_is_news_and_its_end() -> None:
+    breaker = Breaker()
+    assert [breaker.failed(0.05, 0.0) for _ in range(FAILURES + 3)].count(True) == 1
+    assert breaker.heard()
+    assert not breaker.heard()
+    assert (breaker.failures, breaker.rest, breaker.rests(0.0)) == (0, 0.0, False)
+
+
+def test_a_frame_before_the_third_failure_ends_the_row() -> None:
+    breaker = Breaker()
+    breaker.failed(0.05, 0.0)
+    breaker.failed(0.05, 0.0)
+    assert not breaker.heard()
+    assert not breaker.failed(0.05, 0.0)
+
+
+# --- on a line ---
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def fail(bench: Bench, times: int = FAILURES, unit: int = 1) -> None:
+    """So many requests fail; the last one's window begins now, and the rest behind it."""
+    for number in range(times):
+        if number:
+            bench.pass_time(WINDOW + 0.001)
+        count = len(bench.client.answers)
+        bench.ask(unit=unit)
+        while len(bench.client.answers) == count:
+            bench.pass_time(bench.line.deadline() - bench.now)
+    bench.written.clear()
+    bench.client.answers.clear()
+
+
+def test_a_unit_that_rests_gets_0b_at_once_whatever_the_function(bench: Bench) -> None:
+    fail(bench)
+    bench.ask(OTHER_FUNCTION)
+    assert bench.client.answers == ["84 0B"]
+    assert bench.written == []
+    assert bench.counts.refused_resting == 1
+    event = bench.told(UnitResting)[0]
+    assert (event.unit, event.device, event.rest_s) == (1, "unit-1", pytest.approx(REST))
+
+
+def test_other_units_do_not_notice(bench: Bench) -> None:
+    fail(bench)
+    bench.ask(unit=2)
+    bench.respond(unit=2)
+    assert bench.client.answers == [RESPONSE]
+
+
+def test_when_the_rest_is_over_the_next_request_is_the_probe_and_nothing_is_sent_before(bench: Bench) -> None:
+    fail(bench)
+    bench.pass_time(WINDOW + REST - 0.001)
+    bench.ask()
+    assert (bench.client.answers, bench.written) == (["83 0B"], [])
+    bench.pass_time(60)
+    assert bench.written == []
+    bench.ask()
+    assert bench.written == [bench.frame(1, READ)]
+
+
+def test_there_is_one_probe_at_a_time_and_what_waits_behind_it_shares_its_fate(bench: Bench) -> None:
+    fail(bench)
+    bench.pass_time(WINDOW + REST + 0.001)
+    bench.ask()
+    bench.ask(OTHER_FUNCTION)
+    bench.ask(unit=2)
+    bench.pass_time(0.22)
+    assert sorted(bench.client.answers) == ["83 0B", "84 0B"]
+    assert bench.written == [bench.frame(1, READ), bench.frame(2, READ)]
+    assert len(bench.told(UnitResting)) == 1
+    assert bench.devices[1].breaker.rest == pytest.approx(2 * REST)
+
+
+def test_an_answer_to_the_probe_ends_the_rests(bench: Bench) -> None:
+    fail(bench)
+    bench.pass_time(WINDOW + REST + 0.001)
+    bench.ask()
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
+    assert bench.told(UnitRecovered) == [UnitRecovered("hall-a", 1, "unit-1")]
+    fail(bench, FAILURES - 1)
+    assert not bench.devices[1].breaker.rests(bench.now)
+    assert len(bench.told(UnitRecovered)) == 1
+
+
+def test_a_late_response_ends_a_rest(bench: Bench) -> None:
+    fail(bench)
+    bench.respond()
+    bench.ask(OTHER_FUNCTION)
+    bench.pass_time(0.01)
+    assert len(bench.written) == 1
+    assert len(bench.told(UnitRecovered)) == 1
+
+
+def test_a_late_response_ends_the_row_of_failures(bench: Bench) -> None:
+    for _ in range(2 * FAILURES):
+        fail(bench, 1)
+        bench.respond()
+        bench.pass_time(0.01)
+    assert bench.told(UnitResting) == []
+
+
+def test_an_exception_ends_a_rest_and_is_no_failure(bench: Bench) -> None:
+    fail(bench)
+    bench.pass_time(WINDOW + REST + 0.001)
+    for _ in range(FAILURES + 1):
+        bench.ask()
+        bench.respond("83 04")
+        bench.pass_time(0.01)
+    assert bench.client.answers == ["83 04"] * (FAILURES + 1)
+    assert len(bench.told(UnitResting)) == 1
+
+
+def test_a_reopened_port_ends_all_rests(bench: Bench) -> None:
+    fail(bench)
+    fail(bench, unit=2)
+    bench.unplug()
+    bench.plug()
+    bench.pass_time(0.01)
+    bench.ask(OTHER_FUNCTION)
+    bench.ask(OTHER_FUNCTION, unit=2)
+    assert bench.written == [bench.frame(1, OTHER_FUNCTION)]
+    assert bench.client.answers == []
+    assert bench.told(UnitRecovered) == []
+
+
+def test_the_loss_of_the_line_is_no_failure(bench: Bench) -> None:
+    for _ in range(FAILURES):
+        bench.ask()
+        bench.unplug()
+        bench.plug()
+        bench.pass_time(WINDOW + 0.01)
+    assert bench.devices[1].breaker.failures == 0
+
+
+def test_a_broken_frame_is_a_failure(bench: Bench) -> None:
+    for _ in range(FAILURES):
+        bench.ask()
+        bench.hear("01 03 02 01 10 B8 19")
+        bench.pass_time(1.0)
+    assert len(bench.told(UnitResting)) == 1
+
+
+def test_a_broken_frame_while_another_unit_is_in_its_window_is_no_failure(bench: Bench) -> None:
+    """The two may have spoken at once."""
+    for _ in range(FAILURES):
+        fail(bench, 1, unit=2)
+        bench.devices[2].breaker.heard()
+        bench.ask()
+        bench.hear("55 AA")
+        bench.pass_time(1.0)
+    assert bench.told(UnitResting) == []
+
+
+def test_silence_while_another_unit_is_in_its_window_is_a_failure() -> None:
+    bench = Bench(late_window=1000.0)
+    fail(bench, 1, unit=2)
+    for pdu in ("01 00 00 00 01", "02 00 00 00 01", "04 00 00 00 01"):
+        bench.ask(pdu)
+        bench.pass_time(1.0)
+    assert [event.unit for event in bench.told(UnitResting)] == [1]
+
+
+def test_a_broken_frame_while_only_the_unit_itself_is_in_a_window_is_a_failure() -> None:
+    bench = Bench(late_window=1000.0)
+    for pdu in ("01 00 00 00 01", "02 00 00 00 01", "04 00 00 00 01"):
+        bench.ask(pdu)
+        bench.hear("55 AA")
+        bench.pass_time(1.0)
+    assert [event.unit for event in bench.told(UnitResting)] == [1]
+
+
+class Plant(Bench):
+    """Ten units, polled in turn by one client each; the dead ones are silent, the others answer after 200 ms."""
+
+    def __init__(self, *dead: int, timeout: float) -> None:
+        super().__init__(max_wait=60.0)
+        self.dead = dead
+        self.healthy = 0
+        self.dead_time = 0.0
+        for unit in range(1, 11):
+            self.device(unit, timeout=timeout)
+        self.clients = {unit: Poller(self, unit) for unit in range(1, 11)}
+
+    def run(self, seconds: float) -> None:
+        end = self.now + seconds
+        for client in self.clients.values():
+            client.poll()
+        while self.now < end:
+            self._step()
+            for client in self.clients.values():
+                if client.answered_at <= self.now - 0.05:  # none of them polls the unit that refuses it more often
+                    client.poll()
+
+    def _step(self) -> None:
+        current, began = self.line._current, self.now
+        if current is not None and current.unit not in self.dead:
+            self.pass_time(0.2)
+            self.respond(unit=current.unit)
+            self.healthy += 1
+            return
+        deadline = self.line.deadline()
+        self.pass_time(0.01 if deadline is None else max(0.0, deadline - self.now))
+        if current is not None:
+            self.dead_time += self.now - began
+
+
+class Poller(Asker):
+    """Asks its unit again when it has been answered."""
+
+    def __init__(self, plant: Plant, unit: int) -> None:
+        super().__init__(f"10.0.0.{unit}:1")
+        self.plant = plant
+        self.unit = unit
+        self.answered_at = 0.0
+
+    def poll(self) -> None:
+        self.answered_at = float("inf")
+        self.plant.ask(READ, self.unit, self)
+
+    def answer(self, request, pdu) -> None:
+        self.answered_at = self.plant.now
+
+
+@pytest.mark.parametrize("timeout", [0.3, 1.0])
+def test_a_dead_unit_takes_at_most_a_tenth_of_its_lines_time(timeout: float) -> None:
+    hour = 3600.0
+    plant = Plant(7, timeout=timeout)
+    plant.run(hour)
+    whole = Plant(timeout=timeout)
+    whole.run(600.0)
+    assert plant.dead_time <= 0.1 * hour
+    assert plant.healthy / hour >= 0.9 * whole.healthy / 600.0
+    plant.pass_time(60)
+    assert is_empty(plant.line)

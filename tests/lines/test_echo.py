@@ -1,0 +1,308 @@
+"""Adapters that return what they send: announced with `echo = true`, or not."""
+
+import pytest
+
+from gateway.events import EchoHeard
+from gateway.lines.echo import _KEPT, Echo
+from gateway.lines.quirks import LoneDevice
+from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
+from kit.noise import chunkings
+
+WRITE = "06 00 01 00 05"
+WRITE_FRAME = frame(1, WRITE)
+SENT = bytes.fromhex(READ_FRAME)
+ANSWER = bytes.fromhex(RESPONSE_FRAME)
+
+
+def strip(*chunks: bytes, sent: bytes = SENT) -> tuple[bytes, bytes]:
+    """What came before the echo and what is let through."""
+    echo = Echo()
+    echo.expect(sent)
+    through = b"".join(map(echo.strip, chunks))
+    return echo.before, through
+
+
+def test_what_was_sent_is_stripped_however_it_is_cut() -> None:
+    for chunks in chunkings(SENT + ANSWER):
+        assert strip(*chunks) == (b"", ANSWER)
+
+
+def test_it_is_stripped_once() -> None:
+    assert strip(SENT + SENT) == (b"", SENT)
+    assert strip(SENT, SENT) == (b"", SENT)
+
+
+def test_nothing_is_let_through_before_the_echo_is_complete() -> None:
+    assert strip(SENT[:-1]) == (SENT[:-1], b"")
+    assert strip(ANSWER) == (ANSWER, b"")
+
+
+def test_what_comes_before_the_echo_is_not_let_through() -> None:
+    for chunks in chunkings(b"\x55" + SENT + ANSWER):
+        assert strip(*chunks) == (b"\x55", ANSWER)
+
+
+def test_an_echo_that_is_not_exact_is_none() -> None:
+    assert strip(SENT[:-1] + b"\x00" + ANSWER)[1] == b""
+
+
+def test_endless_noise_before_an_echo_is_not_kept() -> None:
+    echo = Echo()
+    echo.expect(SENT)
+    for _ in range(100):
+        assert echo.strip(bytes(100)) == b""
+    assert len(echo._heard) <= _KEPT + 100
+    assert echo.strip(SENT + ANSWER) == ANSWER
+
+
+def test_the_next_request_has_an_echo_of_its_own() -> None:
+    echo = Echo()
+    echo.expect(SENT)
+    echo.strip(b"\x55")
+    echo.expect(SENT)
+    assert echo.before == b""
+    assert echo.strip(SENT + ANSWER) == ANSWER
+
+
+# --- announced: echo = true ---
+
+
+@pytest.fixture
+def announced() -> Bench:
+    return Bench(echo=True, virtual=False)
+
+
+def test_the_response_behind_the_echo_is_the_answer(announced: Bench) -> None:
+    announced.ask()
+    announced.hear(READ_FRAME + RESPONSE_FRAME)
+    assert announced.client.answers == [RESPONSE]
+    assert (announced.counts.noise, announced.counts.echoes) == (0, 0)
+
+
+def test_a_write_is_confirmed_by_its_response_and_not_by_its_echo(announced: Bench) -> None:
+    announced.ask(WRITE)
+    announced.hear(WRITE_FRAME)
+    announced.pass_time(0.1)
+    assert announced.client.answers == []
+    announced.hear(WRITE_FRAME)
+    assert announced.client.answers == [WRITE]
+
+
+def test_an_echo_alone_is_a_time_out(announced: Bench) -> None:
+    announced.ask(WRITE)
+    announced.hear(WRITE_FRAME)
+    announced.pass_time(0.3)
+    assert announced.client.answers == ["86 0B"]
+    assert (announced.counts.timeouts, announced.counts.broken) == (1, 0)
+
+
+def test_without_the_echo_nothing_is_an_answer(announced: Bench) -> None:
+    announced.ask()
+    announced.hear(RESPONSE_FRAME)
+    announced.pass_time(0.3)
+    assert announced.client.answers == ["83 0B"]
+
+
+def test_the_echo_of_a_broadcast_is_nothing_to_the_next_request(announced: Bench) -> None:
+    announced.broadcast(WRITE)
+    announced.hear(frame(0, WRITE))
+    announced.ask(WRITE)
+    announced.pass_time(0.2)
+    announced.hear(WRITE_FRAME)
+    assert announced.client.answers == [None]
+    announced.hear(WRITE_FRAME)
+    assert announced.client.answers == [None, WRITE]
+
+
+def test_noise_before_the_echo_does_not_lose_the_answer(announced: Bench) -> None:
+    announced.ask()
+    announced.hear("55" + READ_FRAME + RESPONSE_FRAME)
+    assert announced.client.answers == [RESPONSE]
+    assert announced.counts.noise == 1
+
+
+def test_another_clients_request_before_the_echo_makes_the_answer_ambiguous(announced: Bench) -> None:
+    announced.ask()
+    announced.hear(frame(1, "03 00 30 00 01") + READ_FRAME + RESPONSE_FRAME)
+    assert announced.client.answers == ["83 0B"]
+
+
+# --- not announced ---
+
+
+@pytest.fixture
+def real() -> Bench:
+    """A real serial port without `echo = true`."""
+    return Bench(virtual=False)
+
+
+def test_nothing_that_comes_before_the_request_has_left_is_a_response(real: Bench) -> None:
+    real.ask(WRITE)
+    real.pass_time(REQUEST_TIME - 1e-6)
+    real.hear(WRITE_FRAME)
+    assert real.client.answers == []
+    real.pass_time(0.3)
+    assert real.client.answers == ["86 0B"]
+
+
+def test_a_response_that_comes_when_the_request_has_left_is_one(real: Bench) -> None:
+    real.ask(WRITE)
+    real.pass_time(REQUEST_TIME + 1e-6)
+    real.hear(WRITE_FRAME)
+    assert real.client.answers == [WRITE]
+    assert real.told(EchoHeard) == []
+
+
+def test_an_echo_is_told_once_and_then_its_kind_of_write_gets_0b(real: Bench) -> None:
+    for _ in range(2):
+        real.ask()
+        real.hear(READ_FRAME)
+        real.pass_time(0.02)
+        real.hear(RESPONSE_FRAME)
+        real.pass_time(0.01)
+    assert real.client.answers == [RESPONSE, RESPONSE]
+    assert real.told(EchoHeard) == [EchoHeard("hall-a", "")]
+    assert real.counts.echoes == 2
+    real.client.answers.clear()
+    real.written.clear()
+    for pdu in (WRITE, "05 00 01 FF 00", "08 00 00 12 34", "16 00 01 00 F2 00 25", "41 01"):
+        real.ask(pdu)
+    assert real.client.answers == ["86 0B", "85 0B", "88 0B", "96 0B", "C1 0B"]
+    assert real.written == []
+
+
+@pytest.mark.parametrize("pdu", [READ, "01 00 01 00 01", "0F 00 01 00 02 01 03", "10 00 01 00 01 02 00 07"])
+def test_what_no_echo_can_answer_goes_on(real: Bench, pdu: str) -> None:
+    hear_an_echo(real)
+    real.ask(pdu)
+    assert real.written == [frame(1, pdu)]
+
+
+def test_a_broadcast_needs_no_answer_so_it_goes_on(real: Bench) -> None:
+    hear_an_echo(real)
+    real.broadcast(WRITE)
+    assert real.written == [frame(0, WRITE)]
+
+
+def test_a_read_of_bits_that_its_echo_would_answer_gets_0b_too(real: Bench) -> None:
+    """01 03 20 00 18: 24 coils from 0320 on; as a response: 3 bytes of coils, 20 00 18."""
+    hear_an_echo(real)
+    real.ask("01 03 20 00 18")
+    assert real.client.answers == ["81 0B"]
+
+
+def test_a_write_that_waited_when_the_echo_was_heard_gets_0b_when_its_turn_comes(real: Bench) -> None:
+    real.ask()
+    real.ask(WRITE)
+    real.hear(READ_FRAME)
+    real.pass_time(0.02)
+    real.hear(RESPONSE_FRAME)
+    real.pass_time(0.01)
+    assert real.client.answers == [RESPONSE, "86 0B"]
+    assert real.written == [READ_FRAME]
+
+
+def test_the_echo_of_a_write_never_confirms_it(real: Bench) -> None:
+    real.ask(WRITE)
+    real.hear(WRITE_FRAME)
+    real.pass_time(0.3)
+    assert real.client.answers == ["86 0B"]
+    assert len(real.told(EchoHeard)) == 1
+    real.ask(WRITE)
+    assert real.client.answers == ["86 0B", "86 0B"]
+
+
+def test_an_echo_that_is_cut_by_the_end_of_its_request_is_one(real: Bench) -> None:
+    """An adapter hands over what it has, not whole frames."""
+    real.ask(WRITE)
+    real.hear(WRITE_FRAME[:12])
+    real.pass_time(REQUEST_TIME + 1e-6)
+    real.hear(WRITE_FRAME[12:])
+    real.pass_time(0.02)
+    assert real.client.answers == []
+    real.hear(WRITE_FRAME)
+    assert real.client.answers == [WRITE]
+    assert len(real.told(EchoHeard)) == 1
+
+
+def test_the_echo_of_a_read_may_come_later(real: Bench) -> None:
+    """It cannot be the response, so it is an echo whenever it comes: here with the response in one chunk."""
+    real.ask()
+    real.pass_time(0.05)
+    real.hear(READ_FRAME + RESPONSE_FRAME)
+    assert real.client.answers == [RESPONSE]
+    assert len(real.told(EchoHeard)) == 1
+
+
+def test_the_echo_of_a_read_alone_is_told_too(real: Bench) -> None:
+    real.ask()
+    real.pass_time(0.05)
+    real.hear(READ_FRAME)
+    real.pass_time(0.2)
+    assert real.client.answers == ["83 0B"]
+    assert len(real.told(EchoHeard)) == 1
+
+
+def test_two_copies_of_a_writes_response_behind_noise_are_no_echo(real: Bench) -> None:
+    """They came when the request had left. To refuse all writes of the line from then on would be the greater harm."""
+    real.ask(WRITE)
+    real.pass_time(0.02)
+    real.hear("55" + WRITE_FRAME + WRITE_FRAME)
+    assert real.client.answers == [WRITE]
+    assert real.told(EchoHeard) == []
+
+
+def test_what_comes_before_the_request_has_left_does_not_shorten_the_silence_behind_it() -> None:
+    real = Bench(virtual=False, gap=0.5)
+    real.ask()
+    real.ask(unit=2)
+    real.hear("55")
+    real.pass_time(REQUEST_TIME + 0.5 - 1e-6)
+    assert len(real.written) == 1
+    real.pass_time(2e-6)
+    assert len(real.written) == 2
+
+
+@pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+def test_a_virtual_port_carries_bytes_at_once_so_anything_may_be_the_response(timing: object) -> None:
+    bench = Bench(timing=timing)
+    bench.ask(WRITE)
+    bench.hear(bench.frame(1, WRITE))
+    assert bench.client.answers == [WRITE]
+    bench.pass_time(0.01)
+    bench.ask()
+    bench.hear(bench.frame(1, READ) + bench.frame(1, RESPONSE))
+    assert bench.client.answers == [WRITE, RESPONSE]
+    assert bench.told(EchoHeard) == []
+    assert bench.counts.echoes == 0
+
+
+def test_an_ascii_echo_is_heard_too() -> None:
+    real = Bench(virtual=False, timing=ASCII)
+    real.ask()
+    real.hear(real.frame(1, READ))
+    real.pass_time(0.05)
+    real.hear(real.frame(1, RESPONSE))
+    assert real.client.answers == [RESPONSE]
+    assert len(real.told(EchoHeard)) == 1
+
+
+def test_a_lone_device_does_not_take_the_echo_of_its_question() -> None:
+    real = Bench(virtual=False)
+    real.devices[0] = LoneDevice(real.device(unit=0).settings, real.line)
+    real.ask(unit=0)
+    real.hear(frame(0, READ))
+    real.pass_time(0.02)
+    real.hear(frame(77, RESPONSE))
+    assert real.client.answers == [RESPONSE]
+
+
+def hear_an_echo(bench: Bench) -> None:
+    """A read's; its answer follows."""
+    bench.ask()
+    bench.hear(READ_FRAME)
+    bench.pass_time(0.02)
+    bench.hear(RESPONSE_FRAME)
+    bench.pass_time(0.01)
+    bench.client.answers.clear()
+    bench.written.clear()

@@ -1,0 +1,426 @@
+"""Who goes next of those that wait for a line: turns, urgency, order, shared reads, and nothing left behind."""
+
+import pytest
+
+from gateway.lines.device import Device, EveryDevice
+from gateway.lines.queue import _EMPTY_ROWS, OVERTAKES, WaitingQueue
+from gateway.lines.transaction import BroadcastTransaction, Transaction
+from gateway.modbus.pdu import parse_request
+from gateway.request import Request
+from kit.asker import Asker
+from kit.line_bench import Bench
+
+READ = "03 00 10 00 01"
+OTHER = "03 00 20 00 01"
+WRITE = "06 00 01 00 05"
+
+
+class Waiting:
+    """A queue on a table. Clients are one letter, and transactions go by a name: client, unit, PDU."""
+
+    def __init__(self, size: int = 64, max_wait: float = 2.0, *, coalesce: bool = True) -> None:
+        self.queue = WaitingQueue(size, max_wait, coalesce=coalesce)
+        self.clients: dict[str, Asker] = {}
+        self.devices: dict[int, Device] = {}
+        self.everyone = EveryDevice(Bench().line)
+        self.requests: dict[str, Request] = {}
+        self.now = 0.0
+
+    def put(self, client: str, pdu: str = READ, unit: int = 1, *, urgent: bool = False) -> Transaction:
+        """Let a request wait; its transaction, whether or not it is that one which will be sent."""
+        transaction = self.transaction(client, pdu, unit, urgent=urgent)
+        assert self.queue.put(transaction, self.now)
+        return transaction
+
+    def transaction(self, client: str, pdu: str = READ, unit: int = 1, *, urgent: bool = False) -> Transaction:
+        origin = self.clients.setdefault(client, Asker(client))
+        request = origin.ask(pdu, unit=unit, now=self.now)
+        asked = parse_request(request.pdu)
+        if not unit:
+            return BroadcastTransaction(request, asked, self.everyone)
+        if unit not in self.devices:
+            self.devices[unit] = Bench().device(unit, urgent=urgent)
+        return Transaction(request, asked, self.devices[unit])
+
+    def take(self, *held: int) -> str:
+        """Who goes next when these units are held: its clients and its unit; "" for none."""
+        taken = self.queue.take(lambda waiting: waiting.device.unit in held)
+        return name(taken) if taken is not None else ""
+
+    def take_all(self, *held: int) -> list[str]:
+        """Who goes, in turn, until nobody is left that may."""
+        return list(iter(lambda: self.take(*held), ""))
+
+    def is_empty(self) -> bool:
+        """Whether nothing is left behind."""
+        queue = self.queue
+        queue.expired(self.now)
+        rows = [row for row in queue._rows.values() if row.waiting]
+        left = (queue._waiting, queue._expiries, queue._reads, queue._joined, queue._urgent, queue._plain, rows)
+        return not any(left) and len(queue) == 0 and queue.next_expiry() is None
+
+
+def name(transaction: Transaction) -> str:
+    clients = "+".join(request.origin.client for request in transaction.requests)
+    write = "" if transaction.asked.function == 3 else "!"
+    return f"{clients}{transaction.device.unit}{write}"
+
+
+@pytest.fixture
+def waiting() -> Waiting:
+    return Waiting()
+
+
+# --- turns ---
+
+
+def test_an_empty_queue_has_nobody(waiting: Waiting) -> None:
+    assert waiting.queue.take() is None
+    assert waiting.is_empty()
+
+
+def test_one_client_is_served_in_the_order_it_asked() -> None:
+    waiting = Waiting(coalesce=False)
+    for unit in (1, 2, 1, 3):
+        waiting.put("A", unit=unit)
+    assert waiting.take_all() == ["A1", "A2", "A1", "A3"]
+
+
+def test_clients_take_turns_whatever_they_have_queued(waiting: Waiting) -> None:
+    for unit in (1, 2, 3, 4):
+        waiting.put("A", unit=unit)
+    for unit in (5, 6):
+        waiting.put("B", unit=unit)
+    waiting.put("C", unit=7)
+    assert waiting.take_all() == ["A1", "B5", "C7", "A2", "B6", "A3", "A4"]
+
+
+def test_who_comes_back_goes_behind_those_who_wait(waiting: Waiting) -> None:
+    waiting.put("A", unit=1)
+    waiting.put("B", unit=2)
+    assert waiting.take() == "A1"
+    waiting.put("A", unit=3)
+    waiting.put("C", unit=4)
+    assert waiting.take_all() == ["B2", "A3", "C4"]
+
+
+def test_a_request_that_expires_does_not_cost_its_client_the_turn() -> None:
+    waiting = Waiting(max_wait=1.0)
+    waiting.put("A", unit=1)
+    waiting.now = 0.5
+    waiting.put("A", unit=2)
+    waiting.put("B", unit=3)
+    waiting.now = 1.0
+    assert len(waiting.queue.expired(waiting.now)) == 1
+    assert waiting.take_all() == ["A2", "B3"]
+
+
+# --- urgency ---
+
+
+def test_writes_go_before_reads_of_other_clients(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B", WRITE, unit=2)
+    waiting.put("C", "41 01", unit=3)
+    assert waiting.take_all() == ["B2!", "C3!", "A1"]
+
+
+def test_a_device_of_high_priority_goes_before_others(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B", unit=2, urgent=True)
+    assert waiting.take_all() == ["B2", "A1"]
+
+
+def test_a_clients_own_write_does_not_overtake_its_older_read_of_another_unit(waiting: Waiting) -> None:
+    """Priority acts between clients only."""
+    waiting.put("A")
+    waiting.put("A", WRITE, unit=2)
+    waiting.put("B", WRITE, unit=3)
+    assert waiting.take_all() == ["B3!", "A1", "A2!"]
+
+
+def test_a_plain_request_waits_for_so_many_urgent_ones_and_no_more(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("A", unit=2)
+    for _ in range(2 * OVERTAKES + 2):
+        waiting.put("B", WRITE, unit=3)
+    urgent = ["B3!"] * OVERTAKES
+    assert waiting.take_all() == [*urgent, "A1", *urgent, "A2", "B3!", "B3!"]
+
+
+def test_a_plain_request_that_is_held_does_not_stop_the_urgent_ones(waiting: Waiting) -> None:
+    waiting.put("A")
+    for _ in range(OVERTAKES + 2):
+        waiting.put("B", WRITE, unit=3)
+    assert waiting.take_all(1) == ["B3!"] * (OVERTAKES + 2)
+    assert waiting.take_all() == ["A1"]
+
+
+# --- order of one client's requests ---
+
+
+def test_what_is_held_lets_other_units_pass_but_not_its_own(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("A", WRITE)
+    waiting.put("A", unit=2)
+    held = waiting.queue.take(lambda transaction: transaction.asked.function == 3 and transaction.device.unit == 1)
+    assert held is not None
+    assert name(held) == "A2"
+    assert waiting.take_all() == ["A1", "A1!"]
+
+
+def test_all_rows_held_is_nobody_and_costs_no_turn(waiting: Waiting) -> None:
+    waiting.put("A", unit=1)
+    waiting.put("B", unit=2)
+    assert waiting.take(1, 2) == ""
+    assert waiting.take_all() == ["A1", "B2"]
+
+
+def test_a_held_client_lets_other_clients_pass_to_the_same_unit() -> None:
+    waiting = Waiting(coalesce=False)
+    waiting.put("A")
+    waiting.put("B", OTHER)
+    taken = waiting.queue.take(lambda transaction: transaction.client == "A")
+    assert taken is not None
+    assert name(taken) == "B1"
+
+
+def test_a_broadcast_does_not_overtake_what_its_client_asked_before(waiting: Waiting) -> None:
+    waiting.put("A", unit=1)
+    waiting.put("A", WRITE, unit=0)
+    assert waiting.take(1) == ""
+    assert waiting.take_all() == ["A1", "A0!"]
+
+
+def test_nothing_of_its_client_overtakes_a_broadcast(waiting: Waiting) -> None:
+    waiting.put("A", unit=1)
+    waiting.put("A", WRITE, unit=0)
+    waiting.put("A", WRITE, unit=2)
+    assert waiting.take(1) == ""
+    assert waiting.take_all() == ["A1", "A0!", "A2!"]
+
+
+def test_a_broadcast_is_no_border_for_other_clients(waiting: Waiting) -> None:
+    waiting.put("A", unit=1)
+    waiting.put("A", WRITE, unit=0)
+    waiting.put("B", unit=2)
+    assert waiting.take(1) == "B2"
+
+
+# --- shared reads ---
+
+
+def test_equal_reads_of_several_clients_share_one_transaction(waiting: Waiting) -> None:
+    for client in "ABC":
+        waiting.put(client)
+    assert len(waiting.queue) == 3
+    assert waiting.queue.coalesced == 2
+    assert waiting.take_all() == ["A+B+C1"]
+    assert waiting.is_empty()
+
+
+@pytest.mark.parametrize("pdu", ["01 00 10 00 01", "02 00 10 00 01", "03 00 10 00 01", "04 00 10 00 01"])
+def test_every_function_that_only_reads_is_shared(waiting: Waiting, pdu: str) -> None:
+    waiting.put("A", pdu)
+    waiting.put("B", pdu)
+    assert waiting.queue.coalesced == 1
+
+
+@pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "07", "41 01"])
+def test_no_other_function_is_shared(waiting: Waiting, pdu: str) -> None:
+    waiting.put("A", pdu)
+    waiting.put("B", pdu)
+    assert waiting.queue.coalesced == 0
+    assert len(waiting.take_all()) == 2
+
+
+def test_other_registers_other_units_and_equal_units_of_other_devices_are_not_shared(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B", OTHER)
+    waiting.put("C", unit=2)
+    del waiting.devices[1]
+    waiting.put("D")
+    assert waiting.queue.coalesced == 0
+
+
+def test_without_coalesce_nothing_is_shared() -> None:
+    waiting = Waiting(coalesce=False)
+    waiting.put("A")
+    waiting.put("B")
+    assert waiting.take_all() == ["A1", "B1"]
+    assert waiting.is_empty()
+
+
+def test_what_has_left_the_queue_is_joined_no_more(waiting: Waiting) -> None:
+    """So every answer is newer than its question."""
+    waiting.put("A")
+    assert waiting.take() == "A1"
+    waiting.put("B")
+    assert waiting.take() == "B1"
+
+
+@pytest.mark.parametrize(("pdu", "unit"), [(WRITE, 1), (WRITE, 2), (WRITE, 0), ("41 01", 2)])
+def test_anything_but_a_read_is_a_border(waiting: Waiting, pdu: str, unit: int) -> None:
+    waiting.put("A")
+    waiting.put("B", pdu, unit)
+    waiting.put("C")
+    waiting.put("D")
+    assert waiting.take_all() == [f"B{unit}!", "A1", "C+D1"]
+
+
+def test_a_client_does_not_join_past_its_own_older_request_to_the_unit(waiting: Waiting) -> None:
+    waiting.put("B", OTHER)
+    waiting.put("A")
+    waiting.put("B")
+    assert waiting.take_all() == ["B1", "A1", "B1"]
+
+
+def test_a_client_does_not_join_past_its_own_broadcast(waiting: Waiting) -> None:
+    waiting.put("B", unit=3)
+    waiting.put("B", WRITE, unit=0)
+    waiting.put("A")
+    waiting.put("B")
+    assert waiting.take_all() == ["B3", "B0!", "A1", "B1"]
+
+
+def test_a_client_may_join_past_its_own_request_to_another_unit(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B", unit=2)
+    waiting.put("B")
+    assert waiting.take_all() == ["A+B1", "B2"]
+
+
+def test_what_a_client_asks_after_joining_follows_what_it_joined(waiting: Waiting) -> None:
+    waiting.put("A", unit=2)
+    waiting.put("A")
+    waiting.put("B")
+    waiting.put("B", WRITE)
+    assert waiting.take_all() == ["A2", "A+B1", "B1!"]
+
+
+def test_a_broadcast_follows_everything_its_client_has_joined(waiting: Waiting) -> None:
+    waiting.put("A", unit=2)
+    waiting.put("A", unit=3)
+    waiting.put("B", unit=3)
+    waiting.put("B", unit=2)
+    waiting.put("B", WRITE, unit=0)
+    waiting.put("B", unit=4)
+    assert waiting.take_all() == ["A+B2", "A+B3", "B0!", "B4"]
+
+
+def test_a_second_equal_read_of_a_client_is_a_transaction_of_its_own(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B")
+    waiting.put("B")
+    assert waiting.take_all() == ["A+B1", "B1"]
+    assert waiting.is_empty()
+
+
+# --- expiry, departure, room ---
+
+
+def test_a_request_that_has_waited_too_long_is_handed_back_and_not_sent() -> None:
+    waiting = Waiting(max_wait=1.0)
+    late = waiting.put("A")
+    waiting.now = 0.5
+    waiting.put("B", unit=2)
+    assert waiting.queue.next_expiry() == 1.0
+    assert waiting.queue.expired(0.999) == []
+    assert waiting.queue.expired(1.0) == late.requests
+    assert waiting.take_all() == ["B2"]
+    assert waiting.is_empty()
+
+
+def test_one_of_several_who_share_expires_alone() -> None:
+    waiting = Waiting(max_wait=1.0)
+    first = waiting.put("A").requests[0]
+    waiting.now = 0.5
+    waiting.put("B")
+    assert waiting.queue.expired(1.0) == [first]
+    assert len(waiting.queue) == 1
+    assert waiting.take_all() == ["B1"]
+    assert waiting.is_empty()
+
+
+def test_one_who_has_joined_departs_and_the_others_stay() -> None:
+    waiting = Waiting(size=2)
+    waiting.put("A")
+    waiting.put("B")
+    waiting.clients["B"].gone = True
+    waiting.put("C", unit=2)
+    assert waiting.clients["B"].answers == [None]
+    assert waiting.take_all() == ["A1", "C2"]
+    assert waiting.is_empty()
+
+
+def test_who_has_left_what_it_joined_may_join_again() -> None:
+    waiting = Waiting(max_wait=1.0)
+    waiting.put("A", unit=2)
+    waiting.put("B", unit=2)
+    waiting.now = 0.5
+    waiting.put("C", unit=3)
+    waiting.now = 1.0
+    assert len(waiting.queue.expired(1.0)) == 2
+    waiting.put("B", unit=3)
+    assert waiting.take_all() == ["C+B3"]
+
+
+def test_the_size_counts_requests_shared_ones_too() -> None:
+    waiting = Waiting(size=2)
+    waiting.put("A")
+    waiting.put("B")
+    assert not waiting.queue.put(waiting.transaction("C"), 0.0)
+    assert waiting.take() == "A+B1"
+    waiting.put("C")
+
+
+def test_departed_clients_make_room_and_their_requests_end_without_an_answer() -> None:
+    waiting = Waiting(size=2)
+    waiting.put("A", WRITE)
+    waiting.put("B", unit=2)
+    waiting.clients["A"].gone = True
+    waiting.put("C", unit=3)
+    assert waiting.clients["A"].answers == [None]
+    assert waiting.take_all() == ["B2", "C3"]
+
+
+def test_what_is_doomed_is_dropped_and_the_rest_keeps_its_turn(waiting: Waiting) -> None:
+    waiting.put("A", unit=1)
+    waiting.put("A", unit=2)
+    waiting.put("B", unit=3)
+    waiting.put("C", unit=1)
+    dropped = waiting.queue.drop(lambda transaction: transaction.device.unit == 1)
+    assert [name(transaction) for transaction in dropped] == ["A+C1"]
+    assert waiting.take_all() == ["A2", "B3"]
+
+
+def test_clear_drops_everything(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B")
+    waiting.put("B", WRITE)
+    assert [name(transaction) for transaction in waiting.queue.clear()] == ["A+B1", "B1!"]
+    assert waiting.is_empty()
+
+
+def test_a_dropped_write_makes_its_clients_next_read_plain_again(waiting: Waiting) -> None:
+    waiting.put("A", WRITE)
+    waiting.put("A", unit=2)
+    waiting.put("B", WRITE, unit=3)
+    waiting.queue.drop(lambda transaction: transaction.client == "A" and transaction.asked.function == 6)
+    assert waiting.take_all() == ["B3!", "A2"]
+
+
+def test_rows_of_many_clients_that_came_once_do_not_pile_up(waiting: Waiting) -> None:
+    for number in range(3 * _EMPTY_ROWS):
+        waiting.put(f"client-{number}", OTHER)
+        waiting.take()
+    assert len(waiting.queue._rows) <= _EMPTY_ROWS + 1
+    assert waiting.is_empty()
+
+
+def test_expiries_of_what_was_sent_long_ago_do_not_pile_up(waiting: Waiting) -> None:
+    for _ in range(1000):
+        waiting.put("A")
+        waiting.take()
+        waiting.queue.expired(0.0)
+    assert waiting.is_empty()
