@@ -213,7 +213,7 @@ class Tally:
         faults = self.injected.total() - self.injected[Fault.NONE]
         rows += [
             "",
-            f"{self.questions} requests of clients, {self.abandoned} of them not waited for; {self.broadcasts} broadcasts",
+            f"{self.questions} requests of clients, {self.abandoned} of which they left; {self.broadcasts} broadcasts",
             f"{self.transactions} transactions on lines, {faults} of them with a fault",
             "lines: " + ", ".join(f"{name} {count}" for name, count in sorted(self.counts.items()) if count),
             "events: " + ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())),
