@@ -112,7 +112,9 @@ class Line:
             self._take_late(response, now)
         if self._current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
-            self.counts.unasked_bytes += 0 if late else len(data)
+            if not late:
+                self.counts.unasked_bytes += len(data)
+                self._hearing.keep_idle(data, now)
             self._go_on(now)
             return
         if self._echo is not None:
@@ -227,13 +229,14 @@ class Line:
             return
         self.counts.sent += 1
         if transaction.expects_answer:
-            self._await_answer(transaction)
+            self._await_answer(transaction, now)
         else:
             self._current = None
             self.counts.broadcasts += 1
             self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         try:
-            self._hearing.sent = self._framer.encode(transaction.unit, transaction.asked.data)
+            asked = transaction.asked.data
+            self._hearing.said(self._framer.encode(transaction.unit, asked), asked)
             if self._echo is not None:
                 self._echo.expect(self._hearing.sent)
             write(self._hearing.sent)
@@ -253,10 +256,10 @@ class Line:
             transaction.fail(refusal)
         return refusal is not None
 
-    def _await_answer(self, transaction: Transaction) -> None:
+    def _await_answer(self, transaction: Transaction, now: float) -> None:
         self._fails_at = transaction.fails_at
         self._quiet_at = transaction.ends_at + self._gap
-        self._hearing.begin()
+        self._hearing.begin(self.settings.timing.mode, now, transaction.limit)
         self._framer.expect(transaction.answers_from, transaction.asked)
 
     def _judge(self, current: Transaction, frames: list[Frame], now: float) -> None:
@@ -273,8 +276,9 @@ class Line:
                 self._hearing.foreign = True
         if answer is None:
             return
-        if self._framer.heard_noise or self._hearing.foreign or self._hearing.early:
-            asked = self._listen_back(current, answer)
+        hearing = self._hearing
+        if self._framer.heard_noise or hearing.foreign or hearing.early or hearing.strangers:
+            asked = self._listen_back(current, answer, now)
             if asked is not None:
                 self._report.other_client(current, asked)
                 self._fail(current, errors.AmbiguousResponse(), now)
@@ -287,7 +291,7 @@ class Line:
         else:
             self._finish(current, answer, now)
 
-    def _listen_back(self, current: Transaction, answer: Frame) -> Frame | None:
+    def _listen_back(self, current: Transaction, answer: Frame, now: float) -> Frame | None:
         """Find out what was heard before `answer`; the request of another client to the same unit, if there was one."""
         heard = self._hearing.before(answer, self.settings.timing.mode, self._framer)
         self._notice_echo(current, heard.echo_at)
@@ -297,8 +301,9 @@ class Line:
             if not handed_over and frame not in self._hearing.late:
                 self._report.foreign(frame, current)
         asked = (current.unit, answer.unit)
-        others = (frame for frame in heard.requests if frame.unit in asked and frame not in self._hearing.late)
-        return next(others, None)
+        requests = [frame for frame in heard.requests if frame not in self._hearing.late]
+        self._hearing.keep_strangers(requests, now)
+        return next((frame for frame in (*requests, *self._hearing.strangers) if frame.unit in asked), None)
 
     def _notice_echo(self, current: Transaction, echo_at: int) -> None:
         """On a real port, remember that the adapter returns what is sent: a copy of it began at `echo_at`, if not -1.
@@ -342,6 +347,8 @@ class Line:
         """The current transaction has failed."""
         heard = self._hearing.instead(self._framer)
         self._report.given_up(current, now, heard=heard)
+        if heard:
+            self._hearing.lost(heard, self.settings.timing.mode, now)
         disturbed = bool(heard) and self._late.any_but(current.unit, now)
         if not disturbed and current.device.breaker.failed(current.limit, self._window_end(current, now)):
             self._resting.add(current.device)

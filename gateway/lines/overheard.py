@@ -36,9 +36,15 @@ def overheard(mode: Mode, data: bytes, sent: bytes, response: bytes) -> Overhear
         frames = framer.received(rest, 0.0)
         framer.conclude()
         return Overheard(heard.find(sent), tuple(filter(_is_request, frames)), (), framer.heard_noise)
-    requests = tuple(filter(_is_request, rtu.requests_in(rest)))
+    requests = requests_in(mode, rest)
     responses = tuple(rtu.responses_in(rest))
     return Overheard(heard.find(sent), requests, responses, bool(rest) and not requests and not responses)
+
+
+def requests_in(mode: Mode, data: bytes) -> tuple[Frame, ...]:
+    """The frames in `data` that read as requests."""
+    frames = AsciiFramer().received(data, 0.0) if mode == "ascii" else rtu.requests_in(data)
+    return tuple(filter(_is_request, frames))
 
 
 def has_begun(mode: Mode, data: bytes, head: bytes) -> bool:

@@ -79,6 +79,7 @@ class Fault(StrEnum):
     SILENT = "silent"
     BABBLE = "babble"
     OTHER_CLIENT = "other client"
+    OTHER_BEFORE = "other client, before"
     ECHO_LOST = "echo lost"
     ECHO_DAMAGED = "echo damaged"
     ECHO_ALONE = "echo alone"
@@ -171,6 +172,8 @@ class FaultyLine:
         #: Until when an answer of a unit, by function, may still be on its way.
         self._busy: dict[int, dict[int, float]] = {device.unit: {} for device in devices}
         self._stale: tuple[Frame, bytes] | None = None
+        self._promised: tuple[Frame, bytes] | None = None
+        self._promised_until = 0.0
 
     def received(self, data: bytes, now: float) -> list[Answer]:
         """Take one request that was written; what the line delivers after it, in the order of time."""
@@ -189,13 +192,14 @@ class FaultyLine:
         limit = longest + device.timeout + self._latency
         exchange = _Exchange(device, asked, data, now, left, left + limit, limit)
         fault = self._choose(exchange)
-        answers = self._stale_copy(frame, left) + _FAULTS[fault](self, exchange)
+        answers = self._stale_copy(frame, left) + self._promised_answer(exchange) + _FAULTS[fault](self, exchange)
         self.injected[self.last.fault] += 1
         self.latest.append(self.last)
         if self._echo and fault not in ECHO_FAULTS:
             answers.append(Answer(left, data))
         if answers:
-            self._busy[frame.unit][frame.pdu[0]] = now + max(answers)[0]
+            busy = self._busy[frame.unit]
+            busy[frame.pdu[0]] = max(busy.get(frame.pdu[0], 0.0), now + max(answers)[0])
         return sorted(answers, key=lambda answer: answer.delay)
 
     def _choose(self, exchange: _Exchange) -> Fault:
@@ -206,6 +210,8 @@ class FaultyLine:
             (fault,) = self._dice.choices(self._faults, self._weights)
         if fault in _ONLY and not _ONLY[fault](exchange.asked):
             fault = Fault.CUT
+        if fault in _TWICE and self._is_owed(exchange.unit, exchange.asked.function, exchange.now):
+            fault = Fault.NONE
         self.last = Injection(fault)
         return fault
 
@@ -319,9 +325,12 @@ class FaultyLine:
     def _is_quiet(self, unit: int, now: float) -> bool:
         return all(until < now for until in self._busy[unit].values())
 
+    def _is_owed(self, unit: int, function: int, now: float) -> bool:
+        """Whether an answer is still on its way: a frame that fits could be taken for it."""
+        return self._busy[unit].get(function, 0.0) >= now
+
     def _may_be_heard(self, exchange: _Exchange, function: int) -> bool:
-        until = self._busy[exchange.unit].get(function, 0.0)
-        return function != exchange.asked.function and until < exchange.now
+        return function != exchange.asked.function and not self._is_owed(exchange.unit, function, exchange.now)
 
     def _other_client(self, exchange: _Exchange) -> list[Answer]:
         """Somebody else has asked the same unit, and its answer to them comes before the one to us."""
@@ -340,6 +349,25 @@ class FaultyLine:
         ours = Answer(answer.delay + self._dice.uniform(0.0, _PAUSE), self._answer(exchange))
         heard_at = self._dice.uniform(0.0, answer.delay)
         return [Answer(heard_at, self._encode(exchange.unit, pdu)), answer, ours]
+
+    def _other_before(self, exchange: _Exchange) -> list[Answer]:
+        """When we have our answer, somebody else asks the same unit; it answers when we have asked again."""
+        (answer,) = self._right(exchange)
+        asked = exchange.asked
+        span = asked.read if asked.function in _READS else None
+        pdu = bytes((3, 0, 60, 0, 1)) if span is None else bytes((asked.function, 0, 0xC0)) + span.count.to_bytes(2)
+        self._promised = Frame(exchange.unit, pdu), self._encode(exchange.unit, exchange.device.respond(pdu))
+        pause = 1e-6 if self._is_ascii else self._dice.uniform(0.01, 0.9) * self._timing.t35
+        self._promised_until = exchange.now + answer.delay + pause + self._timing.frame(5) + exchange.device.timeout
+        return [answer, Answer(answer.delay + pause, self._encode(exchange.unit, pdu))]
+
+    def _promised_answer(self, exchange: _Exchange) -> list[Answer]:
+        """The answer to somebody else's request, if it can be told from one that we still await."""
+        promised, self._promised = self._promised, None
+        at = exchange.left + 0.0002
+        if promised is None or promised[0].unit != exchange.unit or exchange.now + at > self._promised_until:
+            return []
+        return [] if self._is_owed(exchange.unit, promised[0].pdu[0], exchange.now) else [Answer(at, promised[1])]
 
     # --- damaged ---
 
@@ -468,6 +496,9 @@ def _is_write(asked: RequestPdu) -> bool:
     return asked.write is not None and asked.function != 23
 
 
+#: Faults that make more than one frame of one shape.
+_TWICE = frozenset({Fault.DUPLICATE, Fault.STALE, Fault.OTHER_CLIENT, Fault.OTHER_BEFORE})
+
 #: Faults that not every request can meet; others are cut instead.
 _ONLY: dict[Fault, Callable[[RequestPdu], bool]] = {
     Fault.WRONG_SIZE: _answers_with_size,
@@ -496,6 +527,7 @@ _FAULTS: dict[Fault, Callable[[FaultyLine, _Exchange], list[Answer]]] = {
     Fault.SILENT: FaultyLine._silent,
     Fault.BABBLE: FaultyLine._babble,
     Fault.OTHER_CLIENT: FaultyLine._other_client,
+    Fault.OTHER_BEFORE: FaultyLine._other_before,
     Fault.ECHO_LOST: FaultyLine._echo_lost,
     Fault.ECHO_DAMAGED: FaultyLine._echo_damaged,
     Fault.ECHO_ALONE: FaultyLine._echo_alone,
