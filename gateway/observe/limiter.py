@@ -1,16 +1,13 @@
-"""How often the log may say the same: ten lines a second, and how many more there would have been."""
+"""How often the log may say the same: ten lines a second or fewer, and how many more there would have been."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-#: Lines about one subject in any second, the one with the count of the suppressed included.
-MOST_LINES: Final = 10
 #: Subjects that are told apart at a time; what comes beyond is told apart by its event name only.
 MOST_SUBJECTS: Final = 1000
 
-_SECOND: Final = 1.0
 #: What an event is about. Of a client its host counts: each connection has another port.
 _KEY: Final = ("line", "unit", "listener", "client", "problem")
 
@@ -42,11 +39,13 @@ class _Suppressed:
 
 @dataclass(slots=True)
 class Limiter:
-    """Lets through at most MOST_LINES about one subject in any second, and counts the rest.
+    """Lets through at most `lines` about one subject in any `seconds`, and counts the rest.
 
-    Once a second is over that began with a suppressed event, the count is due. The tenth line is kept for it.
+    Once `seconds` are over that began with a suppressed event, the count is due. The last line is kept for it.
     """
 
+    lines: int = 10
+    seconds: float = 1.0
     #: When the latest lines about a subject were written; the subject that rests longest is the first.
     _written: dict[Subject, deque[float]] = field(default_factory=dict)
     #: What is counted at the moment; what is due first is the first.
@@ -61,12 +60,12 @@ class Limiter:
         """Whether an event about `subject` may be written; if not, it is counted."""
         subject = self._told_apart(subject, now)
         suppressed = self._suppressed.get(subject)
-        room = MOST_LINES if suppressed is None else MOST_LINES - 1
+        room = self.lines if suppressed is None else self.lines - 1
         if self._lines(subject, now) < room:
             self._note(subject, now)
             return True
         if suppressed is None:
-            suppressed = self._suppressed[subject] = _Suppressed(now + _SECOND)
+            suppressed = self._suppressed[subject] = _Suppressed(now + self.seconds)
         suppressed.count += 1
         return False
 
@@ -81,12 +80,12 @@ class Limiter:
             yield subject, suppressed.count
 
     def _lines(self, subject: Subject, now: float) -> int:
-        """How many lines were written about `subject` within the last second."""
+        """How many lines about `subject` still count."""
         times = self._written.get(subject, ())
-        return sum(time > now - _SECOND for time in times)
+        return sum(time > now - self.seconds for time in times)
 
     def _note(self, subject: Subject, now: float) -> None:
-        times = self._written.pop(subject, None) or deque(maxlen=MOST_LINES)
+        times = self._written.pop(subject, None) or deque(maxlen=self.lines)
         times.append(now)
         self._written[subject] = times
 
@@ -98,9 +97,9 @@ class Limiter:
         return subject if len(self._written) < MOST_SUBJECTS else subject._replace(key=())
 
     def _forget(self, now: float) -> None:
-        """Forget the subjects about which nothing was written for a second: nothing hangs on them any more."""
+        """Forget the subjects about which nothing was written for `seconds`: nothing hangs on them any more."""
         while self._written:
             subject, times = next(iter(self._written.items()))
-            if times[-1] > now - _SECOND:
+            if times[-1] > now - self.seconds:
                 return
             del self._written[subject]

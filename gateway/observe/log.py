@@ -28,7 +28,8 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     `console` is for people, with colours on a terminal unless NO_COLOR is set; `json` is one object a line; `auto` is
     `console`. What libraries log through Python's `logging` is written the same way, from warnings on. The log never
     does harm: a thread writes it, at most ten lines a second about the same (WriteAudit and errors of the service
-    excepted), and what cannot be written is given up silently.
+    excepted), one in ten seconds about clients of one address that are sent away, and what cannot be written is given
+    up silently.
     """
     least = Level[level.upper()]
     stream = StandardError() if stream is None else stream

@@ -13,6 +13,8 @@ from gateway.observe.limiter import Limiter, Subject, subject_of
 
 #: How long a gateway that ends waits for its log to be read, in seconds.
 CLOSING_PATIENCE: Final = 0.5
+#: Any stranger on the network can cause this event as often as it likes: one line in ten seconds about each.
+_STRANGERS_CAUSE: Final = "client_rejected"
 
 
 class Stream(Protocol):
@@ -46,7 +48,7 @@ class StandardError:
 
 
 class Writer:
-    """Writes entries to `stream` as `render` shows them, each subject as often as the limiter allows.
+    """Writes entries to `stream` as `render` shows them, each subject as often as its limiter allows.
 
     A stream that cannot be written is given up silently, and tried again with the next entry.
     """
@@ -54,7 +56,7 @@ class Writer:
     def __init__(self, stream: Stream, render: Callable[[Entry], str]) -> None:
         self._stream = stream
         self._render = render
-        self._limiter = Limiter()
+        self._usual, self._strangers = Limiter(), Limiter(lines=1, seconds=10.0)
         self._backlog = Backlog()
         # A daemon, because a write that hangs must not keep the process from ending.
         self._thread = Thread(target=self._run, name="log", daemon=True)
@@ -78,14 +80,15 @@ class Writer:
         self._write_counts(inf)
 
     def _until_next_count(self) -> float | None:
-        due = self._limiter.next_due
-        return None if due is None else max(0.0, due - time.monotonic())
+        due = [each.next_due for each in (self._usual, self._strangers) if each.next_due is not None]
+        return max(0.0, min(due) - time.monotonic()) if due else None
 
     def _admits(self, entry: Entry) -> bool:
-        return not entry.is_limited or self._limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
+        limiter = self._strangers if entry.name == _STRANGERS_CAUSE else self._usual
+        return not entry.is_limited or limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
 
     def _write_counts(self, now: float) -> None:
-        for subject, count in self._limiter.due(now):
+        for subject, count in [*self._usual.due(now), *self._strangers.due(now)]:
             self._write(_count(subject, count))
 
     def _write(self, entry: Entry) -> None:

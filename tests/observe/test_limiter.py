@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.observe.limiter import MOST_LINES, MOST_SUBJECTS, Limiter, Subject, subject_of
+from gateway.observe.limiter import MOST_SUBJECTS, Limiter, Subject, subject_of
 
+MOST_LINES = Limiter().lines
 SILO = Subject(30, "request_timeout", (("line", "hall-a"), ("unit", 1)))
 PRESS = Subject(30, "request_timeout", (("line", "hall-a"), ("unit", 6)))
 
@@ -38,6 +39,16 @@ def test_ten_lines_pass_and_the_rest_is_counted_once_the_second_is_over() -> Non
     assert list(limiter.due(1.1)) == [(SILO, 90)]
     assert limiter.next_due is None
     assert list(limiter.due(inf)) == []
+
+
+def test_one_line_in_ten_seconds_is_the_event_and_then_the_count() -> None:
+    limiter = Limiter(lines=1, seconds=10.0)
+    assert [limiter.admits(SILO, n) for n in range(11)] == [True] + [False] * 10
+    assert list(limiter.due(10.9)) == []
+    assert list(limiter.due(11.0)) == [(SILO, 10)]
+    assert [limiter.admits(SILO, n) for n in (12.0, 20.9)] == [False] * 2
+    assert list(limiter.due(22.0)) == [(SILO, 2)]
+    assert limiter.admits(SILO, 32.0)
 
 
 def test_one_subject_takes_nothing_from_another() -> None:

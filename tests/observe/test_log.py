@@ -7,7 +7,15 @@ from threading import Event
 
 import pytest
 
-from gateway.events import AccessDenied, ClientConnected, ConfigRejected, LineLost, Ready, RequestTimeout
+from gateway.events import (
+    AccessDenied,
+    ClientConnected,
+    ClientRejected,
+    ConfigRejected,
+    LineLost,
+    Ready,
+    RequestTimeout,
+)
 from gateway.observe.backlog import MOST_WAITING
 from gateway.observe.log import open_log
 
@@ -137,6 +145,17 @@ def test_what_is_said_over_and_over_is_counted() -> None:
     assert lost["event"] == "line_lost"
     del count["timestamp"]
     assert count == {"event": "request_timeout", "level": "warning", "line": "hall-a", "unit": 1, "suppressed": 90}
+
+
+def test_clients_that_are_sent_away_are_worth_one_line_for_each_address() -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for port in range(100):
+            emit(ClientRejected("scada", f"10.0.0.9:{port}", f"an MBAP length of {port}"))
+        emit(ClientRejected("scada", "10.0.0.7:1", "an MBAP length of 0"))
+    assert [(line["client"], line.get("suppressed")) for line in logged(stream)] == [
+        ("10.0.0.9:0", None), ("10.0.0.7:1", None), ("10.0.0.9", 99),
+    ]  # fmt: skip
 
 
 def test_the_count_comes_though_nothing_else_happens() -> None:
