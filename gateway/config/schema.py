@@ -75,7 +75,9 @@ class Listen(Table):
         "host and port. Without a port it is 502. IPv6: `tcp://[::]:502`. Port 0 takes a free one.",
     )
     clients: Count = Field(
-        32, description="Connections at once. When full, the oldest idle one without a request under way is closed."
+        32,
+        description="Connections at once. When full, the oldest idle one without a request under way is closed, of the "
+        "address that has the most.",
     )
     idle: DurationOrZero = Field(600.0, description='Close a connection that asked nothing for so long; `"0"`: never.')
     in_flight: Count = Field(16, description="Requests under way per connection; beyond it the gateway stops reading.")

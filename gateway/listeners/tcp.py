@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import traceback
+from collections import Counter
 from collections.abc import Callable
 from typing import Final, cast
 
@@ -154,13 +155,17 @@ class TcpListener:
             await asyncio.sleep(ACCEPT_PAUSE)
 
     def _make_room(self) -> bool:
-        """Whether there is room for one more client, after closing the longest idle one if need be (T 4.2.1.1)."""
+        """Whether there is room for one more client, after closing the longest idle one if need be (T 4.2.1.1).
+
+        It is one of the address that has the most connections: whoever floods the listener only drives out itself.
+        """
         if len(self.connections) < self.settings.clients:
             return True
         idle = [connection for connection in self.connections if connection.session.is_idle]
         if not idle:
             return False
-        oldest = min(idle, key=lambda connection: connection.session.last_asked)
+        share = Counter(connection.host for connection in self.connections)
+        oldest = min(idle, key=lambda each: (-share[each.host], each.session.last_asked))
         oldest.reject("made room for another client")
         return True
 
@@ -201,6 +206,7 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def __init__(self, listener: TcpListener, host: str, client: str, time: Callable[[], float]) -> None:
         """`host` is the peer's address and decides what it may do; `client` is what events call it."""
+        self.host = host
         self.client = client
         self._listener = listener
         self._time = time

@@ -73,9 +73,9 @@ class House:
     def port(self) -> int:
         return int(self.listener.address.rsplit(":", 1)[1])
 
-    async def connect(self, host: str = "127.0.0.1", *, small_window: bool = False) -> "Client":
-        """A client that is connected, if only for the system."""
-        client = await Client.connect(self.port, host, small_window=small_window)
+    async def connect(self, host: str = "127.0.0.1", *, source: str = "", small_window: bool = False) -> "Client":
+        """A client that is connected, if only for the system; from the address `source`."""
+        client = await Client.connect(self.port, host, source=source, small_window=small_window)
         self.clients.append(client)
         return client
 
@@ -110,8 +110,10 @@ class Client:
         self._transaction = 0
 
     @classmethod
-    async def connect(cls, port: int, host: str = "127.0.0.1", *, small_window: bool = False) -> Self:
+    async def connect(cls, port: int, host: str = "127.0.0.1", *, source: str = "", small_window: bool = False) -> Self:
         sock = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        if source:
+            sock.bind((source, 0))
         if small_window:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         sock.setblocking(False)
@@ -247,6 +249,16 @@ async def test_a_hundred_clients_in_a_row_find_room() -> None:
         await until(lambda: len(home.told(ClientConnected)) == 100)
         await until(lambda: len(home.told(ClientClosed)) == 96)
         assert [await client.is_open() for client in clients[96:]] == [True] * 4
+
+
+async def test_an_address_that_has_many_connections_drives_out_none_of_another() -> None:
+    """C03, in small."""
+    async with house(clients=4) as home:
+        first = await home.client()
+        flood = [await home.connect(source="127.0.0.2") for _ in range(20)]
+        await until(lambda: len(home.told(ClientClosed)) == 17)
+        assert await first.is_open()
+        assert [await client.is_open() for client in flood[17:]] == [True] * 3
 
 
 # --- who says nothing, who says half, who does not listen ---
