@@ -19,6 +19,7 @@ GatewayError
 │       ├── LineLost             0B  the port died while the request was on the line
 │       ├── AnswerOverdue        0B  not sent: the late answer to an earlier request could be taken for its answer
 │       ├── UnitResting          0B  not sent: the unit has failed too often
+│       ├── EchoSuspected        0B  not sent: the adapter echoes, so a copy of the request would prove nothing
 │       └── AmbiguousResponse    0B  another client was heard, so the response may be the answer to its request
 ├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or has been lost
@@ -54,6 +55,8 @@ class RequestError(GatewayError):
     """Why a request gets an exception response instead of data."""
 
     code: ClassVar[ExceptionCode]
+    #: What became of the request, as status and metrics call it.
+    result: ClassVar[str] = "refused"
 
 
 class IllegalFunction(RequestError):
@@ -64,6 +67,8 @@ class IllegalFunction(RequestError):
 
 class AccessDenied(IllegalFunction):
     """The client has no right to the function."""
+
+    result = "denied"
 
 
 class IllegalDataAddress(RequestError):
@@ -93,9 +98,13 @@ class Busy(RequestError):
 class QueueFull(Busy):
     """Too many requests wait for the line."""
 
+    result = "queue_full"
+
 
 class WaitedTooLong(Busy):
     """The request waited longer than the line's `max_wait`."""
+
+    result = "expired"
 
 
 class PathUnavailable(RequestError):
@@ -107,9 +116,13 @@ class PathUnavailable(RequestError):
 class NoRoute(PathUnavailable):
     """No such unit is configured."""
 
+    result = "no_route"
+
 
 class LineDown(PathUnavailable):
     """The unit's line has no port at the moment."""
+
+    result = "line_down"
 
 
 class TargetFailedToRespond(RequestError):
@@ -121,25 +134,43 @@ class TargetFailedToRespond(RequestError):
 class ResponseTimeout(TargetFailedToRespond):
     """Nothing was heard within the limit."""
 
+    result = "timeout"
+
 
 class BrokenResponse(TargetFailedToRespond):
     """Something was heard within the limit, but no valid response to the request."""
+
+    result = "bad_frame"
 
 
 class LineLost(TargetFailedToRespond):
     """The port died while the request was on the line."""
 
+    result = "line_lost"
+
 
 class AnswerOverdue(TargetFailedToRespond):
     """Not sent: the answer to an earlier request may still come, and would be taken for the answer to this one."""
+
+    result = "overdue"
 
 
 class UnitResting(TargetFailedToRespond):
     """Not sent: the unit has failed too often and rests."""
 
+    result = "resting"
+
+
+class EchoSuspected(TargetFailedToRespond):
+    """Not sent: the adapter returns what is sent, and an answer that is a copy of its request would prove nothing."""
+
+    result = "echo_suspected"
+
 
 class AmbiguousResponse(TargetFailedToRespond):
     """Another client was heard on the line, so the response may be the answer to its request."""
+
+    result = "ambiguous"
 
 
 class NotModbus(GatewayError):

@@ -23,6 +23,7 @@ CODES = {
     "LineLost": 0x0B,
     "AnswerOverdue": 0x0B,
     "UnitResting": 0x0B,
+    "EchoSuspected": 0x0B,
     "AmbiguousResponse": 0x0B,
 }
 

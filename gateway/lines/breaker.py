@@ -32,6 +32,10 @@ class Breaker:
         """Whether the unit rests at `now`."""
         return self.failures >= FAILURES and now < self._until
 
+    def rest_left(self, now: float) -> float:
+        """How much longer the unit rests, in seconds."""
+        return self._until - now if self.rests(now) else 0.0
+
     def failed(self, limit: float, window_end: float) -> bool:
         """A request to the unit has failed after `limit` seconds; True when its first rest begins with that."""
         self.failures += 1

@@ -5,6 +5,7 @@ from typing import Literal, Protocol
 
 from gateway.errors import RequestError
 from gateway.lines.breaker import Breaker
+from gateway.lines.counts import UnitCounts
 from gateway.lines.transaction import BroadcastTransaction, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.modbus.frame import Frame
@@ -46,6 +47,7 @@ class Device:
         self.answer_time = settings.answer_time
         self.is_urgent = settings.priority == "high"
         self.breaker = Breaker()
+        self.counts = UnitCounts()
         self._check = settings.profile.check
         self._line = line
 
@@ -54,6 +56,7 @@ class Device:
         try:
             transaction = self._transaction(request, self._check(request.pdu))
         except RequestError as error:
+            self.counts[request.pdu[0]].failed(error, 1)
             request.fail(error)
             return
         self._line.submit(transaction, now)
@@ -79,6 +82,7 @@ class EveryDevice:
 
     def __init__(self, line: TakesTransactions) -> None:
         self.breaker = Breaker()
+        self.counts = UnitCounts()
         self._line = line
 
     def submit(self, request: Request, now: float) -> None:

@@ -52,6 +52,11 @@ class LateWindows:
         """Until `ends_at` so many answers to `transaction` may come; `framer` is looking for them."""
         self.windows.append(_Window(transaction, framer, ends_at, owed))
 
+    def count(self, now: float) -> int:
+        """How many windows are open."""
+        self._close_ended(now)
+        return len(self.windows)
+
     def forbid_until(self, transaction: Transaction, now: float) -> float | None:
         """When `transaction` may be sent, if a window forbids it now."""
         self._close_ended(now)

@@ -19,11 +19,11 @@ from gateway.lines.echo import Echo
 from gateway.lines.hearing import Hearing
 from gateway.lines.late import WORTH_WAITING, LateResponse, LateWindows
 from gateway.lines.queue import WaitingQueue
-from gateway.lines.report import Counts, Report
+from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Addressee, Transaction
 from gateway.modbus.ascii import AsciiFramer
-from gateway.modbus.codes import EXCEPTION_BIT, READING_FUNCTIONS
+from gateway.modbus.codes import READING_FUNCTIONS
 from gateway.modbus.frame import Frame, ResponseFramer
 from gateway.modbus.rtu import ResponseFramer as RtuFramer
 from gateway.timing.budget import Budget
@@ -40,9 +40,11 @@ class Line:
 
     def __init__(self, settings: LineSettings, emit: Emit) -> None:
         self.settings = settings
-        self.counts = Counts()
+        #: Bytes that came while nothing was asked, and the seconds in which something was.
+        self.unasked_bytes = 0
+        self.busy_seconds = 0.0
         self.observer: Observer | None = None
-        self._report = Report(settings.name, settings.source, self.counts, emit)
+        self._report = Report(settings.name, settings.source, emit)
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._late = LateWindows()
         self._echo = Echo() if settings.echo else None
@@ -53,10 +55,20 @@ class Line:
         self._resting: set[Addressee] = set()
         self._hearing = Hearing()
         self._echo_suspected = False
+        self._sent_at = 0.0
         self._fails_at = 0.0
         self._quiet_at = 0.0
         self._held_until = 0.0
         self._tune(latency=0.0)
+
+    @property
+    def waiting(self) -> int:
+        """How many requests wait."""
+        return len(self._queue)
+
+    def late_windows(self, now: float) -> int:
+        """How many late answers are awaited."""
+        return self._late.count(now)
 
     def port_up(self, write: Callable[[bytes], None], latency: float, now: float, *, virtual: bool = True) -> None:
         """The port is open: requests go out through `write`.
@@ -113,7 +125,7 @@ class Line:
         if self._current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
             if not late:
-                self.counts.unasked_bytes += len(data)
+                self.unasked_bytes += len(data)
                 self._hearing.keep_idle(data, now)
             self._go_on(now)
             return
@@ -172,18 +184,16 @@ class Line:
             if refusal is not None:
                 return refusal
         if self._is_overdue(transaction, now):
-            self.counts.refused_overdue += 1
             return errors.AnswerOverdue()
         return None
 
     def _ban(self, transaction: Transaction, now: float) -> RequestError | None:
         """Why a transaction must not be sent even if its turn has come."""
         if transaction.device.breaker.rests(now):
-            self.counts.refused_resting += 1
             return errors.UnitResting()
         asked = transaction.asked
         if self._echo_suspected and transaction.expects_answer and asked.accepts(asked.data):
-            return errors.AmbiguousResponse()
+            return errors.EchoSuspected()
         return None
 
     def _is_overdue(self, transaction: Transaction, now: float) -> bool:
@@ -193,7 +203,6 @@ class Line:
     def _go_on(self, now: float) -> None:
         """Send the next request if the line is free and quiet, and refuse those that have waited too long."""
         late = self._queue.expired(now)
-        self.counts.waited_too_long += len(late)
         try:
             self._held_until = 0.0
             while self._current is None and self._write is not None and now >= self._quiet_at:
@@ -221,19 +230,21 @@ class Line:
         if not transaction.retries and self._is_turned_down(transaction, now):
             return
         self._current = transaction
+        self._sent_at = now
         try:
             transaction.start(self._budget, now)
         except RequestError as error:
             self._current = None
             transaction.fail(error)
             return
-        self.counts.sent += 1
+        transaction.counts.sent += 1
         if transaction.expects_answer:
             self._await_answer(transaction, now)
         else:
             self._current = None
-            self.counts.broadcasts += 1
+            transaction.counts.broadcast += 1
             self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
+            self.busy_seconds += self._quiet_at - now
         try:
             asked = transaction.asked.data
             self._hearing.said(self._framer.encode(transaction.unit, asked), asked)
@@ -247,6 +258,7 @@ class Line:
     def _is_turned_down(self, transaction: Transaction, now: float) -> bool:
         """Finish a transaction that nobody wants any more, or that must not be sent now that its turn has come."""
         if not transaction.is_wanted:
+            transaction.counts.unwanted += len(transaction.requests)
             transaction.end()
             return True
         if not self._resting and not self._echo_suspected:
@@ -283,8 +295,7 @@ class Line:
                 self._report.other_client(current, asked)
                 self._fail(current, errors.AmbiguousResponse(), now)
                 return
-        self.counts.responses += 1
-        self.counts.exceptions += answer.pdu[0] >= EXCEPTION_BIT
+        current.counts.responses += 1
         self._heard_from(current.device)
         if current.owed:
             self._finish_owed(current, answer, now, current.owed)
@@ -295,7 +306,7 @@ class Line:
         """Find out what was heard before `answer`; the request of another client to the same unit, if there was one."""
         heard = self._hearing.before(answer, self.settings.timing.mode, self._framer)
         self._notice_echo(current, heard.echo_at)
-        self.counts.noise += heard.has_noise
+        current.counts.noise += heard.has_noise
         for frame in heard.responses:
             handed_over = current.answers_from in (None, frame.unit) and current.asked.accepts(frame.pdu)
             if not handed_over and frame not in self._hearing.late:
@@ -312,7 +323,7 @@ class Line:
         """
         is_response = echo_at >= len(self._hearing.early) and current.asked.accepts(current.asked.data)
         if not self._is_virtual and echo_at >= 0 and not is_response:
-            self._report.echo(first=not self._echo_suspected)
+            self._report.echo(current, first=not self._echo_suspected)
             self._echo_suspected = True
 
     def _take_late(self, response: LateResponse, now: float) -> None:
@@ -338,7 +349,8 @@ class Line:
         if heard and is_repeatable and current.retries < self.settings.retries:
             current.owed += not self._hearing.has_begun(current, self.settings.timing.mode, self._framer)
             current.retries += 1
-            self.counts.retries += 1
+            current.counts.retries += 1
+            self.busy_seconds += now - self._sent_at
             self._again, self._current = current, None
             return
         self._lose(current, now)
@@ -362,7 +374,6 @@ class Line:
         """Finish it although so many answers may come late: who could take one for its own waits or fails."""
         self._open_late_window(current, now, owed)
         overdue = self._queue.drop(lambda waiting: self._is_overdue(waiting, now))
-        self.counts.refused_overdue += len(overdue)
         try:
             self._finish(current, outcome, now)
         finally:
@@ -381,6 +392,7 @@ class Line:
         """The transaction is over. The next request goes out before the answer is sent on."""
         response = outcome if isinstance(outcome, Frame) else None
         self._current = None
+        self.busy_seconds += now - self._sent_at
         try:
             transaction.device.finished(transaction, response)
             if self.observer is not None:
@@ -390,6 +402,7 @@ class Line:
             if isinstance(outcome, Frame):
                 transaction.respond(outcome.pdu)
             else:
+                transaction.device.counts.last_error = outcome.result
                 transaction.fail(outcome)
 
     def __repr__(self) -> str:

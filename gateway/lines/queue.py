@@ -65,7 +65,6 @@ class WaitingQueue:
     """At most `size` requests wait, each for at most `max_wait` seconds. With `coalesce`, equal reads are shared."""
 
     def __init__(self, size: int, max_wait: float, *, coalesce: bool) -> None:
-        self.coalesced = 0
         self._size = size
         self._max_wait = max_wait
         self._coalesce = coalesce
@@ -121,6 +120,7 @@ class WaitingQueue:
         while expiries and (expiries[0][1] not in waiting or expiries[0][0] <= now):
             _, request = expiries.popleft()
             if request in waiting:
+                waiting[request].counts.expired += 1
                 self._withdraw(request)
                 late.append(request)
         return late
@@ -192,7 +192,7 @@ class WaitingQueue:
             return None
         if (client, device) in self._joined:
             return None
-        self.coalesced += 1
+        shared.counts.coalesced += 1
         shared.requests.append(request)
         self._joined[client, device] = shared
         return shared
@@ -242,5 +242,6 @@ class WaitingQueue:
     def _drop_unwanted(self) -> None:
         """Let go of requests whose clients have left; they end without a response."""
         for request in [request for request in self._waiting if not request.origin.wants(request)]:
+            self._waiting[request].counts.unwanted += 1
             self._withdraw(request)
             request.end()

@@ -4,6 +4,8 @@ from typing import Protocol
 
 from gateway.errors import RequestError
 from gateway.lines.breaker import Breaker
+from gateway.lines.counts import UnitCounts
+from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
 from gateway.request import Request
@@ -22,6 +24,7 @@ class Addressee(Protocol):
     is_urgent: bool
     answer_time: AnswerTime
     breaker: Breaker
+    counts: UnitCounts
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """The transaction was on the line and is over; None when no answer came. Must not call out to requests."""
@@ -34,7 +37,8 @@ class Transaction:
     """
 
     __slots__ = (
-        "asked", "client", "device", "ends_at", "follows", "limit", "owed", "requests", "retries", "unit", "waits",
+        "asked", "client", "counts", "device", "ends_at", "follows", "limit", "owed", "requests", "retries", "unit",
+        "waits",
     )  # fmt: skip
 
     #: Whether somebody answers: not to a broadcast (S 2.1).
@@ -45,6 +49,7 @@ class Transaction:
         self.client = request.origin.client
         self.asked = asked
         self.device = device
+        self.counts = device.counts[asked.function]
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
         #: Whether it is in the queue, and what must leave the queue before it.
@@ -99,11 +104,17 @@ class Transaction:
 
     def respond(self, pdu: bytes) -> None:
         """Answer all requests."""
+        if pdu[0] & EXCEPTION_BIT:
+            self.counts.exception += len(self.requests)
+            self.device.counts.refused_by_unit(pdu[1], len(self.requests))
+        else:
+            self.counts.ok += len(self.requests)
         for request in self.requests:
             request.respond(pdu)
 
     def fail(self, error: RequestError) -> None:
         """Fail all requests."""
+        self.counts.failed(error, len(self.requests))
         for request in self.requests:
             request.fail(error)
 

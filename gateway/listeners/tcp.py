@@ -5,14 +5,15 @@ import socket
 import traceback
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, cast
 
 from gateway import events
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings, Session
 from gateway.listeners.sockets import BACKLOG, Reserve, bound, why, written
-from gateway.request import Target
 from gateway.routing.access import may_write
+from gateway.routing.router import Router
 
 #: A connection whose client takes no responses keeps at most so many bytes for it.
 UNSENT_BYTES: Final = 64 * 1024
@@ -24,6 +25,14 @@ SWEEP_STEP: Final = 0.5
 ACCEPT_PAUSE: Final = 0.1
 
 
+@dataclass(slots=True)
+class Counts:
+    """Clients that have connected, and clients that were sent away, when they connected or later."""
+
+    accepted: int = 0
+    rejected: int = 0
+
+
 class TcpListener:
     """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
 
@@ -31,10 +40,11 @@ class TcpListener:
     client has CLOSING_DEADLINE to leave.
     """
 
-    def __init__(self, settings: ListenSettings, router: Target, emit: events.Emit) -> None:
+    def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
         self.settings = settings
         self.router = router
         self.emit = emit
+        self.counts = Counts()
         self.connections: set[TcpConnection] = set()
         self._closing: dict[TcpConnection, float] = {}
         self._doors: list[socket.socket] = []
@@ -44,7 +54,9 @@ class TcpListener:
 
     @property
     def address(self) -> str:
-        """The bound address, `tcp://127.0.0.1:5020`."""
+        """The bound address, `tcp://127.0.0.1:5020`; the configured one while it is not bound."""
+        if not self._doors:
+            return _url(self.settings.host, self.settings.port)
         return _url(*self._doors[0].getsockname()[:2])
 
     @property
@@ -100,6 +112,7 @@ class TcpListener:
 
     def connected(self, connection: "TcpConnection") -> None:
         """A client has connected."""
+        self.counts.accepted += 1
         self.connections.add(connection)
         self.emit(events.ClientConnected(self.settings.name, connection.client))
 
@@ -116,6 +129,7 @@ class TcpListener:
 
     def rejected(self, client: str, reason: str) -> None:
         """A client is sent away."""
+        self.counts.rejected += 1
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
     def failed(self, part: str, error: Exception) -> None:

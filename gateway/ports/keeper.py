@@ -45,8 +45,8 @@ class Keeper:
     def __init__(self, name: str, port_path: str, open_port: OpenPort, owner: PortOwner, emit: Emit) -> None:
         self.tried = asyncio.Event()
         self.error: PortError | None = None
+        self.port_path = port_path
         self._name = name
-        self._port_path = port_path
         self._open_port = open_port
         self._owner = owner
         self._emit = emit
@@ -93,7 +93,7 @@ class Keeper:
             async with asyncio.timeout(OPENING_DEADLINE):
                 port = await self._open_port(holding)
         except TimeoutError:
-            raise PortError(f"{self._port_path}: the driver did not open it within {OPENING_DEADLINE:g} s") from None
+            raise PortError(f"{self.port_path}: the driver did not open it within {OPENING_DEADLINE:g} s") from None
         if holding.gone.done():
             await _let_go(port)
             raise holding.gone.result()
@@ -105,9 +105,9 @@ class Keeper:
         self._opened_at = _now()
         self._owner.port_up(port)
         if self._lost_at is None:
-            self._emit(LineUp(self._name, self._port_path))
+            self._emit(LineUp(self._name, self.port_path))
         else:
-            self._emit(LineReopened(self._name, self._port_path, away_s=round(_now() - self._lost_at, 1)))
+            self._emit(LineReopened(self._name, self.port_path, away_s=round(_now() - self._lost_at, 1)))
         self.tried.set()
 
     def _is_lost(self, error: PortError) -> None:
@@ -122,11 +122,11 @@ class Keeper:
 
     def _tell(self, error: PortError) -> None:
         self._told.add(_trouble(error))
-        self._emit(LineLost(self._name, self._port_path, reason=str(error)))
+        self._emit(LineLost(self._name, self.port_path, reason=str(error)))
 
     def __repr__(self) -> str:
         state = "not tried yet" if not self.tried.is_set() else "open" if self.error is None else f"down: {self.error}"
-        return f"<Keeper {self._name} {self._port_path} {state}>"
+        return f"<Keeper {self._name} {self.port_path} {state}>"
 
 
 class _Holding:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
+from gateway.config.forecast import longest_wait
 from gateway.config.plan import LinePlan, Plan
 from gateway.events import Emit
 from gateway.images.image import Image
@@ -31,6 +32,7 @@ class Gateway:
     """All parts of a running gateway. Drivers and keepers are those of the lines, in the order of the config."""
 
     listeners: tuple[TcpListener, ...]
+    lines: "tuple[GatewayLine, ...]"
     drivers: tuple[LineDriver, ...]
     keepers: Mapping[str, Keeper]
     images: tuple[Image, ...]
@@ -38,7 +40,7 @@ class Gateway:
 
 def build(plan: Plan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit) -> Gateway:
     """The parts of `plan`, joined but not started: nothing is opened yet."""
-    lines = [_LineParts(line_plan, loop, opener, memory, emit) for line_plan in plan.lines]
+    lines = tuple(GatewayLine(line_plan, loop, opener, memory, emit) for line_plan in plan.lines)
     images = tuple(Image(settings) for settings in plan.images)
     routes: dict[int, Target] = {image.settings.unit: image for image in images}
     for line in lines:
@@ -49,7 +51,7 @@ def build(plan: Plan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: M
         for settings in plan.listeners
     )
     drivers = tuple(line.driver for line in lines)
-    return Gateway(listeners, drivers, {line.plan.line.name: line.keeper for line in lines}, images)
+    return Gateway(listeners, lines, drivers, {line.plan.line.name: line.keeper for line in lines}, images)
 
 
 def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: list[Target]) -> dict[int, Target]:
@@ -61,8 +63,8 @@ def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: l
     return {**routes, BROADCAST_UNIT: routes[settings.unit0]}
 
 
-class _LineParts:
-    """One line with everything that belongs to it."""
+class GatewayLine:
+    """One line with everything that belongs to it. Devices and the longest waits for them go by the clients' units."""
 
     def __init__(
         self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit
@@ -77,7 +79,8 @@ class _LineParts:
         self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
         self.keeper = Keeper(name, plan.serial.port, self._port.open, self.driver, emit)
         self.every_device = EveryDevice(self.driver)
-        self.devices: dict[int, Target] = {each.known_as: self._device(each) for each in plan.devices}
+        self.devices = {each.known_as: self._device(each) for each in plan.devices}
+        self.longest_wait = {each.known_as: longest_wait(plan, each) for each in plan.devices}
 
     def _device(self, settings: DeviceSettings) -> Device:
         if settings.unit == BROADCAST_UNIT:

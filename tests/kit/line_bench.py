@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from gateway.events import Event
+from gateway.lines.counts import Counts, total
 from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
@@ -40,7 +41,6 @@ class Bench:
         self.virtual = virtual
         self.events: list[Event] = []
         self.line = Line(self.settings, self.events.append)
-        self.counts = self.line.counts
         self.devices: dict[int, Device] = {}
         self.everyone = EveryDevice(self.line)
         self.written: list[str] = []
@@ -99,6 +99,12 @@ class Bench:
             self.now = max(deadline, self.now)
             self.line.tick(self.now)
         self.now = end
+
+    @property
+    def counts(self) -> Counts:
+        """All that the devices have counted, and the line for its broadcasts."""
+        devices = [*self.devices.values(), self.everyone]
+        return total(counts for device in devices for counts in device.counts.values())
 
     def told(self, kind: type[E]) -> list[E]:
         """The events of this kind."""

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gateway.lines.counts import RESULTS
 from gateway.modbus.checks import crc_fits
 from gateway.request import Request
 from kit.line_bench import ASCII, LIMIT, TIMING, Bench, is_empty
@@ -115,6 +116,8 @@ class Traffic(Bench):
         self.passes(300.0)
         for request in self.serials:
             assert request in request.origin.answers, f"{request} has no answer"
+        counts = self.counts
+        assert sum(getattr(counts, result) for result in RESULTS) == len(self.serials), "each request has one result"
         self.line._late.any_but(0, self.now)
         assert not self.line._late.windows
         assert is_empty(self.line)

@@ -28,7 +28,9 @@ def test_the_third_failure_in_a_row_begins_a_rest() -> None:
     breaker = Breaker()
     assert [breaker.failed(0.05, 10.0) for _ in range(FAILURES)] == [False, False, True]
     assert breaker.rests(10.0 + 1.0 - 0.001)
+    assert breaker.rest_left(10.0) == pytest.approx(1.0)
     assert not breaker.rests(10.0 + 1.0)
+    assert breaker.rest_left(10.0 + 1.0) == 0.0
 
 
 def test_a_rest_lasts_a_second_or_nine_limits_and_doubles_to_a_minute() -> None:
@@ -94,7 +96,7 @@ def test_a_unit_that_rests_gets_0b_at_once_whatever_the_function(bench: Bench) -
     bench.ask(OTHER_FUNCTION)
     assert bench.client.answers == ["84 0B"]
     assert bench.written == []
-    assert bench.counts.refused_resting == 1
+    assert bench.counts.resting == 1
     event = bench.told(UnitResting)[0]
     assert (event.unit, event.device, event.rest_s) == (1, "unit-1", pytest.approx(REST))
 

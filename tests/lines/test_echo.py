@@ -93,7 +93,7 @@ def test_an_echo_alone_is_a_time_out(announced: Bench) -> None:
     announced.hear(WRITE_FRAME)
     announced.pass_time(0.3)
     assert announced.client.answers == ["86 0B"]
-    assert (announced.counts.timeouts, announced.counts.broken) == (1, 0)
+    assert (announced.counts.timeout, announced.counts.bad_frame) == (1, 0)
 
 
 def test_without_the_echo_nothing_is_an_answer(announced: Bench) -> None:

@@ -41,7 +41,7 @@ def test_after_a_time_out_the_same_function_of_the_unit_gets_0b_at_once(bench: B
     bench.ask(OTHER)
     assert bench.client.answers == ["83 0B", "83 0B"]
     assert bench.written == []
-    assert bench.counts.refused_overdue == 2
+    assert bench.counts.overdue == 2
 
 
 def test_other_functions_and_other_units_go_on(bench: Bench) -> None:
@@ -124,7 +124,7 @@ def test_a_waiting_request_fails_at_once_when_a_window_makes_it_overdue(bench: B
     bench.pass_time(REQUEST_TIME + LIMIT + 1e-6)
     assert [client.answers for client in clients] == [["83 0B"]] * 3
     assert bench.written == [bench.frame(1, READ), bench.frame(1, "04 00 10 00 01")]
-    assert bench.counts.refused_overdue == 1  # they shared one transaction
+    assert bench.counts.overdue == 3
 
 
 def test_a_client_that_asks_one_unit_after_the_other_does_not_freeze(bench: Bench) -> None:
@@ -155,7 +155,7 @@ def test_a_late_response_is_dropped_told_with_its_delay_and_closes_the_window(be
     assert (told.unit, told.function) == (1, 3)
     assert told.elapsed_ms == round((LIMIT + 0.1) * 1000, 1)
     assert told.limit_ms == round(LIMIT * 1000, 1)
-    assert (bench.counts.late_responses, bench.counts.unasked_bytes, bench.counts.foreign_frames) == (1, 0, 0)
+    assert (bench.counts.late_responses, bench.line.unasked_bytes, bench.counts.foreign_frames) == (1, 0, 0)
     bench.ask(OTHER)
     bench.pass_time(0.01)
     assert bench.written == [bench.frame(1, OTHER)]
@@ -177,7 +177,7 @@ def test_what_does_not_fit_the_request_leaves_the_window_open(bench: Bench, pdu:
     time_out(bench)
     bench.respond(pdu, unit)
     assert bench.counts.late_responses == 0
-    assert bench.counts.unasked_bytes > 0
+    assert bench.line.unasked_bytes > 0
     bench.ask()
     assert bench.client.answers == ["83 0B"]
 
@@ -209,7 +209,7 @@ def test_after_the_window_a_response_is_unasked_bytes(bench: Bench) -> None:
     time_out(bench)
     bench.pass_time(WINDOW + 0.001)
     bench.respond()
-    assert (bench.counts.late_responses, bench.counts.unasked_bytes) == (0, 7)
+    assert (bench.counts.late_responses, bench.line.unasked_bytes) == (0, 7)
 
 
 def test_each_request_that_timed_out_has_a_window_of_its_own() -> None:
@@ -260,12 +260,8 @@ def test_a_late_response_alone_is_no_broken_frame_of_the_unit_that_is_asked(timi
     bench.respond()
     bench.pass_time(0.4)
     assert [type(event) for event in bench.events] == [RequestTimeout, LateResponse, RequestTimeout]
-    assert (bench.counts.timeouts, bench.counts.broken, bench.counts.foreign_frames, bench.counts.retries) == (
-        2,
-        0,
-        0,
-        0,
-    )
+    counts = bench.counts
+    assert (counts.timeout, counts.bad_frame, counts.foreign_frames, counts.retries) == (2, 0, 0, 0)
 
 
 def test_the_late_response_of_a_write_is_no_other_clients_request(bench: Bench) -> None:
@@ -465,3 +461,13 @@ def test_windows_end_by_themselves(bench: Bench) -> None:
 
 def transaction(bench: Bench, pdu: str = READ):
     return bench.devices[1]._transaction(bench.client.ask(pdu), bench.devices[1]._check(bytes.fromhex(pdu)))
+
+
+def test_a_line_tells_how_many_late_answers_it_awaits_and_how_many_requests_wait(bench: Bench) -> None:
+    time_out(bench)
+    time_out(bench, unit=2)
+    bench.ask("04 00 10 00 01")
+    bench.ask("04 00 20 00 01")
+    assert (bench.line.late_windows(bench.now), bench.line.waiting) == (2, 1)
+    bench.pass_time(10.0)
+    assert (bench.line.late_windows(bench.now), bench.line.waiting) == (0, 0)

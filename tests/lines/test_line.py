@@ -3,6 +3,7 @@
 import pytest
 
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
+from gateway.lines.counts import Counts
 from gateway.lines.quirks import RestlessDevice, Whereabouts
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
@@ -66,7 +67,7 @@ def test_noise_on_the_idle_line_starts_the_silence_anew(bench: Bench) -> None:
     assert bench.written == []
     bench.pass_time(TIMING.t35 + 1e-6)
     assert bench.written == [READ_FRAME]
-    assert bench.line.counts.unasked_bytes == 1
+    assert bench.line.unasked_bytes == 1
 
 
 def test_a_gap_of_0_sends_the_next_request_with_the_response() -> None:
@@ -112,7 +113,7 @@ def test_silence_is_answered_0b_when_the_limit_after_the_request_has_passed(benc
     assert bench.client.answers == ["83 0B"]
     assert isinstance(bench.events[0], RequestTimeout)
     assert (bench.events[0].limit_ms, bench.events[0].elapsed_ms) == (round(LIMIT * 1000, 1),) * 2
-    assert (bench.counts.broken, bench.counts.timeouts) == (0, 1)
+    assert (bench.counts.bad_frame, bench.counts.timeout) == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +131,7 @@ def test_rubbish_is_answered_0b_when_the_limit_has_passed(bench: Bench, heard: s
     bench.pass_time(0.3)
     assert bench.client.answers == ["83 0B"]
     assert isinstance(bench.events[0], BadFrame)
-    assert (bench.counts.broken, bench.counts.timeouts) == (1, 0)
+    assert (bench.counts.bad_frame, bench.counts.timeout) == (1, 0)
     assert bench.events[0].heard.startswith(heard[:8].strip())
 
 
@@ -159,7 +160,7 @@ def test_a_foreign_frame_alone_is_told_and_ends_in_0b(bench: Bench) -> None:
     bench.pass_time(0.3)
     assert bench.client.answers == ["83 0B"]
     assert bench.events[0] == ForeignFrame("hall-a", 1, "unit-1", 3, "4D 03 02 DE AD")
-    assert bench.line.counts.foreign_frames == 1
+    assert bench.counts.foreign_frames == 1
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,7 @@ def test_an_exception_from_the_device_is_passed_on_at_once(bench: Bench) -> None
     bench.ask()
     bench.hear("01 83 06 C1 32")
     assert bench.client.answers == ["83 06"]
-    assert (bench.counts.responses, bench.counts.exceptions) == (1, 1)
+    assert (bench.counts.responses, bench.counts.exception) == (1, 1)
 
 
 @pytest.mark.parametrize("noise", ["00 FF", "01", "01 03", "01 83", READ_FRAME])
@@ -338,7 +339,7 @@ def test_a_foreign_ascii_frame_is_dropped_as_it_comes() -> None:
     bench.hear(frame(3, "03 02 02 10", ascii_framing.encode))
     bench.hear(frame(2, "03 02 02 10", ascii_framing.encode))
     assert bench.client.answers == ["03 02 02 10"]
-    assert bench.line.counts.foreign_frames == 1
+    assert bench.counts.foreign_frames == 1
 
 
 def test_the_repr_is_a_status_line(bench: Bench) -> None:
@@ -389,7 +390,7 @@ def test_an_exception_behind_the_response_is_not_the_next_requests(bench: Bench)
     bench.ask(OTHER)
     bench.pass_time(0.01)
     assert bench.client.answers == [RESPONSE]
-    assert bench.counts.exceptions == 0
+    assert bench.counts.exception == 0
 
 
 def test_an_exception_inside_the_data_of_a_response_is_data() -> None:
@@ -418,7 +419,7 @@ def test_a_response_of_an_unknown_function_may_end_a_little_after_the_limit(benc
     assert bench.client.answers == []
     bench.pass_time(2e-6)
     assert bench.client.answers == ["41 99 98 97 96 95"]
-    assert bench.counts.timeouts == bench.counts.broken == 0
+    assert bench.counts.timeout == bench.counts.bad_frame == 0
 
 
 def test_babble_does_not_put_off_the_limit_of_an_unknown_function_for_ever(bench: Bench) -> None:
@@ -429,7 +430,7 @@ def test_babble_does_not_put_off_the_limit_of_an_unknown_function_for_ever(bench
         bench.pass_time(0.001)
     assert bench.client.answers == ["C1 0B"]
     assert bench.now - began < 0.2 + TIMING.longest_frame + 0.02
-    assert bench.counts.broken == 1
+    assert bench.counts.bad_frame == 1
 
 
 # --- silences ---
@@ -493,7 +494,7 @@ def test_unasked_frames_are_dropped_and_counted(bench: Bench) -> None:
     bench.ask()
     bench.pass_time(0.01)
     assert bench.client.answers == []
-    assert bench.counts.unasked_bytes == 7
+    assert bench.line.unasked_bytes == 7
 
 
 # --- retries ---
@@ -513,7 +514,7 @@ def test_a_read_is_sent_again_at_once_after_a_broken_frame() -> None:
     assert bench.written == [READ_FRAME, READ_FRAME]
     bench.respond()
     assert bench.client.answers == [RESPONSE]
-    assert (bench.counts.retries, bench.counts.sent, bench.counts.broken, bench.counts.responses) == (1, 2, 0, 1)
+    assert (bench.counts.retries, bench.counts.sent, bench.counts.bad_frame, bench.counts.responses) == (1, 2, 0, 1)
     assert bench.events == []
 
 
@@ -524,7 +525,7 @@ def test_it_is_sent_again_so_many_times_and_no_more() -> None:
         broken_frame(bench)
     assert bench.client.answers == ["83 0B"]
     assert bench.written == [READ_FRAME] * 3
-    assert (bench.counts.retries, bench.counts.broken) == (2, 1)
+    assert (bench.counts.retries, bench.counts.bad_frame) == (2, 1)
     assert bench.devices[1].breaker.failures == 1
 
 
@@ -666,7 +667,6 @@ def test_a_request_that_its_device_refuses_when_its_turn_comes_is_not_sent(bench
 
 
 def test_everything_is_counted(bench: Bench) -> None:
-    counts = bench.counts
     bench.ask()
     bench.pass_time(0.3)
     bench.respond()
@@ -674,10 +674,9 @@ def test_everything_is_counted(bench: Bench) -> None:
     bench.pass_time(0.01)
     bench.respond("84 02", unit=2)
     bench.broadcast(WRITE)
-    assert (counts.sent, counts.responses, counts.exceptions, counts.timeouts) == (2, 1, 1, 1)
-    assert (counts.late_responses, counts.broadcasts) == (1, 0)
+    assert bench.counts == Counts(sent=2, responses=1, exception=1, timeout=1, late_responses=1)
     bench.pass_time(1.0)
-    assert (counts.sent, counts.broadcasts, counts.responses) == (3, 1, 1)
+    assert bench.counts == Counts(sent=3, responses=1, exception=1, timeout=1, late_responses=1, broadcast=1)
 
 
 def test_refusals_are_counted() -> None:
@@ -685,7 +684,7 @@ def test_refusals_are_counted() -> None:
     for _ in range(3):
         bench.ask()
     bench.pass_time(0.1)
-    assert (bench.counts.queue_full, bench.counts.waited_too_long) == (1, 1)
+    assert (bench.counts.queue_full, bench.counts.expired) == (1, 1)
     assert bench.client.answers == ["83 06", "83 06"]
 
 

@@ -136,7 +136,7 @@ def test_another_clients_exception_is_ambiguous_too(bench: Bench) -> None:
     bench.respond("06 00 01 00 05")
     bench.respond("83 02")
     assert bench.client.answers == ["83 0B"]
-    assert bench.counts.exceptions == 0
+    assert bench.counts.exception == 0
 
 
 def test_another_clients_request_alone_is_foreign(bench: Bench) -> None:
@@ -144,7 +144,7 @@ def test_another_clients_request_alone_is_foreign(bench: Bench) -> None:
     bench.respond("06 00 01 00 05")
     bench.pass_time(1.0)
     assert bench.client.answers == ["83 0B"]
-    assert (bench.counts.ambiguous, bench.counts.foreign_frames, bench.counts.broken) == (0, 1, 1)
+    assert (bench.counts.ambiguous, bench.counts.foreign_frames, bench.counts.bad_frame) == (0, 1, 1)
 
 
 def test_on_a_real_port_a_request_heard_while_ours_leaves_counts_too(bench: Bench) -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.lines.counts import total
 from gateway.lines.device import Device, EveryDevice
 from gateway.lines.queue import _EMPTY_ROWS, OVERTAKES, WaitingQueue
 from gateway.lines.transaction import BroadcastTransaction, Transaction
@@ -46,6 +47,11 @@ class Waiting:
         """Who goes next when these units are held: its clients and its unit; "" for none."""
         taken = self.queue.take(lambda waiting: waiting.device.unit in held)
         return name(taken) if taken is not None else ""
+
+    @property
+    def coalesced(self) -> int:
+        """How many requests have joined another one."""
+        return total(counts for device in self.devices.values() for counts in device.counts.values()).coalesced
 
     def take_all(self, *held: int) -> list[str]:
         """Who goes, in turn, until nobody is left that may."""
@@ -214,7 +220,7 @@ def test_equal_reads_of_several_clients_share_one_transaction(waiting: Waiting) 
     for client in "ABC":
         waiting.put(client)
     assert len(waiting.queue) == 3
-    assert waiting.queue.coalesced == 2
+    assert waiting.coalesced == 2
     assert waiting.take_all() == ["A+B+C1"]
     assert waiting.is_empty()
 
@@ -223,14 +229,14 @@ def test_equal_reads_of_several_clients_share_one_transaction(waiting: Waiting) 
 def test_every_function_that_only_reads_is_shared(waiting: Waiting, pdu: str) -> None:
     waiting.put("A", pdu)
     waiting.put("B", pdu)
-    assert waiting.queue.coalesced == 1
+    assert waiting.coalesced == 1
 
 
 @pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "07", "41 01"])
 def test_no_other_function_is_shared(waiting: Waiting, pdu: str) -> None:
     waiting.put("A", pdu)
     waiting.put("B", pdu)
-    assert waiting.queue.coalesced == 0
+    assert waiting.coalesced == 0
     assert len(waiting.take_all()) == 2
 
 
@@ -240,7 +246,7 @@ def test_other_registers_other_units_and_equal_units_of_other_devices_are_not_sh
     waiting.put("C", unit=2)
     del waiting.devices[1]
     waiting.put("D")
-    assert waiting.queue.coalesced == 0
+    assert waiting.coalesced == 0
 
 
 def test_without_coalesce_nothing_is_shared() -> None:

@@ -5,7 +5,7 @@ import pytest
 from gateway.events import AccessDenied, Event
 from gateway.request import Request
 from gateway.routing.access import may_write
-from gateway.routing.router import Router
+from gateway.routing.router import Counts, Router
 from kit.asker import Asker
 
 
@@ -60,3 +60,11 @@ def test_a_reader_may_use_nothing_that_could_write(function: int) -> None:
 )
 def test_only_clients_of_this_machine_may_write(host: str, writes: bool) -> None:
     assert may_write(host) is writes
+
+
+def test_what_reaches_no_target_is_counted() -> None:
+    router = Router({7: Echo()}, lambda event: None)
+    reader = Asker(may_write=False)
+    for unit, pdu in ((7, "03 00 00 00 01"), (7, "06 00 00 00 01"), (8, "03 00 00 00 01"), (8, "06 00 00 00 01")):
+        router.submit(reader.ask(pdu, unit=unit), 0.0)
+    assert router.counts == Counts(no_route=2, denied=1)

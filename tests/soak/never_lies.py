@@ -16,7 +16,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -34,6 +34,7 @@ from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import pack_bits, unpack_bits
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
+from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from kit.faulty import OWN_FUNCTION, Fault, FaultyDevice, FaultyLine, bit, word
 from kit.house import House
@@ -661,10 +662,9 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
             tally.complain(f"no answer to {question.unit}: {question.pdu.hex(' ').upper()}")
     if tally.slowest > PATIENCE:
         tally.complain(f"an answer took {tally.slowest:.3f} s")
-    for line, driver in zip(world.lines, home.gateway.drivers, strict=True):
+    for line, of_gateway in zip(world.lines, status(home.gateway, world.loop.time()).lines, strict=True):
         tally.injected.update({fault.value: count for fault, count in line.injected.items()})
-        counts = driver.line.counts
-        tally.counts.update({name: getattr(counts, name) for name in counts.__slots__})
+        tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
     tally.virtual_seconds = world.loop.time()
     return tally
 

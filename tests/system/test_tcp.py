@@ -15,7 +15,7 @@ from gateway.listeners import session as session_module
 from gateway.listeners import tcp as tcp_module
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import KEEPALIVE_IDLE, KERNEL_BUFFER, USER_TIMEOUT
-from gateway.listeners.tcp import TcpListener
+from gateway.listeners.tcp import Counts, TcpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 from kit.process import PATIENCE
@@ -200,6 +200,7 @@ async def test_when_full_the_client_that_has_been_idle_longest_makes_room() -> N
         assert await second.is_closed()
         assert await home.closes(second) == "made room for another client"
         assert home.reason(second, ClientRejected) == "made room for another client"
+        assert home.listener.counts == Counts(accepted=3, rejected=1)
         assert await first.is_open()
         assert await third.is_open()
 

@@ -1,0 +1,186 @@
+"""How a gateway is doing: one snapshot, for everything that shows it. `dataclasses.asdict` makes JSON of it.
+
+Counts are those since the start. Durations have their unit in their name.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from gateway.images.image import Image
+from gateway.lines.breaker import Breaker
+from gateway.lines.counts import Counts, UnitCounts, total
+from gateway.lines.device import Device
+from gateway.listeners.tcp import TcpListener
+from gateway.ports.keeper import Keeper
+from gateway.service.build import Gateway, GatewayLine
+
+
+@dataclass(frozen=True, slots=True)
+class ListenerStatus:
+    """An address where clients connect. `denied` and `no_route` are requests that no unit was asked for."""
+
+    name: str
+    address: str
+    clients: int
+    accepted: int
+    rejected: int
+    denied: int
+    no_route: int
+
+
+@dataclass(frozen=True, slots=True)
+class LineStatus:
+    """A line. `reason` says why it is down. `late_windows` is how many late answers are awaited.
+
+    `busy_s` is how long something was asked on it: the share of a time is the difference over that time. `counts` are
+    those of all its units and of its broadcasts.
+    """
+
+    name: str
+    source: str
+    port: str
+    state: Literal["up", "down", "not tried"]
+    reason: str
+    mode: str
+    baud: int
+    format: str
+    queue: int
+    late_windows: int
+    busy_s: float
+    unasked_bytes: int
+    counts: Counts
+
+
+@dataclass(frozen=True, slots=True)
+class UnitStatus:
+    """A unit on a line: `unit` to clients, `on_the_wire` to the line.
+
+    It is failing after `failures` in a row, and after three of them it rests: `rests_ms` are left of that.
+    `exceptions` are those of the unit itself, by code. `functions` are the counts of each function that was asked, 0
+    standing for all that the gateway does not know. A client's time-out should be longer than `longest_wait_ms`.
+    """
+
+    line: str
+    unit: int
+    on_the_wire: int
+    name: str
+    source: str
+    profile: str
+    state: Literal["fine", "failing", "resting"]
+    failures: int
+    rests_ms: float
+    last_error: str
+    longest_wait_ms: float
+    counts: Counts
+    exceptions: Mapping[int, int]
+    functions: Mapping[int, Counts]
+
+
+@dataclass(frozen=True, slots=True)
+class ImageStatus:
+    """A unit that the gateway answers itself."""
+
+    unit: int
+    name: str
+    source: str
+    requests: int
+    exceptions: int
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """The whole gateway, in the order of its config. `at` is when: in seconds of the loop's clock."""
+
+    at: float
+    listeners: tuple[ListenerStatus, ...]
+    lines: tuple[LineStatus, ...]
+    units: tuple[UnitStatus, ...]
+    images: tuple[ImageStatus, ...]
+
+
+def status(gateway: Gateway, now: float) -> Status:
+    """How `gateway` is doing at `now`."""
+    return Status(
+        at=now,
+        listeners=tuple(_listener(each) for each in gateway.listeners),
+        lines=tuple(_line(each, now) for each in gateway.lines),
+        units=tuple(_unit(line, device, now) for line in gateway.lines for device in line.devices.values()),
+        images=tuple(_image(each) for each in gateway.images),
+    )
+
+
+def _listener(listener: TcpListener) -> ListenerStatus:
+    return ListenerStatus(
+        name=listener.settings.name,
+        address=listener.address,
+        clients=len(listener.connections),
+        accepted=listener.counts.accepted,
+        rejected=listener.counts.rejected,
+        denied=listener.router.counts.denied,
+        no_route=listener.router.counts.no_route,
+    )
+
+
+def _line(parts: GatewayLine, now: float) -> LineStatus:
+    line, timing = parts.driver.line, parts.driver.line.settings.timing
+    return LineStatus(
+        name=line.settings.name,
+        source=line.settings.source,
+        port=parts.keeper.port_path,
+        state=_port_state(parts.keeper),
+        reason=str(parts.keeper.error or ""),
+        mode=timing.mode,
+        baud=timing.baud,
+        format=str(timing.format),
+        queue=line.waiting,
+        late_windows=line.late_windows(now),
+        busy_s=round(line.busy_seconds, 3),
+        unasked_bytes=line.unasked_bytes,
+        counts=_sum([parts.every_device.counts, *(device.counts for device in parts.devices.values())]),
+    )
+
+
+def _port_state(keeper: Keeper) -> Literal["up", "down", "not tried"]:
+    if not keeper.tried.is_set():
+        return "not tried"
+    return "up" if keeper.error is None else "down"
+
+
+def _unit(parts: GatewayLine, device: Device, now: float) -> UnitStatus:
+    settings, breaker = device.settings, device.breaker
+    return UnitStatus(
+        line=parts.plan.line.name,
+        unit=settings.known_as,
+        on_the_wire=device.unit,
+        name=settings.name,
+        source=settings.source,
+        profile=settings.profile.name,
+        state=_unit_state(breaker, now),
+        failures=breaker.failures,
+        rests_ms=_milliseconds(breaker.rest_left(now)),
+        last_error=device.counts.last_error,
+        longest_wait_ms=_milliseconds(parts.longest_wait[settings.known_as]),
+        counts=_sum([device.counts]),
+        exceptions=dict(device.counts.codes),
+        functions={function: total([counts]) for function, counts in device.counts.items()},
+    )
+
+
+def _unit_state(breaker: Breaker, now: float) -> Literal["fine", "failing", "resting"]:
+    if breaker.rests(now):
+        return "resting"
+    return "failing" if breaker.failures else "fine"
+
+
+def _image(image: Image) -> ImageStatus:
+    settings, counts = image.settings, image.counts
+    return ImageStatus(settings.unit, settings.name, settings.source, counts.requests, counts.exceptions)
+
+
+def _sum(units: Iterable[UnitCounts]) -> Counts:
+    return total(counts for unit in units for counts in unit.values())
+
+
+def _milliseconds(seconds: float) -> float:
+    return round(seconds * 1000, 1)

@@ -1,0 +1,151 @@
+"""What is counted for a unit: each request once, under what became of it."""
+
+import pytest
+
+from gateway import errors
+from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, Counts, UnitCounts, total
+from gateway.profiles.profile import Profile
+from kit.asker import Asker
+from kit.line_bench import LIMIT, READ, RESPONSE, RESPONSE_FRAME, Bench
+
+WRITE = "06 00 01 00 05"
+#: What the line itself never answers.
+ELSEWHERE = {"denied", "no_route"}
+
+
+def results(bench: Bench) -> dict[str, int]:
+    """What has become of requests, as often as it has."""
+    counts = bench.counts
+    return {name: count for name in RESULTS if (count := getattr(counts, name))}
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def below(error: type) -> list[type]:
+    return [one for sub in error.__subclasses__() for one in (sub, *below(sub))]
+
+
+def test_each_error_of_a_request_has_a_place_of_its_own_among_the_results() -> None:
+    names = {error.result for error in below(errors.RequestError) if error.__module__ == errors.__name__}
+    assert names - ELSEWHERE == set(RESULTS) - {"ok", "exception", "broadcast", "unwanted"}
+
+
+def test_counts_go_by_function_and_those_that_are_not_known_share_one() -> None:
+    counts = UnitCounts()
+    for function in (3, 3, 65, 100, 0, 200):
+        counts[function].ok += 1
+    assert {function: one.ok for function, one in counts.items()} == {3: 2, OTHER_FUNCTIONS: 4}
+
+
+def test_a_total() -> None:
+    assert total([]) == Counts()
+    assert total([Counts(ok=1, sent=2), Counts(ok=3, noise=4)]) == Counts(ok=4, sent=2, noise=4)
+
+
+def test_an_answer(bench: Bench) -> None:
+    assert bench.asks() is not None
+    bench.pass_time(2.0)
+    bench.ask()
+    bench.hear(RESPONSE_FRAME)
+    assert results(bench) == {"timeout": 1, "ok": 1}
+    assert bench.devices[1].counts[3].responses == 1
+
+
+def test_an_exception_of_the_unit_with_its_code(bench: Bench) -> None:
+    for code in ("83 02", "83 04", "83 02"):
+        bench.ask()
+        bench.respond(code)
+        bench.pass_time(0.01)
+    assert results(bench) == {"exception": 3}
+    assert bench.devices[1].counts.codes == {2: 2, 4: 1}
+    assert bench.devices[1].counts.last_error == "exception 02"
+
+
+def test_what_was_sent_and_failed_is_the_units_last_error(bench: Bench) -> None:
+    bench.device(timeout=0.2)
+    counts = bench.devices[1].counts
+    assert counts.last_error == ""
+    bench.asks()
+    assert counts.last_error == "timeout"
+    bench.ask()
+    bench.hear("01 03 02 01 10 00 00")
+    bench.pass_time(1.0)
+    assert counts.last_error == "bad_frame"
+    bench.ask()
+    bench.respond("03 00 30 00 01")
+    bench.respond()
+    assert counts.last_error == "ambiguous"
+    bench.pass_time(1.0)
+    bench.ask()
+    bench.unplug()
+    assert counts.last_error == "line_lost"
+    bench.ask()
+    assert counts.last_error == "line_lost"
+    assert results(bench) == {"timeout": 1, "bad_frame": 1, "ambiguous": 1, "line_lost": 1, "line_down": 1}
+
+
+def test_what_the_profile_refuses(bench: Bench) -> None:
+    bench.device(profile=Profile("mint", functions=frozenset({3})))
+    bench.ask("04 00 10 00 01")
+    bench.ask("03 00 10 00 00")
+    bench.ask("41")
+    assert results(bench) == {"refused": 3}
+    assert set(bench.devices[1].counts) == {3, 4, OTHER_FUNCTIONS}
+
+
+def test_what_is_refused_while_a_late_answer_is_awaited_or_the_unit_rests(bench: Bench) -> None:
+    bench.ask()
+    bench.pass_time(LIMIT + 0.01)
+    bench.ask()
+    assert results(bench) == {"timeout": 1, "overdue": 1}
+    bench.pass_time(1.0)
+    bench.asks()
+    bench.asks()
+    bench.ask()
+    assert results(bench) == {"timeout": 3, "overdue": 1, "resting": 1}
+
+
+def test_each_request_that_shares_a_read_counts_and_the_transaction_once(bench: Bench) -> None:
+    bench.ask(WRITE, unit=2)
+    for number in range(3):
+        bench.ask(client=Asker(f"10.0.0.{number}:1"))
+    bench.respond(WRITE, unit=2)
+    bench.pass_time(0.01)
+    bench.respond(RESPONSE)
+    counts = bench.devices[1].counts[3]
+    assert counts == Counts(ok=3, sent=1, responses=1, coalesced=2)
+
+
+def test_a_request_whose_client_has_left(bench: Bench) -> None:
+    gone = Asker("10.0.0.1:1")
+    bench.ask(unit=2)
+    bench.ask(READ, client=gone)
+    gone.gone = True
+    bench.respond(unit=2)
+    bench.pass_time(0.01)
+    assert results(bench) == {"ok": 1, "unwanted": 1}
+
+
+def test_a_request_whose_client_has_left_makes_room_in_a_full_queue() -> None:
+    bench = Bench(queue=1)
+    gone = Asker("10.0.0.1:1")
+    bench.ask(unit=2)
+    bench.ask(client=gone)
+    gone.gone = True
+    bench.ask(client=Asker("10.0.0.2:1"))
+    bench.ask(client=Asker("10.0.0.3:1"), pdu=WRITE)
+    assert results(bench) == {"unwanted": 1, "queue_full": 1}
+
+
+def test_how_long_a_line_was_busy(bench: Bench) -> None:
+    bench.ask()
+    bench.pass_time(0.05)
+    bench.respond()
+    bench.pass_time(10.0)
+    assert bench.line.busy_seconds == pytest.approx(0.05)
+    bench.broadcast(WRITE)
+    bench.pass_time(10.0)
+    assert bench.line.busy_seconds == pytest.approx(0.05 + 8 * bench.settings.timing.character + 0.1)

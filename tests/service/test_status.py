@@ -1,0 +1,179 @@
+"""One snapshot that tells how the whole gateway is doing."""
+
+import asyncio
+import json
+from dataclasses import asdict, replace
+
+import pytest
+
+from gateway.lines.counts import Counts
+from gateway.service.status import LineStatus, Status, UnitStatus, status
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.house import Client, House, house
+
+CONFIG = """
+[[listen]]
+name = "scada"
+bind = "tcp://127.0.0.1:5021"
+unit0 = "broadcast"
+
+[[line]]
+name    = "hall-a"
+port    = "/dev/hall-a"
+baud    = 9600
+timeout = "200 ms"
+devices = [{ unit = 1, as = 41, name = "silo" }, { unit = 6, name = "press", profile = "v80" }]
+
+[[line]]
+name    = "hall-b"
+port    = "/dev/hall-b"
+mode    = "ascii"
+devices = [{ unit = 2 }]
+
+[[image]]
+unit    = 200
+name    = "shift"
+holding = 10
+"""
+READ = "03 00 00 00 01"
+
+
+def snapshot(home: House) -> Status:
+    return status(home.gateway, asyncio.get_running_loop().time())
+
+
+def line(home: House, name: str = "hall-a") -> LineStatus:
+    return next(each for each in snapshot(home).lines if each.name == name)
+
+
+def unit(home: House, number: int = 41) -> UnitStatus:
+    return next(each for each in snapshot(home).units if each.unit == number)
+
+
+def attach(home: House) -> SimulatedDevice:
+    device = SimulatedDevice(1)
+    home.attach("hall-a", SimulatedLine("rtu", device))
+    return device
+
+
+async def rests(client: Client) -> None:
+    """Unit 41 fails until it rests."""
+    for _ in range(3):
+        assert await client.asks(41, READ) == "83 0B"
+        await asyncio.sleep(1.0)
+
+
+async def test_before_the_start_no_line_was_tried() -> None:
+    assert [(each.state, each.reason) for each in snapshot(House(CONFIG)).lines] == [("not tried", "")] * 2
+
+
+async def test_the_lines_are_those_of_the_config() -> None:
+    async with house(CONFIG) as home:
+        first, second = snapshot(home).lines
+        assert (first.name, first.port, first.state) == ("hall-a", "/dev/hall-a", "up")
+        assert (first.mode, first.baud, first.format) == ("rtu", 9600, "8E1")
+        assert (second.mode, second.baud, second.format) == ("ascii", 19200, "7E1")
+        assert first.source.endswith(":7")
+
+
+async def test_a_line_that_is_down_says_why() -> None:
+    async with house(CONFIG) as home:
+        home.lines["hall-a"].pull("it was pulled")
+        await asyncio.sleep(5)
+        assert (line(home).state, line(home).reason) == ("down", "it was pulled")
+        home.lines["hall-a"].plug()
+        await asyncio.sleep(5)
+        assert (line(home).state, line(home).reason) == ("up", "")
+
+
+async def test_what_waits_and_what_is_awaited() -> None:
+    async with house(CONFIG) as home:
+        client = home.client()
+        for _ in range(3):
+            client.ask(6, READ)
+        assert line(home).queue == 2
+        await asyncio.sleep(10.0)
+        assert (line(home).queue, line(home).late_windows) == (0, 0)
+        await home.client().asks(41, READ)
+        assert line(home).late_windows == 1
+        assert line(home, "hall-b").late_windows == 0
+
+
+async def test_counts_of_units_and_their_line() -> None:
+    async with house(CONFIG) as home:
+        device, client = attach(home), home.client()
+        await client.asks(41, READ)
+        device.refuses[6] = 4
+        await client.asks(41, "06 00 01 00 05")
+        client.ask(0, "06 00 01 00 05")
+        await client.asks(6, READ)
+        silo = unit(home)
+        assert silo.counts == Counts(ok=1, exception=1, sent=2, responses=2)
+        assert silo.functions == {3: Counts(ok=1, sent=1, responses=1), 6: Counts(exception=1, sent=1, responses=1)}
+        assert (silo.exceptions, silo.last_error) == ({4: 1}, "exception 04")
+        assert line(home).counts == Counts(ok=1, exception=1, timeout=1, broadcast=1, sent=4, responses=2)
+        assert 0.1 < line(home).busy_s < 2.0
+
+
+async def test_a_unit_fails_and_rests_and_is_fine_again() -> None:
+    async with house(CONFIG) as home:
+        client = home.client()
+        assert (unit(home).state, unit(home).failures, unit(home).rests_ms) == ("fine", 0, 0)
+        await client.asks(41, READ)
+        assert (unit(home).state, unit(home).failures, unit(home).last_error) == ("failing", 1, "timeout")
+        await asyncio.sleep(1.0)
+        await rests(client)
+        assert unit(home).state == "resting"
+        assert 0 < unit(home).rests_ms < 10_000
+        assert unit(home, 6).state == "fine"
+        attach(home)
+        await asyncio.sleep(unit(home).rests_ms / 1000 + 0.01)
+        assert (unit(home).state, unit(home).rests_ms) == ("failing", 0)
+        await client.asks(41, READ)
+        assert (unit(home).state, unit(home).last_error) == ("fine", "timeout")
+
+
+async def test_a_unit_says_who_it_is_and_how_long_a_client_may_have_to_wait() -> None:
+    """In the queue for 2 s; then 3.5 characters, the longest request and response and 200 ms, and 5 ms for the port."""
+    async with house(CONFIG) as home:
+        silo = unit(home)
+        assert (silo.line, silo.on_the_wire, silo.name, silo.profile) == ("hall-a", 1, "silo", "generic")
+        characters = 4.5 + 256 + 255  # the V80 on the line needs a silence of 4.5
+        assert silo.longest_wait_ms >= 2000 + 200 + 5
+        assert silo.longest_wait_ms <= 2000 + characters * 11 / 9.6 + 200 + 5
+
+
+async def test_listeners_and_what_they_refuse() -> None:
+    async with house(CONFIG) as home:
+        reader = home.client(may_write=False)
+        await reader.asks(41, "06 00 01 00 05")
+        await reader.asks(99, READ)
+        await reader.asks(99, READ)
+        (scada,) = snapshot(home).listeners
+        assert (scada.name, scada.address, scada.clients) == ("scada", "tcp://127.0.0.1:5021", 0)
+        assert (scada.denied, scada.no_route) == (1, 2)
+
+
+async def test_images() -> None:
+    async with house(CONFIG) as home:
+        client = home.client()
+        await client.asks(200, READ)
+        await client.asks(200, "03 00 64 00 01")
+        (image,) = snapshot(home).images
+        assert (image.unit, image.name, image.requests, image.exceptions) == (200, "shift", 2, 1)
+
+
+async def test_a_snapshot_is_json_and_changes_no_more() -> None:
+    async with house(CONFIG) as home:
+        attach(home)
+        before = snapshot(home)
+        text = json.dumps(asdict(before))
+        await home.client().asks(41, READ)
+        assert json.dumps(asdict(before)) == text
+        assert replace(snapshot(home), at=before.at) != before
+
+
+@pytest.mark.parametrize("part", ["listeners", "lines", "units", "images"])
+async def test_each_part_is_in_the_json(part: str) -> None:
+    async with house(CONFIG) as home:
+        assert json.loads(json.dumps(asdict(snapshot(home))))[part]
