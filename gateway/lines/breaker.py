@@ -3,7 +3,8 @@
 After three failures in a row a unit rests: its requests are answered 0B at once. A rest counts from the end of the
 last failure's late window. When it is over, the next client's request is the probe: the gateway sends nothing of its
 own. If the probe fails too, the next rest is twice as long. A rest is at least nine limits, so a dead unit takes at
-most a tenth of its line's time. Any valid frame from the unit, a late one included, ends all of it.
+most a tenth of its line's time. Any valid answer of the unit, a late one and one that nobody awaits any more
+included, ends all of it.
 """
 
 from typing import Final

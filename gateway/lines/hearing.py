@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
-from gateway.lines.overheard import Overheard, has_begun, overheard, requests_in
+from gateway.lines.overheard import Overheard, has_begun, is_from, overheard, requests_in
 from gateway.lines.transaction import Transaction
 from gateway.modbus.chartime import Mode
 from gateway.modbus.frame import Frame, ResponseFramer
@@ -45,6 +45,10 @@ class Hearing:
         self._idle += data
         del self._idle[:-_SIZE]
         self._idle_at = now
+
+    def is_idle_from(self, unit: int, mode: Mode) -> bool:
+        """Whether a frame from `unit` has come while nothing was asked."""
+        return is_from(unit, mode, bytes(self._idle))
 
     def lost(self, heard: bytes, mode: Mode, now: float) -> None:
         """The request was not answered; this was heard instead."""

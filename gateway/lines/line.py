@@ -125,8 +125,7 @@ class Line:
         if self._current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
             if not late:
-                self.unasked_bytes += len(data)
-                self._hearing.keep_idle(data, now)
+                self._hear_idle(data, now)
             self._go_on(now)
             return
         if self._echo is not None:
@@ -273,6 +272,14 @@ class Line:
         self._quiet_at = transaction.ends_at + self._gap
         self._hearing.begin(self.settings.timing.mode, now, transaction.limit)
         self._framer.expect(transaction.answers_from, transaction.asked)
+
+    def _hear_idle(self, data: bytes, now: float) -> None:
+        """Take bytes that nobody asked for; a frame from a unit that rests ends its rest."""
+        self.unasked_bytes += len(data)
+        self._hearing.keep_idle(data, now)
+        mode = self.settings.timing.mode
+        for device in [each for each in self._resting if self._hearing.is_idle_from(each.unit, mode)]:
+            self._heard_from(device)
 
     def _judge(self, current: Transaction, frames: list[Frame], now: float) -> None:
         """Finish the current transaction with the first frame that fits it; others are dropped.

@@ -47,6 +47,12 @@ def requests_in(mode: Mode, data: bytes) -> tuple[Frame, ...]:
     return tuple(filter(_is_request, frames))
 
 
+def is_from(unit: int, mode: Mode, data: bytes) -> bool:
+    """Whether `data` holds a frame that nobody but `unit` can have sent: a request to it may look like its response."""
+    frames = AsciiFramer().received(data, 0.0) if mode == "ascii" else rtu.responses_from(unit, data)
+    return any(frame.unit == unit and not _is_request(frame) for frame in frames)
+
+
 def has_begun(mode: Mode, data: bytes, head: bytes) -> bool:
     """Whether `data` holds the first bytes of a frame."""
     return head.hex().upper().encode() in _plain(data) if mode == "ascii" else head in data

@@ -195,6 +195,16 @@ def responses_in(data: bytes) -> list[Frame]:
     return list(_frames(data, response_size))
 
 
+def responses_from(unit: int, data: bytes) -> Iterator[Frame]:
+    """The frames in `data` that read as responses from `unit`, wherever they begin: quick where there are none."""
+    at = data.find(unit)
+    while at >= 0:
+        frame = _first(data[at:], response_size)
+        if frame is not None:
+            yield frame
+        at = data.find(unit, at + 1)
+
+
 def requests_in(data: bytes) -> list[Frame]:
     """The frames in `data` that read as requests, noise between them left out."""
     return list(_frames(data, request_size))
@@ -207,13 +217,20 @@ def _complete(data: bytes | bytearray, foretell: Callable[[bytes], int]) -> int:
 
 
 def _frames(data: bytes, foretell: Callable[[bytes], int]) -> Iterator[Frame]:
-    """The frames in `data`, which silence has ended: those of foretold size, and one of unknown size up to the end."""
+    """The frames in `data`, which silence has ended, noise between them left out."""
     at = 0
     while at + _SHORTEST <= len(data):
-        rest = data[at:]
-        size = _complete(rest, foretell) if foretell(rest[1:]) else len(rest)
-        if size and crc_fits(rest[:size]):
-            yield Frame(rest[0], rest[1 : size - 2])
-            at += size
-        else:
+        frame = _first(data[at:], foretell)
+        if frame is None:
             at += 1
+        else:
+            yield frame
+            at += len(frame.pdu) + OVERHEAD
+
+
+def _first(data: bytes, foretell: Callable[[bytes], int]) -> Frame | None:
+    """The frame at the start of `data`, which silence has ended: of foretold size, or of unknown size up to the end."""
+    size = _complete(data, foretell) if foretell(data[1:]) else len(data)
+    if size < _SHORTEST or not crc_fits(data[:size]):
+        return None
+    return Frame(data[0], data[1 : size - 2])

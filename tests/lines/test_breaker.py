@@ -4,8 +4,9 @@ import pytest
 
 from gateway.events import UnitRecovered, UnitResting
 from gateway.lines.breaker import FAILURES, Breaker
+from gateway.modbus.chartime import LineTiming
 from kit.asker import Asker
-from kit.line_bench import LIMIT, READ, RESPONSE, Bench, is_empty
+from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench, is_empty
 
 OTHER_FUNCTION = "04 00 10 00 01"
 #: Long enough for the window after a time-out, and for the first rest behind that (nine limits are more than 1 s).
@@ -151,6 +152,48 @@ def test_a_late_response_ends_a_rest(bench: Bench) -> None:
     bench.pass_time(0.01)
     assert len(bench.written) == 1
     assert len(bench.told(UnitRecovered)) == 1
+
+
+@pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+@pytest.mark.parametrize("pdu", [RESPONSE, "84 02", "41 01 02"])
+def test_a_frame_that_nobody_awaits_any_more_ends_a_rest(timing: LineTiming, pdu: str) -> None:
+    """It may come in pieces, behind noise."""
+    bench = Bench(timing=timing)
+    fail(bench)
+    bench.pass_time(WINDOW + 1.0)
+    answer = "55 01 " + bench.frame(1, pdu)
+    bench.hear(answer[:12])
+    assert bench.devices[1].breaker.rests(bench.now)
+    bench.pass_time(0.02)
+    bench.hear(answer[12:])
+    assert bench.told(UnitRecovered) == [UnitRecovered("hall-a", 1, "unit-1")]
+    bench.pass_time(0.02)
+    bench.ask()
+    assert bench.written == [bench.frame(1, READ)]
+
+
+@pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+@pytest.mark.parametrize(
+    ("unit", "pdu"),
+    [
+        pytest.param(2, RESPONSE, id="another unit"),
+        pytest.param(1, READ, id="another client asks the unit"),
+        pytest.param(1, "06 00 01 00 05", id="either of the two"),
+    ],
+)
+def test_a_frame_that_the_unit_may_not_have_sent_ends_no_rest(timing: LineTiming, unit: int, pdu: str) -> None:
+    bench = Bench(timing=timing)
+    fail(bench)
+    bench.pass_time(WINDOW + 1.0)
+    bench.respond(pdu, unit)
+    assert bench.devices[1].breaker.rests(bench.now)
+
+
+def test_a_broken_frame_ends_no_rest(bench: Bench) -> None:
+    fail(bench)
+    bench.pass_time(WINDOW + 1.0)
+    bench.hear("01 03 02 01 10 B8 19")
+    assert bench.devices[1].breaker.rests(bench.now)
 
 
 def test_a_late_response_ends_the_row_of_failures(bench: Bench) -> None:
