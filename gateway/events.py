@@ -317,3 +317,12 @@ class OtherClientHeard(Event):
     unit: int
     device: str
     frame: str
+
+
+@dataclass(frozen=True)
+class UpstreamClosed(Event):
+    """The gateway has closed its connection to an upstream, because it cannot be used any more; it makes a new one."""
+
+    level = Level.WARNING
+    line: str
+    reason: str

@@ -9,9 +9,9 @@ from typing import Any, Final
 from gateway.cli.columns import aligned
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.duration import show_duration
-from gateway.config.forecast import FunctionLimits, function_limits, longest_wait
+from gateway.config.forecast import FunctionLimits, function_limits, longest_wait, longest_wait_behind
 from gateway.config.load import Loaded, load
-from gateway.config.plan import LinePlan, Plan, resolve
+from gateway.config.plan import LinePlan, Plan, UpstreamPlan, resolve
 from gateway.config.problem import Problem, dotted
 from gateway.config.ranges import show_ranges
 from gateway.config.unitset import show_units
@@ -71,9 +71,10 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
         return "\n".join([*parts, _verdict(loaded.problems)])
     parts.append(_listeners(plan.listeners))
     parts += [_line(line) for line in plan.lines]
+    parts += [_upstream(upstream) for upstream in plan.upstreams]
     if plan.images:
         parts.append(_images(plan.images))
-    if plan.lines:
+    if plan.lines or plan.upstreams:
         parts.append(_ADVICE)
     return "\n\n".join([*parts, _verdict(loaded.problems)])
 
@@ -107,7 +108,7 @@ def _line(plan: LinePlan) -> str:
     units = _units(plan)
     return "\n".join(
         [
-            f"Line {plan.line.name}: {plan.serial.port}",
+            f"Line {plan.line.name}: {plan.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}",
             aligned([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
             *_limits(units),
@@ -120,12 +121,16 @@ def _gap(plan: LinePlan) -> str:
 
 
 def _latency(plan: LinePlan) -> str:
-    return show_duration(plan.latency) + (" (some USB adapters: 20 ms)" if plan.serial.latency is None else "")
+    return show_duration(plan.latency) + (" (some USB adapters: 20 ms)" if plan.port.latency is None else "")
 
 
 def _row(unit: _Unit) -> tuple[str, ...]:
-    rounded_up = ceil(unit.longest_wait * 100) / 100
-    return unit.units, unit.wire_units, unit.device_name, unit.device.profile.name, show_duration(rounded_up)
+    wait = _rounded_up(unit.longest_wait)
+    return unit.units, unit.wire_units, unit.device_name, unit.device.profile.name, wait
+
+
+def _rounded_up(seconds: float) -> str:
+    return show_duration(ceil(seconds * 100) / 100)
 
 
 def _limits(units: list[_Unit]) -> list[str]:
@@ -158,6 +163,18 @@ def limits_table(limits: tuple[FunctionLimits, ...], indent: str) -> str:
     return aligned([("FUNCTION", "LIMIT FOR 1 ITEM", "MOST ITEMS", "LIMIT FOR MOST"), *rows], indent)
 
 
+def _upstream(plan: UpstreamPlan) -> str:
+    settings = plan.upstream
+    rows = [(str(device.known_as), str(device.unit), _rounded_up(longest_wait_behind(plan))) for device in plan.devices]
+    return "\n".join(
+        [
+            f"Upstream {settings.name}: {plan.port.port}",
+            f"  timeout {show_duration(settings.timeout)}, {settings.in_flight} in flight",
+            aligned([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  "),
+        ]
+    )
+
+
 def _images(images: tuple[ImageSettings, ...]) -> str:
     rows = [(str(image.unit), image.name, image.profile.name, _areas(image)) for image in images]
     return "Images\n" + aligned([("UNIT", "NAME", "PROFILE", "ADDRESSES"), *rows], "  ")
@@ -182,6 +199,7 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
             for one in plan.listeners
         ]
         picture["lines"] = [_line_as_json(line) for line in plan.lines]
+        picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]
         picture["images"] = [
             {"unit": image.unit, "name": image.name, "profile": image.profile.name, "areas": image.areas}
             for image in plan.images
@@ -205,7 +223,7 @@ def _line_as_json(plan: LinePlan) -> dict[str, Any]:
     timing = plan.line.timing
     return {
         "name": plan.line.name,
-        "port": plan.serial.port,
+        "port": plan.port.port,
         "mode": timing.mode,
         "baud": timing.baud,
         "format": str(timing.format),
@@ -214,6 +232,23 @@ def _line_as_json(plan: LinePlan) -> dict[str, Any]:
         "latency_ms": milliseconds(plan.latency),
         "passes_through": plan.passes_through,
         "units": [_unit_as_json(unit) for unit in _units(plan)],
+    }
+
+
+def _upstream_as_json(plan: UpstreamPlan) -> dict[str, Any]:
+    return {
+        "name": plan.upstream.name,
+        "to": plan.port.port,
+        "timeout_ms": milliseconds(plan.upstream.timeout),
+        "in_flight": plan.upstream.in_flight,
+        "units": [
+            {
+                "unit": str(device.known_as),
+                "behind_the_server": str(device.unit),
+                "longest_wait_ms": milliseconds(longest_wait_behind(plan)),
+            }
+            for device in plan.devices
+        ],
     }
 
 

@@ -8,7 +8,6 @@ import sys
 import tempfile
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +18,7 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.errors import GatewayError
-from gateway.ports.serial import open_serial
+from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
 from gateway.service.state import Memory
 from gateway.service.supervisor import Stop, serve
@@ -138,7 +137,7 @@ async def _gateway(plan: Plan, stage: Stage) -> AsyncIterator[Gateway]:
             ready.set()
 
     loop = asyncio.get_running_loop()
-    gateway = build(plan, loop, lambda port: partial(open_serial, port), Memory(), emit)
+    gateway = build(plan, loop, opener, Memory(), emit)
     stop = Stop()
     serving = asyncio.create_task(serve(gateway, stop, emit), name="gateway")
     try:

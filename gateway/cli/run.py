@@ -6,7 +6,6 @@ import signal
 import sys
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from gateway import events
@@ -14,7 +13,7 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.observe.log import open_log
-from gateway.ports.serial import open_serial
+from gateway.ports.kinds import opener
 from gateway.service.build import build
 from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
@@ -49,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
 
 async def _run(plan: Plan, file: Path, memory: Memory, emit: events.Emit) -> None:
     loop = asyncio.get_running_loop()
-    gateway = build(plan, loop, lambda settings: partial(open_serial, settings), memory, emit)
+    gateway = build(plan, loop, opener, memory, emit)
     stop = Stop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
@@ -66,4 +65,5 @@ def _hang_up(file: Path, stop: Stop, emit: events.Emit) -> None:
 
 
 def _units(plan: Plan) -> int:
-    return sum(len(line.devices) for line in plan.lines) + len(plan.images)
+    behind = (*(line.devices for line in plan.lines), *(upstream.devices for upstream in plan.upstreams))
+    return sum(map(len, behind)) + len(plan.images)

@@ -43,6 +43,12 @@ class Address:
             return False
         return mine == others or mine.is_unspecified or others.is_unspecified
 
+    def is_reached_by(self, other: "Address") -> bool:
+        """Whether who connects to `other` comes to a listener at this address, as far as the two can tell."""
+        if not self.collides_with(other):
+            return False
+        return not self.is_wildcard or other.is_wildcard or other.is_loopback
+
     @property
     def is_loopback(self) -> bool:
         """Whether only programs on this machine can reach it."""

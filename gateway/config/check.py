@@ -1,9 +1,11 @@
 """What must fit together in a config, though each of its tables is good by itself."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
+from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import Final
 
+from gateway.config.address import Address
 from gateway.config.check_units import (
     check_addresses,
     check_device_rows,
@@ -12,9 +14,10 @@ from gateway.config.check_units import (
     check_passing_through,
     check_references,
 )
+from gateway.config.check_upstreams import check_upstreams
 from gateway.config.not_yet import check_built, is_refused, unbuilt_tables
 from gateway.config.problem import Path, Problem, did_you_mean, error, warning
-from gateway.config.schema import Access, Config, Device, Image, Line, Listen, ProfileTable, Table
+from gateway.config.schema import Access, Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
 from gateway.config.values import fits_mode
 
 #: What keeps the port at a path from being used, as far as can be seen without opening it; None if nothing does.
@@ -59,6 +62,7 @@ def _misfits(
     yield from _check_rights(config, failed)
     yield from _look_at_ports(config, port_trouble)
     for line in config.line:
+        yield from _check_device_server(line)
         yield from _check_format(line)
         yield from _check_role(line)
     yield from _check_profiles(config, failed)
@@ -69,6 +73,7 @@ def _misfits(
     yield from check_references(config, failed)
     yield from check_images(config, failed)
     yield from check_addresses(config)
+    yield from check_upstreams(config)
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
@@ -80,13 +85,13 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
     """Names are there once. A table in a place that is taken is not blamed for being called after that place."""
     servers = [line for line in config.line if line.role == "server"]
     listeners: tuple[Listen | Line, ...] = (*config.listen, *servers)
+    kept_open: tuple[Line | Upstream, ...] = (*config.line, *config.upstream)
     for listener in listeners:
         if listener.name == _CONTROL:
             yield error((*listener.path, "name"), f'"{_CONTROL}" is what [[access]] calls the control socket')
-    for called in (listeners, config.line):
+    for called in (listeners, kept_open):
         yield from _repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
     yield from _repeated("name", ((image.label, image) for image in config.image))
-    yield from _repeated("name", ((upstream.label, upstream) for upstream in config.upstream))
     rows = [(line, row) for line in config.line for row in line.devices or () if row.name is not None]
     yield from _repeated("name", ((name, row) for line, row in rows for name in line.device_names(row)))
 
@@ -119,6 +124,18 @@ def _check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Pr
     yield from _repeated("port", ((_real(line, real_path), line) for line in config.line), "this port")
 
 
+def _check_device_server(line: Line) -> Iterator[Problem]:
+    """A device server's address says what is spoken, and the serial line behind it is out of our reach."""
+    if not isinstance(line.port, Address):
+        return
+    if line.has("mode") and line.mode != line.spoken:
+        remedy = f'leave mode out, or write port = "{replace(line.port, scheme=f"{line.mode}+tcp")}"'
+        yield error((*line.path, "mode"), f"{line.port.scheme}:// carries {line.spoken.upper()}", remedy)
+    if line.rs485 == "kernel":
+        remedy = 'set RS-485 in the device server, and leave rs485 out or "adapter"'
+        yield error((*line.path, "rs485"), "a device server has a driver of its own", remedy)
+
+
 def _look_at_ports(config: Config, port_trouble: PortTrouble) -> Iterator[Problem]:
     for line in config.line:
         trouble = port_trouble(line.port) if isinstance(line.port, str) else None
@@ -130,12 +147,16 @@ def _look_at_ports(config: Config, port_trouble: PortTrouble) -> Iterator[Proble
 def _check_format(line: Line) -> Iterator[Problem]:
     if line.format is None:
         return
-    if not fits_mode(line.format, line.mode):
-        remedy = f'write "8{line.format.parity}{line.format.stop_bits}", or mode = "ascii"'
+    if not fits_mode(line.format, line.spoken):
+        remedy = f'write "8{line.format.parity}{line.format.stop_bits}", or {_other_mode(line)}'
         yield error((*line.path, "format"), "RTU needs 8 data bits", remedy)
-    if line.mode == "ascii" and line.format.data_bits == 8 and line.format.parity != "N":
+    if line.spoken == "ascii" and line.format.data_bits == 8 and line.format.parity != "N":
         remedy = 'most are set to "7E1", "7O1" or "8N1"'
         yield warning((*line.path, "format"), f"{line.format} is unusual for ASCII devices", remedy)
+
+
+def _other_mode(line: Line) -> str:
+    return "ascii+tcp:// in port" if isinstance(line.port, Address) else 'mode = "ascii"'
 
 
 def _check_role(line: Line) -> Iterator[Problem]:
@@ -193,5 +214,5 @@ def _repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}
             yield error((*table.path, key), f"{what.format(value)} is already used in {first.source}")
 
 
-def _real(line: Line, real_path: Callable[[str], str]) -> str:
-    return real_path(line.port) if isinstance(line.port, str) else str(line.port)
+def _real(line: Line, real_path: Callable[[str], str]) -> Hashable:
+    return real_path(line.port) if isinstance(line.port, str) else (line.port.host.lower(), line.port.port)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.config.plan import LinePlan
+from gateway.config.plan import LinePlan, UpstreamPlan
 from gateway.lines.device import DeviceSettings
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import MAX_PDU, Area
@@ -49,6 +49,11 @@ def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
     """The longest a client may wait for this device: in the queue, for the line to be quiet, and for the answer."""
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
     return plan.line.max_wait + plan.line.silence_before_request + max(one.request + one.most_items for one in limits)
+
+
+def longest_wait_behind(plan: UpstreamPlan) -> float:
+    """The longest a client may wait for a unit behind another server: for a place on the connection, and the answer."""
+    return plan.upstream.max_wait + plan.upstream.timeout
 
 
 def _functions(profile: Profile) -> Iterator[int]:

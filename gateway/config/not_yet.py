@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from gateway.config.address import Address
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema import Access, Config, Control, Image, Line, Listen, Log, Table, Upstream, Web
 
@@ -31,10 +30,9 @@ class Gap:
 REFUSED: Final = (
     Gap(Listen, "bind", lambda listen: listen.bind.scheme != "tcp", "a listener other than tcp://"),
     Gap(Line, "role", lambda line: line.role == "server", 'role = "server"'),
-    Gap(Line, "port", lambda line: isinstance(line.port, Address), "a device server as the port of a line"),
     Gap(Image, "persist", lambda image: image.persist != "never", 'persist other than "never"', says_all=False),
     Gap(Image, "of", lambda image: image.of is not None, "a mirror"),
-    Gap(Upstream, "", lambda _: True, "[[upstream]]"),
+    Gap(Upstream, "to", lambda upstream: upstream.to.scheme == "tls", "an upstream over tls://", says_all=False),
     Gap(Access, "", lambda _: True, "[[access]]"),
     Gap(Web, "", lambda _: True, "[web]"),
     Gap(Log, "format", lambda log: log.format == "journald", 'the log format "journald"', says_all=False),

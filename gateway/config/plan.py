@@ -4,14 +4,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from gateway.config.schema import Config, Device, Image, Line, Listen, Log, ProfileTable
+from gateway.config.address import Address
+from gateway.config.schema import Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.images.image import ImageSettings
 from gateway.lines.device import DeviceSettings
 from gateway.lines.settings import LineSettings
+from gateway.lines.upstream import UpstreamSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
-from gateway.ports.port import SerialSettings
+from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import Point, TimingTable
@@ -21,6 +23,8 @@ DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=
 
 #: What adapter and driver add to an answer, until the port is open and has found out.
 ASSUMED_LATENCY: Final = 0.005
+#: What a device server and the network add to it.
+NETWORK_LATENCY: Final = 0.1
 
 #: The silence that ends an RTU frame, in characters (S 2.5.1.1), and the shortest turnaround delay (S 2.4.1).
 _IDLE_CHARACTERS: Final = 3.5
@@ -35,7 +39,7 @@ DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterF
 class LinePlan:
     """A line we ask on: its port, how it behaves, and the devices on it."""
 
-    serial: SerialSettings
+    port: PortSettings
     line: LineSettings
     devices: tuple[DeviceSettings, ...]
     #: No device is named: every unit that nobody else answers for passes through.
@@ -44,7 +48,16 @@ class LinePlan:
     @property
     def latency(self) -> float:
         """What the port may add to an answer, as far as it is known before the port is open."""
-        return ASSUMED_LATENCY if self.serial.latency is None else self.serial.latency
+        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
+
+
+@dataclass(frozen=True, slots=True)
+class UpstreamPlan:
+    """Another Modbus TCP server: how it is reached, how it is asked, and the units behind it."""
+
+    port: TcpSettings
+    upstream: UpstreamSettings
+    devices: tuple[DeviceSettings, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +75,7 @@ class Plan:
     site: str = ""
     listeners: tuple[ListenSettings, ...] = (DEFAULT_LISTENER,)
     lines: tuple[LinePlan, ...] = ()
+    upstreams: tuple[UpstreamPlan, ...] = ()
     images: tuple[ImageSettings, ...] = ()
     log: LogSettings = LogSettings()
 
@@ -69,11 +83,13 @@ class Plan:
 def resolve(config: Config) -> Plan:
     """The settings that `config` asks for. The config must have passed its checks."""
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
-    image_units = {image.unit for image in config.image}
+    elsewhere = {image.unit for image in config.image}
+    elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
     return Plan(
         site=config.site,
         listeners=tuple(_listener(listen) for listen in config.listen) or (DEFAULT_LISTENER,),
-        lines=tuple(_line(line, profiles, image_units) for line in config.line),
+        lines=tuple(_line(line, profiles, elsewhere) for line in config.line),
+        upstreams=tuple(_upstream(upstream) for upstream in config.upstream),
         images=tuple(_image(image, profiles) for image in config.image),
         log=_log(config.log),
     )
@@ -101,7 +117,7 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
 
 def line_timing(line: Line) -> LineTiming:
     """What mode, rate and character format make of time on `line`."""
-    return LineTiming(line.mode, line.baud, line.format or DEFAULT_FORMATS[line.mode])
+    return LineTiming(line.spoken, line.baud, line.format or DEFAULT_FORMATS[line.spoken])
 
 
 def _listener(listen: Listen) -> ListenSettings:
@@ -117,11 +133,20 @@ def _listener(listen: Listen) -> ListenSettings:
     )
 
 
-def _line(line: Line, profiles: dict[str, Profile], image_units: set[int]) -> LinePlan:
+def _line(line: Line, profiles: dict[str, Profile], elsewhere: set[int]) -> LinePlan:
     timing = line_timing(line)
-    serial = SerialSettings(str(line.port), line.baud, timing.format, line.rs485, line.latency)
-    devices = tuple(_devices(line, profiles, image_units))
-    return LinePlan(serial, _line_settings(line, timing, devices), devices, line.devices is None)
+    devices = tuple(_devices(line, profiles, elsewhere))
+    return LinePlan(_port(line, timing), _line_settings(line, timing, devices), devices, line.devices is None)
+
+
+def _port(line: Line, timing: LineTiming) -> PortSettings:
+    if isinstance(line.port, Address):
+        return _server(line.port, NETWORK_LATENCY if line.latency is None else line.latency)
+    return SerialSettings(line.port, line.baud, timing.format, line.rs485, line.latency)
+
+
+def _server(address: Address, latency: float) -> TcpSettings:
+    return TcpSettings(str(address), address.host, address.port, latency)
 
 
 def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings, ...]) -> LineSettings:
@@ -148,9 +173,9 @@ def _turnaround(devices: Iterable[DeviceSettings]) -> float:
     return max([_SHORTEST_TURNAROUND, *times])
 
 
-def _devices(line: Line, profiles: dict[str, Profile], image_units: set[int]) -> Iterator[DeviceSettings]:
+def _devices(line: Line, profiles: dict[str, Profile], elsewhere: set[int]) -> Iterator[DeviceSettings]:
     if line.devices is None:
-        rest = [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in image_units]
+        rest = [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
         row = Device.model_validate({"unit": rest}).placed(line.path, line.source)
         return _of_row(line, row, profiles)
     return (one for row in line.devices for one in _of_row(line, row, profiles))
@@ -179,6 +204,22 @@ def _answer_time(line: Line, row: Device, profile: Profile) -> AnswerTime:
         return AnswerTime(profile.timing, profile.margin, row.timeout, fixed=True)
     of_line = line.timeout if row.profile is None else None
     return AnswerTime(profile.timing, profile.margin, of_line or profile.timeout)
+
+
+def _upstream(upstream: Upstream) -> UpstreamPlan:
+    settings = UpstreamSettings(
+        name=upstream.label, timeout=upstream.timeout, in_flight=upstream.in_flight, source=upstream.source
+    )
+    return UpstreamPlan(_server(upstream.to, latency=0.0), settings, tuple(_behind(upstream)))
+
+
+def _behind(upstream: Upstream) -> Iterator[DeviceSettings]:
+    """The units behind another server, which knows itself what they accept."""
+    answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=upstream.timeout, fixed=True)
+    for row in upstream.units:
+        for unit, known_as in zip(row.units, row.known_as, strict=True):
+            name = f"{upstream.label}/{known_as}"
+            yield DeviceSettings(name, unit, known_as, Profile("upstream"), answer_time, source=row.source)
 
 
 def _image(image: Image, profiles: dict[str, Profile]) -> ImageSettings:

@@ -5,8 +5,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
+from gateway.config.address import Address
 from gateway.config.problem import Path
 from gateway.config.values import (
+    DEVICE_SERVER_MODES,
     Duration,
     DurationOrAuto,
     DurationOrZero,
@@ -132,8 +134,9 @@ class Line(Table):
         None, description="What logs and metrics call it; the last part of the port when there is none."
     )
     port: SerialPort = Field(
-        description="The serial device, best by its name in `/dev/serial/by-id/`; or a device server: "
-        "`rtu+tcp://host:port`, `ascii+tcp://host:port`.",
+        description="The serial device, best by its name in `/dev/serial/by-id/`; or a device server in raw TCP mode: "
+        "`rtu+tcp://host:port`, `ascii+tcp://host:port`, which says the `mode` too. `baud` and `format` are then those "
+        "that are set in the server.",
     )
     mode: Literal["rtu", "ascii"] = Field("rtu", description="What is spoken on the line.")
     baud: Annotated[int, Field(ge=1, le=100_000_000)] = Field(
@@ -196,6 +199,11 @@ class Line(Table):
     def label(self) -> str:
         """Its name, or what it is called without one."""
         return self.name or str(self.port).rstrip("/").rsplit("/", 1)[-1]
+
+    @property
+    def spoken(self) -> Literal["rtu", "ascii"]:
+        """What is spoken on it: what the scheme of a device server says, else its `mode`."""
+        return DEVICE_SERVER_MODES[self.port.scheme] if isinstance(self.port, Address) else self.mode
 
     def device_names(self, row: Device) -> list[str]:
         """What the devices of a row are called, in the order of its units."""
@@ -290,6 +298,9 @@ class Upstream(Table):
     to: ServerAddress = Field(description="Its address.")
     units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
     timeout: Duration = Field(1.0, description="How long an answer may take.")
+    in_flight: Count = Field(
+        16, description="Requests under way at once; 1 for a server that can only take one after the other."
+    )
 
     @property
     def label(self) -> str:

@@ -1,7 +1,7 @@
 """The kinds of value that keys have, as types that read what a user wrote and refuse the rest in plain words."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from ipaddress import IPv4Network, IPv6Network, ip_network
@@ -24,8 +24,8 @@ from gateway.modbus.chartime import CharacterFormat
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.profiles.profile import Range
 
-#: A line's port is one of these, or a path.
-DEVICE_SERVER_SCHEMES: Final = ("rtu+tcp", "ascii+tcp")
+#: What is spoken behind a device server, by the scheme of its address. A line's port is one of these, or a path.
+DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": "rtu", "ascii+tcp": "ascii"}
 
 _LONGEST_NAME: Final = 64
 _FUNCTION = re.compile(r"[0-9]{1,9}")
@@ -80,7 +80,7 @@ def parse_port(value: object) -> str | Address:
     if not isinstance(value, str):
         raise NotText
     if "://" in value:
-        return parse_address(value, DEVICE_SERVER_SCHEMES)
+        return parse_address(value, tuple(DEVICE_SERVER_MODES))
     if not value.startswith("/"):
         raise WrongValue(f'"{value}" is no absolute path', f'did you mean "/dev/{value}"?')
     if not value.isprintable():

@@ -1,5 +1,6 @@
 """Modbus TCP framing (T 3.1.3): transaction, protocol, length and unit identifier before the PDU."""
 
+from collections.abc import Iterator
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -38,12 +39,13 @@ class MbapFramer:
     """Cuts ADUs out of a TCP stream that is received into the framer's own buffer.
 
     Receive into `room()`, say with `filled` how much came, then take ADUs with `next` until it gives None. The buffer
-    never grows: there is room again once ADUs have been taken.
+    never grows: there is room again once ADUs have been taken. With `strict`, ADUs of other protocols are an error.
     """
 
-    __slots__ = ("_buffer", "_end", "_start", "_view")
+    __slots__ = ("_buffer", "_end", "_start", "_strict", "_view")
 
-    def __init__(self) -> None:
+    def __init__(self, *, strict: bool = False) -> None:
+        self._strict = strict
         self._buffer = bytearray(_BUFFER)
         self._view = memoryview(self._buffer)
         self._start = 0
@@ -65,10 +67,12 @@ class MbapFramer:
         """The next complete ADU, or None until more bytes come. ADUs of other protocols are passed over (T 4.4.2.2).
 
         Raises:
-            NotModbus: the length field is outside 2 to 254, so no later ADU can be found.
+            NotModbus: the length field is outside 2 to 254, so no later ADU can be found; or it is strict.
         """
         while self._end - self._start >= _UNCOUNTED:
             transaction, protocol, length = _PREFIX.unpack_from(self._buffer, self._start)
+            if protocol != _MODBUS and self._strict:
+                raise NotModbus(f"a protocol identifier of {protocol}; that of Modbus is 0")
             if length not in _LENGTHS:
                 raise NotModbus(f"an MBAP length of {length}; 2 to 254 are possible")
             begin, end = self._start + _UNCOUNTED, self._start + _UNCOUNTED + length
@@ -78,6 +82,22 @@ class MbapFramer:
             if protocol == _MODBUS:
                 return TcpFrame(transaction, self._buffer[begin], bytes(self._view[begin + 1 : end]))
         return None
+
+    def cut(self, data: bytes) -> Iterator[TcpFrame]:
+        """The complete ADUs in what has come so far and `data`; they must be taken one by one, to the end.
+
+        Raises:
+            NotModbus: as `next` does.
+        """
+        rest = memoryview(data)
+        while rest:
+            room = self.room()
+            count = min(len(room), len(rest))
+            room[:count] = rest[:count]
+            self.filled(count)
+            rest = rest[count:]
+            while (adu := self.next()) is not None:
+                yield adu
 
     @property
     def unfinished(self) -> int:

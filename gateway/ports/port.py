@@ -53,3 +53,20 @@ class SerialSettings:
     format: CharacterFormat
     rs485: Literal["adapter", "kernel"] = "adapter"
     latency: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TcpSettings:
+    """A server to connect to: a device server, or another Modbus TCP server. `port` is what messages call it.
+
+    `latency` is what network and server may add to an answer, in seconds.
+    """
+
+    port: str
+    host: str
+    number: int
+    latency: float = 0.0
+
+
+#: How any port is opened.
+PortSettings = SerialSettings | TcpSettings

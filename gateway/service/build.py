@@ -5,35 +5,38 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from gateway.config.forecast import longest_wait
-from gateway.config.plan import LinePlan, Plan
+from gateway.config.forecast import longest_wait, longest_wait_behind
+from gateway.config.plan import LinePlan, Plan, UpstreamPlan
 from gateway.events import Emit
 from gateway.images.image import Image
 from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
+from gateway.lines.upstream import Upstream
+from gateway.lines.upstream_driver import UpstreamDriver
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.keeper import Keeper
-from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
+from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, SerialSettings
 from gateway.request import Target
 from gateway.routing.broadcast import Broadcast
 from gateway.routing.router import Router
 from gateway.service.state import Memory
 
-#: How a port with these settings is opened: serial ports in the service, memory ports in tests.
-Opener = Callable[[SerialSettings], OpenPort]
+#: How a port with these settings is opened: real ones in the service, memory ports in tests.
+Opener = Callable[[PortSettings], OpenPort]
 
 
 @dataclass(frozen=True)
 class Gateway:
-    """All parts of a running gateway. Drivers and keepers are those of the lines, in the order of the config."""
+    """All parts of a running gateway. Keepers are those of the lines and the upstreams, in the order of the config."""
 
     listeners: tuple[TcpListener, ...]
     lines: "tuple[GatewayLine, ...]"
     drivers: tuple[LineDriver, ...]
+    upstreams: "tuple[GatewayUpstream, ...]"
     keepers: Mapping[str, Keeper]
     images: tuple[Image, ...]
 
@@ -41,17 +44,20 @@ class Gateway:
 def build(plan: Plan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit) -> Gateway:
     """The parts of `plan`, joined but not started: nothing is opened yet."""
     lines = tuple(GatewayLine(line_plan, loop, opener, memory, emit) for line_plan in plan.lines)
+    upstreams = tuple(GatewayUpstream(upstream_plan, loop, opener, emit) for upstream_plan in plan.upstreams)
     images = tuple(Image(settings) for settings in plan.images)
     routes: dict[int, Target] = {image.settings.unit: image for image in images}
-    for line in lines:
-        routes |= line.devices
+    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*lines, *upstreams)
+    for part in parts:
+        routes |= part.devices
     everyone: list[Target] = [*(line.every_device for line in lines if line.plan.line.broadcast), *images]
     listeners = tuple(
         TcpListener(settings, Router(_with_unit0(routes, settings, everyone), emit), emit)
         for settings in plan.listeners
     )
+    keepers = {part.name: part.keeper for part in parts}
     drivers = tuple(line.driver for line in lines)
-    return Gateway(listeners, lines, drivers, {line.plan.line.name: line.keeper for line in lines}, images)
+    return Gateway(listeners, lines, drivers, upstreams, keepers, images)
 
 
 def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: list[Target]) -> dict[int, Target]:
@@ -73,11 +79,12 @@ class GatewayLine:
         self._memory = memory
         self._emit = emit
         self._whereabouts = Whereabouts()
-        name, timing = plan.line.name, plan.line.timing
-        self._port = _RememberedPort(name, plan.serial, opener, memory)
+        self.name = name = plan.line.name
+        timing = plan.line.timing
+        self._port = _RememberedPort(name, plan.port, timing.baud, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
         self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
-        self.keeper = Keeper(name, plan.serial.port, self._port.open, self.driver, emit)
+        self.keeper = Keeper(name, plan.port.port, self._port.open, self.driver, emit)
         self.every_device = EveryDevice(self.driver)
         self.devices = {each.known_as: self._device(each) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait(plan, each) for each in plan.devices}
@@ -106,24 +113,40 @@ class GatewayLine:
         return device
 
 
-class _RememberedPort:
-    """A line's port, opened at the rate that the line has changed to, if it has."""
+class GatewayUpstream:
+    """One upstream with everything that belongs to it, as a GatewayLine has it."""
 
-    def __init__(self, line: str, settings: SerialSettings, opener: Opener, memory: Memory) -> None:
+    def __init__(self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
+        self.plan = plan
+        self.name = plan.upstream.name
+        self.driver = UpstreamDriver(Upstream(plan.upstream, emit), loop, emit)
+        self.keeper = Keeper(self.name, plan.port.port, opener(plan.port), self.driver, emit)
+        self.devices = {each.known_as: Device(each, self.driver) for each in plan.devices}
+        self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
+
+
+class _RememberedPort:
+    """A line's port, opened at the rate that the line has changed to, if it has. A device server keeps its own."""
+
+    def __init__(self, line: str, settings: PortSettings, baud: int, opener: Opener, memory: Memory) -> None:
         self._key = line
         self._settings = settings
+        self._configured = baud
         self._opener = opener
         self._memory = memory
 
     @property
     def baud(self) -> int:
         """The rate at the moment."""
-        return self._memory.recall(self._key, self._settings.baud)
+        return self._memory.recall(self._key, self._configured)
 
     def rate_changed(self, baud: int) -> None:
         """The line goes on at another rate."""
-        self._memory.remember(self._key, self._settings.baud, baud)
+        self._memory.remember(self._key, self._configured, baud)
 
     async def open(self, user: PortUser) -> Port:
         """Open the port. Raises PortError."""
-        return await self._opener(replace(self._settings, baud=self.baud))(user)
+        settings = self._settings
+        if isinstance(settings, SerialSettings):
+            settings = replace(settings, baud=self.baud)
+        return await self._opener(settings)(user)

@@ -81,6 +81,8 @@ async def _lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[None
                 await asyncio.gather(*tasks, return_exceptions=True)
         for driver in gateway.drivers:
             driver.close()
+        for upstream in gateway.upstreams:
+            upstream.driver.close()
 
 
 async def _tried(gateway: Gateway) -> None:

@@ -77,6 +77,11 @@ def test_two_upstreams_with_one_name():
     assert problems(one.format(1) + one.format(2)) == ['error: upstream[1].name: "x" is already used in gateway.toml:1']
 
 
+def test_a_line_and_an_upstream_with_one_name():
+    text = LINE + '[[upstream]]\nname = "a"\nto = "tcp://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n'
+    assert problems(text) == ['error: upstream[0].name: "a" is already used in gateway.toml:1']
+
+
 def test_the_name_of_the_control_socket_is_taken():
     text = LINE + '[[listen]]\nname = "control"\nbind = "tcp://127.0.0.1:1"\n'
     assert problems(text) == ['error: listen[0].name: "control" is what [[access]] calls the control socket']
@@ -180,6 +185,36 @@ def test_one_device_server_on_two_lines():
     line = '[[line]]\nname = "{0}"\nport = "rtu+tcp://10.0.0.1:4001"\ndevices = [{{ unit = {0} }}]\n'
     said = ["error: line[1].port: this port is already used in gateway.toml:1"]
     assert problems(line.format(1) + line.format(2), port_trouble=lambda _: "is absent") == said
+
+
+def test_one_device_server_under_two_schemes():
+    text = LINE.replace("/dev/a", "rtu+tcp://Server:4001")
+    text += '[[line]]\nname = "b"\nport = "ascii+tcp://server:4001"\ndevices = [{ unit = 2 }]\n'
+    assert problems(text) == ["error: line[1].port: this port is already used in gateway.toml:1"]
+
+
+def test_a_device_server_whose_scheme_is_another_mode():
+    text = LINE.replace('"/dev/a"', '"rtu+tcp://10.0.0.1:4001"\nmode = "ascii"')
+    assert problems(text) == [
+        ('error: line[0].mode: rtu+tcp:// carries RTU | leave mode out, or write port = "ascii+tcp://10.0.0.1:4001"')
+    ]
+    assert problems(text.replace('"ascii"', '"rtu"')) == []
+
+
+def test_a_device_server_with_seven_bits():
+    text = LINE.replace('"/dev/a"', '"rtu+tcp://10.0.0.1:4001"\nformat = "7E1"')
+    assert problems(text) == ['error: line[0].format: RTU needs 8 data bits | write "8E1", or ascii+tcp:// in port']
+    assert problems(text.replace("rtu+", "ascii+")) == []
+
+
+def test_a_device_server_has_no_kernel_driver_here():
+    text = LINE.replace('"/dev/a"', '"rtu+tcp://10.0.0.1:4001"\nrs485 = "kernel"')
+    assert problems(text) == [
+        (
+            "error: line[0].rs485: a device server has a driver of its own"
+            ' | set RS-485 in the device server, and leave rs485 out or "adapter"'
+        )
+    ]
 
 
 def test_a_port_that_cannot_be_used_is_a_warning():
@@ -534,13 +569,12 @@ def test_a_right_says_in_one_way_what_it_allows(row):
         ('[[listen]]\nbind = "ascii+tcp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
         ('[[listen]]\nbind = "udp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
         (SERVER + "serves = 1\n", 'line[1].role: role = "server"'),
-        (
-            '[[line]]\nport = "rtu+tcp://10.0.0.1:4001"\ndevices = [{ unit = 2 }]\n',
-            "line[1].port: a device server as the port of a line",
-        ),
         ('[[image]]\nunit = 2\ncoils = 1\npersist = "always"\n', 'image[0].persist: persist other than "never"'),
         (MIRROR, "image[0].of: a mirror"),
-        ('[[upstream]]\nto = "tcp://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n', "upstream[0]: [[upstream]]"),
+        (
+            '[[upstream]]\nto = "tls://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n',
+            "upstream[0].to: an upstream over tls://",
+        ),
         ('[[access]]\nallow = ["read"]\n', "access[0]: [[access]]"),
         ('[web]\nbind = "http://127.0.0.1:8502"\n', "web: [web]"),
         ('[log]\nformat = "journald"\n', 'log.format: the log format "journald"'),

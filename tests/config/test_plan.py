@@ -8,11 +8,12 @@ from gateway.config.load import parse
 from gateway.config.plan import DEFAULT_LISTENER, LogSettings, Plan, resolve
 from gateway.images.image import ImageSettings
 from gateway.lines.settings import LineSettings
+from gateway.lines.upstream import UpstreamSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import parse_request
-from gateway.ports.port import SerialSettings
+from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.timing.budget import AnswerTime
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\n'
@@ -39,7 +40,7 @@ def test_the_smallest_file_passes_every_unit_through():
     assert (DEFAULT_LISTENER.name, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port) == ("default", "127.0.0.1", 5020)
     (line,) = plan.lines
     assert line.passes_through
-    assert line.serial == SerialSettings("/dev/ttyUSB0", 9600, CharacterFormat(8, "N", 1))
+    assert line.port == SerialSettings("/dev/ttyUSB0", 9600, CharacterFormat(8, "N", 1))
     assert [(device.unit, device.known_as) for device in line.devices] == [(unit, unit) for unit in range(1, 248)]
     assert line.devices[16].name == "ttyUSB0/17"
     assert line.devices[0].source == line.line.source == "gateway.toml:1"
@@ -69,7 +70,7 @@ def test_all_settings_of_a_line():
         """
     )
     timing = LineTiming("rtu", 9600, CharacterFormat(8, "N", 2))
-    assert line.serial == SerialSettings("/dev/ttyS1", 9600, timing.format, "kernel", 0.003)
+    assert line.port == SerialSettings("/dev/ttyS1", 9600, timing.format, "kernel", 0.003)
     assert line.latency == 0.003
     assert line.line == LineSettings(
         name="hall-a",
@@ -91,7 +92,7 @@ def test_the_defaults_of_a_line():
     assert line.line.frame_end == RTU_8E1.t35
     assert line.line.turnaround == 0.1
     assert (line.line.queue, line.line.max_wait, line.line.broadcast) == (64, 2.0, True)
-    assert (line.serial.latency, line.latency) == (None, 0.005)
+    assert (line.port.latency, line.latency) == (None, 0.005)
 
 
 def test_an_ascii_line_waits_for_no_silence():
@@ -260,3 +261,36 @@ def test_site_and_log():
     assert plan.site == "plant-2"
     assert plan.log == LogSettings("debug", "json")
     assert plan_of(LINE).log == Plan().log == LogSettings("info", "auto")
+
+
+def test_a_device_server_as_the_port_of_a_line():
+    line = only_line('[[line]]\nport = "ascii+tcp://[fe80::1]:4001"\nbaud = 9600\n')
+    assert line.port == TcpSettings("ascii+tcp://[fe80::1]:4001", "fe80::1", 4001, latency=0.1)
+    assert line.line.timing == LineTiming("ascii", 9600, CharacterFormat(7, "E", 1))
+    assert line.line.name == "[fe80::1]:4001"
+    assert only_line('[[line]]\nport = "rtu+tcp://x:1"\nlatency = "30 ms"\n').latency == 0.03
+
+
+def test_all_settings_of_an_upstream():
+    (upstream,) = plan_of(
+        """\
+        [[upstream]]
+        name = "plant-1"
+        to = "tcp://10.1.0.5"
+        units = [{ as = "37-38", unit = [0, 255] }]
+        timeout = "300 ms"
+        in_flight = 4
+        """
+    ).upstreams
+    assert upstream.port == TcpSettings("tcp://10.1.0.5:502", "10.1.0.5", 502, latency=0.0)
+    assert upstream.upstream == UpstreamSettings("plant-1", 0.3, in_flight=4, source="gateway.toml:1")
+    assert [(one.name, one.unit, one.known_as) for one in upstream.devices] == [
+        ("plant-1/37", 0, 37),
+        ("plant-1/38", 255, 38),
+    ]
+
+
+def test_passing_through_leaves_out_the_units_of_upstreams():
+    line = only_line(LINE + '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ as = "37-38", unit = "1-2" }]\n')
+    assert not {37, 38} & {device.known_as for device in line.devices}
+    assert len(line.devices) == 245

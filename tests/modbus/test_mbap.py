@@ -139,3 +139,17 @@ def test_garbage_raises_not_modbus_or_nothing(chunks):
     except NotModbus:
         return
     assert all(1 <= len(frame.pdu) <= 253 for frame in frames)
+
+
+@pytest.mark.parametrize("size", [1, 5, 300, 5000])
+def test_a_stream_is_cut_however_it_comes(size: int) -> None:
+    adus = [(number, 17, bytes(range(1, 2 + number % 250))) for number in range(100)]
+    stream = b"".join(encode(*adu) for adu in adus)
+    framer = MbapFramer()
+    assert [adu for at in range(0, len(stream), size) for adu in framer.cut(stream[at : at + size])] == adus
+
+
+def test_a_strict_framer_does_not_pass_over_other_protocols() -> None:
+    framer = MbapFramer(strict=True)
+    with pytest.raises(NotModbus, match="a protocol identifier of 2"):
+        list(framer.cut(bytes.fromhex("0001 0002 0002 11 03")))

@@ -1,0 +1,44 @@
+"""Cross-checks of the servers that the gateway itself connects to."""
+
+from collections.abc import Iterator
+
+from gateway.config.address import Address
+from gateway.config.plan import DEFAULT_LISTENER
+from gateway.config.problem import Path, Problem, error
+from gateway.config.schema import Config, Upstream
+from gateway.config.unitset import show_units
+
+
+def check_upstreams(config: Config) -> Iterator[Problem]:
+    """Servers can be connected to and are others than this gateway. An upstream has units."""
+    for upstream in config.upstream:
+        yield from _check_server((*upstream.path, "to"), upstream.to, config)
+        yield from _check_units(upstream)
+    for line in config.line:
+        if isinstance(line.port, Address):
+            yield from _check_server((*line.path, "port"), line.port, config)
+
+
+def _check_server(path: Path, address: Address, config: Config) -> Iterator[Problem]:
+    """A gateway that asks itself would go round in circles. Only the addresses in the file can be compared."""
+    if address.is_wildcard:
+        yield error(path, f"{address.host} is no server's address", "name the server: its host name or address")
+    if not address.port:
+        yield error(path, "port 0 is no server's port")
+    default = Address("tcp", DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
+    own = [(listen.bind, listen.source) for listen in config.listen] or [(default, "the default listener")]
+    for bind, source in own:
+        if bind.is_reached_by(address):
+            yield error(path, f"leads back to this gateway ({source})", "name another server")
+
+
+def _check_units(upstream: Upstream) -> Iterator[Problem]:
+    if not upstream.units:
+        yield error((*upstream.path, "units"), "is empty", "write units = [{ as = 37, unit = 37 }]")
+    for row in upstream.units:
+        if len(row.known_as) != len(row.units):
+            yield error(
+                (*row.path, "as"),
+                f"names {len(row.known_as)} units for clients, but there are {len(row.units)} behind the server",
+                f'as many as in unit = "{show_units(row.units)}" are needed',
+            )

@@ -1,0 +1,237 @@
+"""The transaction machine of an upstream: units behind another Modbus TCP server, asked without waiting for each other.
+
+    down ──port_up──▶ up: waiting ──a place is free──▶ under way ──response, limit──▶ answered
+                                                          └──limit──▶ owed ──late response──▶ dropped
+
+Every request gets a transaction identifier of ours (T 4.2.2). An identifier is not used again as long as its answer is
+owed, however late that is, so an answer can only ever go to its own request. Nothing is repeated.
+
+The machine knows no clock and no descriptor: bytes, time and requests are its arguments, and `deadline` says when it
+wants to be called again. It finishes its own state before it calls a request's origin, which may submit the next
+request at once.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from gateway import errors
+from gateway.errors import RequestError
+from gateway.events import Emit
+from gateway.lines.queue import WaitingQueue
+from gateway.lines.report import Report
+from gateway.lines.transaction import Addressee, Transaction
+from gateway.modbus.frame import Frame
+from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
+
+#: So many late answers are awaited on one connection. Then a new one is made, on which none of them can come.
+MOST_OWED: Final = 4096
+
+_IDENTIFIERS: Final = 0x10000
+
+
+@dataclass(frozen=True, slots=True)
+class UpstreamSettings:
+    """How one upstream behaves; times in seconds.
+
+    At most `in_flight` requests are under way and `queue` more wait, each for `max_wait` at most.
+    """
+
+    name: str
+    timeout: float = 1.0
+    in_flight: int = 16
+    queue: int = 64
+    max_wait: float = 2.0
+    source: str = ""
+
+
+class Upstream:
+    """One connection to another server and its transactions.
+
+    One client's requests to one unit are sent one after the other, so that none overtakes another.
+    """
+
+    def __init__(self, settings: UpstreamSettings, emit: Emit) -> None:
+        self.settings = settings
+        #: Answers that belong to nothing that was asked on their connection.
+        self.unasked_frames = 0
+        self._report = Report(settings.name, settings.source, emit)
+        self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
+        self._write: Callable[[bytes], None] | None = None
+        self._framer = MbapFramer(strict=True)
+        #: What is under way, by identifier, the oldest first; what came instead of an answer; what is answered no more.
+        self._under_way: dict[int, Transaction] = {}
+        self._instead: dict[int, bytes] = {}
+        self._owed: dict[int, Transaction] = {}
+        #: Whose requests are under way to whom.
+        self._asking: set[tuple[str, Addressee]] = set()
+        self._failed_at: dict[Addressee, float] = {}
+        self._last_identifier = 0
+
+    def port_up(self, write: Callable[[bytes], None]) -> None:
+        """There is a connection: requests go out through `write`."""
+        self._write = write
+        self._framer = MbapFramer(strict=True)
+        for device in self._failed_at:
+            device.breaker.heard()
+        self._failed_at.clear()
+
+    def port_down(self) -> None:
+        """The connection has gone: what was under way may have been acted on (0B), what waited was not sent (0A)."""
+        self._write = None
+        lost, waiting = list(self._under_way.values()), self._queue.clear()
+        for kept in (self._under_way, self._instead, self._owed, self._asking):
+            kept.clear()
+        for transaction in lost:
+            transaction.device.counts.last_error = errors.LineLost.result
+            transaction.fail(errors.LineLost())
+        for transaction in waiting:
+            transaction.fail(errors.LineDown())
+
+    def submit(self, transaction: Transaction, now: float) -> None:
+        """Take over a transaction: it is sent when there is a place for it, or it fails."""
+        if self._write is None:
+            transaction.fail(errors.LineDown())
+        elif transaction.device.breaker.rests(now):
+            transaction.fail(errors.UnitResting())
+        elif self._queue.put(transaction, now):
+            self._go_on(now)
+        else:
+            self._report.queue_full(transaction)
+            transaction.fail(errors.QueueFull())
+
+    def received(self, data: bytes, now: float) -> None:
+        """Take bytes that came at `now`.
+
+        Raises:
+            NotModbus: the server does not speak Modbus TCP, so that the connection cannot be used any more. What was
+                answered before that is answered.
+        """
+        answers: list[tuple[Transaction, bytes]] = []
+        try:
+            for frame in self._framer.cut(data):
+                answer = self._answer_in(frame, now)
+                if answer is not None:
+                    answers.append(answer)
+            self._go_on(now)
+        finally:
+            for transaction, pdu in answers:
+                transaction.respond(pdu)
+
+    def deadline(self) -> float | None:
+        """When `tick` wants to be called, or None while there is nothing to wait for."""
+        oldest = next(iter(self._under_way.values()), None)
+        deadlines = (None if oldest is None else oldest.fails_at, self._queue.next_expiry())
+        return min((one for one in deadlines if one is not None), default=None)
+
+    def tick(self, now: float) -> None:
+        """Let time pass: limits may have run out."""
+        failed: list[tuple[Transaction, RequestError]] = []
+        for identifier, transaction in list(self._under_way.items()):
+            if now < transaction.fails_at:
+                break
+            failed.append((transaction, self._give_up(identifier, transaction, now)))
+        try:
+            self._go_on(now)
+        finally:
+            for transaction, error in failed:
+                transaction.fail(error)
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether it waits for a new connection, because too many answers are owed on this one."""
+        return len(self._owed) >= MOST_OWED and not self._under_way
+
+    def _answer_in(self, frame: TcpFrame, now: float) -> tuple[Transaction, bytes] | None:
+        """The transaction that `frame` answers in time, and its response; None when it is dropped."""
+        asked = self._under_way.get(frame.transaction)
+        late = self._owed.get(frame.transaction)
+        answer = Frame(frame.unit, frame.pdu)
+        if asked is not None and asked.accepts(answer):
+            self._finish(frame.transaction, asked)
+            self._instead.pop(frame.transaction, None)
+            asked.counts.responses += 1
+            self._heard_from(asked.device)
+            return asked, answer.pdu
+        if late is not None and late.accepts(answer):
+            del self._owed[frame.transaction]
+            self._report.late_response(late, now)
+            self._heard_from(late.device)
+            return None
+        expected = asked or late
+        if expected is None:
+            self.unasked_frames += 1
+        else:
+            self._report.foreign(answer, expected)
+        if asked is not None:
+            self._instead.setdefault(frame.transaction, encode(*frame))
+        return None
+
+    def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError:
+        """The limit has run out. Failures of requests that were under way together count as one."""
+        self._finish(identifier, transaction)
+        self._owed[identifier] = transaction
+        instead = self._instead.pop(identifier, b"")
+        self._report.given_up(transaction, now, heard=instead)
+        device = transaction.device
+        if transaction.ends_at >= self._failed_at.get(device, 0.0):
+            self._failed_at[device] = now
+            if device.breaker.failed(transaction.limit, now):
+                self._report.resting(device)
+        error = errors.BrokenResponse() if instead else errors.ResponseTimeout()
+        device.counts.last_error = error.result
+        return error
+
+    def _go_on(self, now: float) -> None:
+        """Send what there is a place for, and refuse what has waited too long."""
+        late = self._queue.expired(now)
+        try:
+            while self._write is not None and len(self._under_way) < self.settings.in_flight:
+                transaction = None if len(self._owed) >= MOST_OWED else self._queue.take(self._must_follow)
+                if transaction is None:
+                    break
+                self._send(transaction, self._write, now)
+        finally:
+            for request in late:
+                request.fail(errors.WaitedTooLong())
+
+    def _must_follow(self, transaction: Transaction) -> bool:
+        return (transaction.client, transaction.device) in self._asking
+
+    def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
+        if not transaction.is_wanted:
+            transaction.counts.unwanted += len(transaction.requests)
+            transaction.end()
+            return
+        if transaction.device.breaker.rests(now):
+            transaction.fail(errors.UnitResting())
+            return
+        transaction.ends_at = now
+        transaction.limit = self.settings.timeout
+        identifier = self._free_identifier()
+        self._under_way[identifier] = transaction
+        self._asking.add((transaction.client, transaction.device))
+        transaction.counts.sent += 1
+        write(encode(identifier, transaction.unit, transaction.asked.data))
+
+    def _free_identifier(self) -> int:
+        """The next one that no answer can be on its way with."""
+        identifier = self._last_identifier
+        while True:
+            identifier = (identifier + 1) % _IDENTIFIERS
+            if identifier not in self._under_way and identifier not in self._owed:
+                self._last_identifier = identifier
+                return identifier
+
+    def _finish(self, identifier: int, transaction: Transaction) -> None:
+        del self._under_way[identifier]
+        self._asking.remove((transaction.client, transaction.device))
+
+    def _heard_from(self, device: Addressee) -> None:
+        self._failed_at.pop(device, None)
+        if device.breaker.failures and device.breaker.heard():
+            self._report.recovered(device)
+
+    def __repr__(self) -> str:
+        state = "down" if self._write is None else f"under way={len(self._under_way)}"
+        return f"<Upstream {self.settings.name} {state} waiting={len(self._queue)}>"

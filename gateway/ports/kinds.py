@@ -1,0 +1,12 @@
+"""The kinds of port that a line can have."""
+
+from functools import partial
+
+from gateway.ports.port import OpenPort, PortSettings, TcpSettings
+from gateway.ports.serial import open_serial
+from gateway.ports.tcp import open_tcp
+
+
+def opener(settings: PortSettings) -> OpenPort:
+    """What opens a port with these settings."""
+    return partial(open_tcp, settings) if isinstance(settings, TcpSettings) else partial(open_serial, settings)

@@ -1,0 +1,234 @@
+"""A TCP connection as a port: to a device server with a serial line behind it, or to another Modbus TCP server."""
+
+import asyncio
+import errno
+import os
+import socket
+from contextlib import suppress
+from functools import partial
+from typing import Any, Final, cast
+
+from gateway.errors import PortError
+from gateway.ports.port import Port, PortUser, TcpSettings
+from gateway.ports.threads import ThreadOfItsOwn
+
+#: How long it may take to find the server's address, and then to reach it, in seconds.
+LOOKING_UP_DEADLINE: Final = 1.5
+CONNECTING_DEADLINE: Final = 2.5
+#: How long at most nothing is believed after that, in seconds.
+LONGEST_SETTLING: Final = 0.5
+#: More than the longest frame.
+READ_SIZE: Final = 1024
+#: Bytes that may wait for a server that takes none, beyond the system's own buffers.
+WRITE_BOUND: Final = 16 * 1024
+#: How long a port that is closed may go on handing them over, in seconds.
+FLUSHING_DEADLINE: Final = 1.0
+#: A server that has vanished is noticed within half a minute. Seconds, seconds, probes, and milliseconds while
+#: something is being sent.
+KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
+USER_TIMEOUT: Final = 20_000
+
+_NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
+_NO_WAY: Final = "{port} cannot be reached: no way leads there from this network"
+_NO_SUCH_NAME: Final = "{port}: nobody knows the name {host}"
+_NO_NAME_SERVER: Final = "{port}: no name server answers, so {host} cannot be found"
+
+_REASONS: Final = {
+    errno.ECONNREFUSED: "{port} refuses the connection: does the server run, and is the port number right?",
+    errno.ETIMEDOUT: _NO_ANSWER,
+    errno.EHOSTUNREACH: _NO_WAY,
+    errno.ENETUNREACH: _NO_WAY,
+    errno.EACCES: "{port}: this service may not connect to it",
+    errno.EPERM: "{port}: this service may not connect to it, or a firewall of this machine forbids it",
+    socket.EAI_NONAME: _NO_SUCH_NAME,
+    socket.EAI_NODATA: _NO_SUCH_NAME,
+    socket.EAI_AGAIN: _NO_NAME_SERVER,
+}
+
+#: What `getaddrinfo` gives: family, type, protocol, canonical name, address.
+_AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
+
+#: Names that a name server is still asked for, because the attempt was given up before it answered.
+_being_looked_up: set[str] = set()
+
+
+async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
+    """Connect to a server for `user`. Cancelled, it leaves nothing open.
+
+    What comes within the latency of the connection is dropped (LONGEST_SETTLING at most): a device server may still
+    hold answers to questions of whoever was connected before.
+
+    Raises:
+        PortError: there is no connection; the message says why and what to do.
+    """
+    try:
+        addresses = await _look_up(settings)
+        async with asyncio.timeout(CONNECTING_DEADLINE):
+            port = await _connected(settings, addresses)
+    except (OSError, UnicodeError) as error:
+        raise PortError(_why(settings, error)) from error
+    try:
+        await port.settled()
+    except BaseException:
+        port.close()
+        raise
+    port.begin(user)
+    return port
+
+
+class TcpPort(asyncio.BufferedProtocol):
+    """One connection. `latency` in seconds; it carries bytes at once, so it is `virtual`."""
+
+    virtual = True
+
+    def __init__(self, settings: TcpSettings) -> None:
+        self.latency = settings.latency
+        self._name = settings.port
+        self._buffer = memoryview(bytearray(READ_SIZE))
+        self._user: PortUser | None = None
+        self._loss = PortError("closed")
+        self._closed = asyncio.Event()
+
+    async def settled(self) -> None:
+        """Let the latency of the connection pass. Nothing that comes meanwhile is heard by anybody.
+
+        Raises:
+            PortError: the server has closed the connection again.
+        """
+        with suppress(TimeoutError):
+            async with asyncio.timeout(min(self.latency, LONGEST_SETTLING)):
+                await self._closed.wait()
+        if self._closed.is_set():
+            raise PortError(f"{self._name} takes the connection and closes it at once: is somebody else connected?")
+
+    def begin(self, user: PortUser) -> None:
+        """Hand over what comes from now on."""
+        self._user = user
+
+    def write(self, data: bytes) -> None:
+        """Send `data` now; what the system does not take at once follows as soon as it does."""
+        if self._transport.is_closing():
+            return
+        self._transport.write(data)
+        if self._transport.get_write_buffer_size() > WRITE_BOUND:
+            self._abort(PortError(f"{self._name} takes no more data"))
+
+    def change_baud(self, baud: int) -> None:
+        """Say that this cannot be done from here: the rate of the line is a setting of the device server."""
+        self._abort(PortError(f"{self._name}: the device server keeps its rate; set it to {baud} baud there"))
+
+    def close(self) -> None:
+        """Close once everything written has left, or after FLUSHING_DEADLINE."""
+        self._transport.close()
+        if self._transport.get_write_buffer_size():
+            asyncio.get_running_loop().call_later(FLUSHING_DEADLINE, self._transport.abort)
+
+    async def wait_closed(self) -> None:
+        """Wait until the connection has ended."""
+        await self._closed.wait()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The connection is there."""
+        self._transport = cast("asyncio.Transport", transport)
+
+    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the longest frame decides
+        """Where asyncio receives into."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Bytes have arrived."""
+        if self._user is not None:
+            self._user.received(bytes(self._buffer[:nbytes]))
+
+    def eof_received(self) -> None:
+        """The server has closed its end: with that the connection is lost."""
+        self._loss = PortError(f"{self._name} has closed the connection")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection has ended; tell the user, once."""
+        self._closed.set()
+        if isinstance(exc, OSError):
+            self._loss = PortError(f"{self._name} is gone: {os.strerror(exc.errno or errno.EIO).lower()}")
+        user, self._user = self._user, None
+        if user is not None:
+            user.lost(self._loss)
+
+    def _abort(self, loss: PortError) -> None:
+        self._loss = loss
+        self._transport.abort()
+
+    def __repr__(self) -> str:
+        state = "closing" if self._transport.is_closing() else "open"
+        return f"<TcpPort {self._name} {state}, {self._transport.get_write_buffer_size()} bytes to send>"
+
+
+async def _look_up(settings: TcpSettings) -> list[_AddressInfo]:
+    """The server's addresses. Asked for in a thread of its own: nothing can stop a resolver that hangs."""
+    host = settings.host
+    if host in _being_looked_up:
+        raise socket.gaierror(socket.EAI_AGAIN)
+    _being_looked_up.add(host)
+    looking_up: asyncio.Future[list[_AddressInfo]] = asyncio.get_running_loop().run_in_executor(
+        ThreadOfItsOwn(f"look up {host}"), _addresses_of, settings
+    )
+    looking_up.add_done_callback(partial(_looked_up, host))
+    try:
+        async with asyncio.timeout(LOOKING_UP_DEADLINE):
+            return await asyncio.shield(looking_up)
+    except TimeoutError as error:
+        raise socket.gaierror(socket.EAI_AGAIN) from error
+
+
+def _addresses_of(settings: TcpSettings) -> list[_AddressInfo]:
+    return [*socket.getaddrinfo(settings.host, settings.number, type=socket.SOCK_STREAM)]
+
+
+def _looked_up(host: str, looking_up: asyncio.Future[list[_AddressInfo]]) -> None:
+    _being_looked_up.discard(host)
+    if not looking_up.cancelled():
+        looking_up.exception()  # asyncio complains of errors that nobody has looked at
+
+
+async def _connected(settings: TcpSettings, addresses: list[_AddressInfo]) -> TcpPort:
+    """A connection to the first of the server's addresses that takes it."""
+    for address in addresses[:-1]:
+        with suppress(OSError):
+            async with asyncio.timeout(CONNECTING_DEADLINE / len(addresses)):
+                return await _connect(settings, address)
+    return await _connect(settings, addresses[-1])
+
+
+async def _connect(settings: TcpSettings, address: _AddressInfo) -> TcpPort:
+    family, kind, protocol, _, where = address
+    sock = socket.socket(family, kind, protocol)
+    try:
+        sock.setblocking(False)
+        _set_options(sock)
+        loop = asyncio.get_running_loop()
+        await loop.sock_connect(sock, where)
+        _, port = await loop.create_connection(lambda: TcpPort(settings), sock=sock)
+    except BaseException:
+        sock.close()
+        raise
+    return port
+
+
+def _set_options(sock: socket.socket) -> None:
+    """Send at once, and notice a server that vanishes."""
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, USER_TIMEOUT)
+
+
+def _why(settings: TcpSettings, error: OSError | UnicodeError) -> str:
+    """What keeps the server from being reached, and what to do about it."""
+    if isinstance(error, UnicodeError):
+        reason = _NO_SUCH_NAME
+    elif isinstance(error, TimeoutError):
+        reason = _NO_ANSWER
+    else:
+        reason = _REASONS.get(error.errno or 0, "{port} cannot be reached: {error}")
+    return reason.format(port=settings.port, host=settings.host, error=getattr(error, "strerror", error))

@@ -1,0 +1,86 @@
+"""An upstream on a table: the other server's bytes, the clock and the events in the test's hands."""
+
+from typing import NamedTuple, TypeVar
+
+from gateway.events import Event
+from gateway.lines.counts import Counts, total
+from gateway.lines.device import Device, DeviceSettings
+from gateway.lines.upstream import Upstream, UpstreamSettings
+from gateway.modbus.mbap import MbapFramer, encode
+from gateway.profiles.profile import Profile
+from gateway.timing.budget import AnswerTime
+from gateway.timing.table import TimingTable
+from kit.asker import Asker
+
+READ = "03 00 10 00 01"
+RESPONSE = "03 02 01 10"
+WRITE = "06 00 01 00 05"
+TIMEOUT = 0.5
+
+E = TypeVar("E", bound=Event)
+
+
+class Sent(NamedTuple):
+    """A request that the other server got."""
+
+    transaction: int
+    unit: int
+    pdu: str
+
+
+class UpstreamBench:
+    """An Upstream that is connected. Unit 37 of clients is unit 7 behind it, 38 is 8, and so on."""
+
+    def __init__(self, **settings: object) -> None:
+        self.settings = UpstreamSettings("plant-1", **{"timeout": TIMEOUT, **settings})
+        self.events: list[Event] = []
+        self.upstream = Upstream(self.settings, self.events.append)
+        self.sent: list[Sent] = []
+        self.now = 100.0
+        self.client = Asker()
+        self._devices: dict[int, Device] = {}
+        self.connect()
+
+    def connect(self) -> None:
+        self._framer = MbapFramer()
+        self.upstream.port_up(self._write)
+
+    def device(self, unit: int) -> Device:
+        if unit not in self._devices:
+            answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=self.settings.timeout, fixed=True)
+            settings = DeviceSettings(f"plant-1/{unit}", unit - 30, unit, Profile("upstream"), answer_time)
+            self._devices[unit] = Device(settings, self.upstream)
+        return self._devices[unit]
+
+    @property
+    def counts(self) -> Counts:
+        """Those of all units."""
+        return total(counts for device in self._devices.values() for counts in device.counts.values())
+
+    def ask(self, pdu: str = READ, unit: int = 37, client: Asker | None = None) -> None:
+        self.device(unit).submit((client or self.client).ask(pdu, unit=unit, now=self.now), self.now)
+
+    def hear(self, data: bytes) -> None:
+        """The other server says this."""
+        self.upstream.received(data, self.now)
+
+    def respond(self, pdu: str = RESPONSE, to: int = -1, unit: int | None = None) -> None:
+        """It answers one of the requests `sent`; with `unit` from another one than it was asked."""
+        request = self.sent[to]
+        self.hear(encode(request.transaction, request.unit if unit is None else unit, bytes.fromhex(pdu)))
+
+    def pass_time(self, seconds: float) -> None:
+        """Let time pass as the driver does: the upstream is woken at each of its deadlines."""
+        end = self.now + seconds
+        while (deadline := self.upstream.deadline()) is not None and deadline <= end:
+            self.now = max(deadline, self.now)
+            self.upstream.tick(self.now)
+        self.now = end
+
+    def told(self, kind: type[E]) -> list[E]:
+        """The events of this kind."""
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def _write(self, data: bytes) -> None:
+        for adu in self._framer.cut(data):
+            self.sent.append(Sent(adu.transaction, adu.unit, adu.pdu.hex(" ").upper()))
