@@ -166,7 +166,7 @@ async def _look_up(settings: TcpSettings) -> list[_AddressInfo]:
     """The server's addresses. Asked for in a thread of its own: nothing can stop a resolver that hangs."""
     host = settings.host
     if host in _being_looked_up:
-        raise socket.gaierror(socket.EAI_AGAIN)
+        raise _no_name_server()
     _being_looked_up.add(host)
     looking_up: asyncio.Future[list[_AddressInfo]] = asyncio.get_running_loop().run_in_executor(
         ThreadOfItsOwn(f"look up {host}"), _addresses_of, settings
@@ -176,11 +176,15 @@ async def _look_up(settings: TcpSettings) -> list[_AddressInfo]:
         async with asyncio.timeout(LOOKING_UP_DEADLINE):
             return await asyncio.shield(looking_up)
     except TimeoutError as error:
-        raise socket.gaierror(socket.EAI_AGAIN) from error
+        raise _no_name_server() from error
 
 
 def _addresses_of(settings: TcpSettings) -> list[_AddressInfo]:
     return [*socket.getaddrinfo(settings.host, settings.number, type=socket.SOCK_STREAM)]
+
+
+def _no_name_server() -> socket.gaierror:
+    return socket.gaierror(socket.EAI_AGAIN, "no answer in time")
 
 
 def _looked_up(host: str, looking_up: asyncio.Future[list[_AddressInfo]]) -> None:

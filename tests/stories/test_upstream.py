@@ -1,0 +1,113 @@
+"""A gateway in front of another one, in virtual time: units behind it beside a line and an image of its own."""
+
+import asyncio
+
+from gateway.events import LineLost, LineReopened, UpstreamClosed
+from gateway.modbus.mbap import MbapFramer, encode
+from kit.house import House, house
+
+CONFIG = """
+[[line]]
+name = "hall-a"
+port = "/dev/hall-a"
+
+[[upstream]]
+name  = "plant-1"
+to    = "tcp://10.1.0.5:502"
+units = [{ as = "37-39", unit = "1-3" }]
+
+[[image]]
+unit = 200
+holding = 10
+"""
+TO = "tcp://10.1.0.5:502"
+
+
+class Server:
+    """Another Modbus TCP server. A register's value is its unit and its address; each unit has a delay of its own."""
+
+    def __init__(self, home: House) -> None:
+        self.line = home.lines[TO]
+        self.line.on_write = self._take
+        self.delays: dict[int, float] = {}
+        self.asked: list[tuple[int, str]] = []
+        self._framer = MbapFramer()
+
+    def _take(self, data: bytes) -> None:
+        for adu in self._framer.cut(data):
+            self.asked.append((adu.unit, adu.pdu.hex(" ").upper()))
+            answer = encode(adu.transaction, adu.unit, bytes((3, 2, adu.unit, adu.pdu[2])))
+            asyncio.get_running_loop().call_later(self.delays.get(adu.unit, 0.01), self.line.deliver, answer)
+
+
+async def test_units_behind_another_server_answer_beside_the_gateways_own() -> None:
+    async with house(CONFIG) as home:
+        server, client = Server(home), home.client()
+        assert await client.asks(37, "03 00 05 00 01") == "03 02 01 05"
+        assert await client.asks(39, "03 00 06 00 01") == "03 02 03 06"
+        assert await client.asks(200, "03 00 06 00 01") == "03 02 00 00"
+        assert server.asked == [(1, "03 00 05 00 01"), (3, "03 00 06 00 01")]
+
+
+async def test_a_slow_unit_holds_up_no_other() -> None:
+    async with house(CONFIG) as home:
+        server, client = Server(home), home.client()
+        server.delays[1] = 0.9
+        began = client.now()
+        client.ask(37, "03 00 01 00 01")
+        for address in range(10):
+            assert await client.asks(38, f"03 00 {address:02X} 00 01") == f"03 02 02 {address:02X}"
+        assert client.now() - began < 0.2
+        assert await client.answer() == "03 02 01 01"
+
+
+async def test_a_unit_that_is_always_late_gives_nobody_anothers_value() -> None:
+    async with house(CONFIG) as home:
+        server, client = Server(home), home.client()
+        server.delays[1] = 1.2
+        for address in range(1, 20):
+            answer = await client.asks(37, f"03 00 {address:02X} 00 01")
+            assert answer in {"83 0B", f"03 02 01 {address:02X}"}
+
+
+async def test_a_read_only_client_writes_nothing_upstream() -> None:
+    async with house(CONFIG) as home:
+        server = Server(home)
+        assert await home.client(may_write=False).asks(37, "06 00 01 00 05") == "86 01"
+        assert server.asked == []
+
+
+async def test_a_lost_connection_is_0b_then_0a_and_made_again() -> None:
+    async with house(CONFIG) as home:
+        server, client = Server(home), home.client()
+        server.delays[1] = 0.5
+        client.ask(37, "03 00 01 00 01")
+        await asyncio.sleep(0.1)
+        server.line.pull("gone")
+        assert await client.answer() == "83 0B"
+        assert await client.asks(38, "03 00 01 00 01") == "83 0A"
+        server.line.plug()
+        await asyncio.sleep(2)
+        assert await client.asks(38, "03 00 01 00 01") == "03 02 02 01"
+        told = [event for event in home.events if isinstance(event, LineLost | LineReopened)]
+        assert [(type(event), event.line) for event in told] == [(LineLost, "plant-1"), (LineReopened, "plant-1")]
+
+
+async def test_a_server_that_speaks_something_else_is_left_and_tried_again() -> None:
+    async with house(CONFIG) as home:
+        server, client = Server(home), home.client()
+        client.ask(37, "03 00 01 00 01")
+        server.line.deliver(b"SSH-2.0-OpenSSH_9.2\r\n")
+        assert await client.answer() == "83 0B"
+        await asyncio.sleep(2)
+        assert await client.asks(37, "03 00 01 00 01") == "03 02 01 01"
+        assert sum(isinstance(event, UpstreamClosed) for event in home.events) == 1
+
+
+async def test_broadcasts_do_not_go_upstream() -> None:
+    listen = '[[listen]]\nbind = "tcp://127.0.0.1:502"\nunit0 = "broadcast"\n'
+    async with house(listen + CONFIG) as home:
+        server, client = Server(home), home.client()
+        client.ask(0, "06 00 01 00 05")
+        assert await client.asks(200, "03 00 01 00 01") == "03 02 00 05"
+        assert server.asked == []

@@ -1,0 +1,401 @@
+"""Device servers: a TCP connection as a port, and a whole gateway in front of ser2net, in real time."""
+
+import asyncio
+import shutil
+import socket
+import struct
+import subprocess
+import threading
+import time
+from contextlib import asynccontextmanager, closing
+from pathlib import Path
+from typing import Self
+
+import pytest
+
+from gateway.errors import PortError
+from gateway.events import LineLost, LineReopened
+from gateway.ports import tcp as tcp_module
+from gateway.ports.keeper import Keeper
+from gateway.ports.port import TcpSettings
+from gateway.ports.tcp import WRITE_BOUND, open_tcp
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.process import PATIENCE, GatewayProcess
+from kit.pty import VirtualPort
+from kit.serial_line import SerialDevices
+
+READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
+ANSWER = bytes.fromhex("0001 0000 0005 01 03 02 0007")
+
+
+class User:
+    """Notes what its port tells it."""
+
+    def __init__(self):
+        self.heard = b""
+        self.losses = []
+
+    def received(self, data):
+        self.heard += data
+
+    def lost(self, error):
+        self.losses.append(str(error))
+
+
+class Owner:
+    """A line that only notes."""
+
+    def __init__(self):
+        self.port = None
+        self.downs = 0
+
+    def port_up(self, port):
+        self.port = port
+
+    def received(self, data):
+        pass
+
+    def port_down(self, error):
+        self.port = None
+        self.downs += 1
+
+
+@pytest.fixture
+def user():
+    return User()
+
+
+@pytest.fixture
+def server():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        yield server
+
+
+def settings(number, host="127.0.0.1", latency=0.05):
+    return TcpSettings(f"rtu+tcp://{host}:{number}", host, number, latency)
+
+
+def settings_of(server, **others):
+    return settings(server.getsockname()[1], **others)
+
+
+async def accepted(server):
+    sock, _ = await asyncio.wait_for(asyncio.get_running_loop().sock_accept(server), PATIENCE)
+    return sock
+
+
+@asynccontextmanager
+async def connected(server, user):
+    """An open port, and the server's end of it."""
+    port = await open_tcp(settings_of(server), user)
+    with closing(await accepted(server)) as far_end:
+        yield port, far_end
+        port.close()
+        await asyncio.wait_for(port.wait_closed(), PATIENCE)
+
+
+async def until(condition):
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, "not within the time"
+        await asyncio.sleep(0.005)
+
+
+async def why_not(settings, user):
+    with pytest.raises(PortError) as raised:
+        await open_tcp(settings, user)
+    return str(raised.value)
+
+
+def descriptors():
+    return sorted(Path("/proc/self/fd").iterdir())
+
+
+def free_number():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+# --- connecting ---
+
+
+async def test_bytes_go_both_ways(server, user):
+    async with connected(server, user) as (port, far_end):
+        port.write(b"ask")
+        assert await asyncio.get_running_loop().sock_recv(far_end, 10) == b"ask"
+        far_end.send(b"answer")
+        await until(lambda: user.heard == b"answer")
+        assert (port.virtual, port.latency) == (True, 0.05)
+    assert user.losses == ["closed"]
+
+
+async def test_what_the_server_still_held_for_somebody_else_is_not_heard(server, user):
+    opening = asyncio.create_task(open_tcp(settings_of(server, latency=0.3), user))
+    with closing(await accepted(server)) as far_end:
+        far_end.send(b"late answer")
+        port = await opening
+        far_end.send(b"new")
+        await until(lambda: user.heard)
+        assert user.heard == b"new"
+        port.close()
+        await port.wait_closed()
+
+
+async def test_it_sends_at_once_and_watches_the_peer(server, user):
+    async with connected(server, user) as (port, _):
+        sock = port._transport.get_extra_info("socket")
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        watched = [socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT]
+        idle, interval, probes = (sock.getsockopt(socket.IPPROTO_TCP, option) for option in watched)
+        assert idle + interval * probes <= 30
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) <= 30_000
+
+
+async def test_nobody_there_is_said(user):
+    number = free_number()
+    assert await why_not(settings(number), user) == (
+        f"rtu+tcp://127.0.0.1:{number} refuses the connection: does the server run, and is the port number right?"
+    )
+
+
+async def test_every_address_of_a_name_is_tried(server, user, monkeypatch):
+    """The name leads to an address where nobody listens, and then to the server."""
+    nobody, somebody = ("127.0.0.2", server.getsockname()[1]), server.getsockname()
+    found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", where) for where in (nobody, somebody)]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    port = await open_tcp(settings_of(server, host="nport.example"), user)
+    port.close()
+    await port.wait_closed()
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        (socket.EAI_NONAME, "nobody knows the name nport.example"),
+        (socket.EAI_AGAIN, "no name server answers, so nport.example cannot be found"),
+        (socket.EAI_FAIL, "cannot be reached: the server is odd"),
+    ],
+)
+async def test_a_name_that_leads_nowhere_is_said(user, monkeypatch, code, said):
+    def fails(*_, **__):
+        raise socket.gaierror(code, "the server is odd")
+
+    monkeypatch.setattr(socket, "getaddrinfo", fails)
+    assert said in await why_not(settings(502, "nport.example"), user)
+
+
+async def test_a_resolver_that_hangs_holds_up_nobody(user, monkeypatch):
+    release = threading.Event()
+    monkeypatch.setattr(tcp_module, "LOOKING_UP_DEADLINE", 0.1)
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: release.wait(PATIENCE) and [])
+    threads = threading.active_count()
+    for _ in range(3):
+        assert "no name server answers" in await why_not(settings(502, "nport.example"), user)
+    assert threading.active_count() == threads + 1
+    release.set()
+    await until(lambda: not tcp_module._being_looked_up)
+
+
+async def test_a_server_that_does_not_answer_is_said(user, monkeypatch):
+    monkeypatch.setattr(tcp_module, "CONNECTING_DEADLINE", 0.3)
+    with socket.socket() as deaf, socket.socket() as one, socket.socket() as other:
+        deaf.bind(("127.0.0.1", 0))
+        deaf.listen(0)
+        for waiting in (one, other):  # its backlog is full then, and the system drops what comes
+            waiting.setblocking(False)
+            waiting.connect_ex(deaf.getsockname())
+        assert "does not answer: is it on, and does every firewall let us through?" in await why_not(
+            settings_of(deaf), user
+        )
+
+
+async def test_an_attempt_that_is_given_up_leaves_nothing_open(server, user):
+    before = descriptors()
+    opening = asyncio.create_task(open_tcp(settings_of(server, latency=10), user))
+    with closing(await accepted(server)) as far_end:
+        opening.cancel()
+        await asyncio.wait([opening])
+        assert await asyncio.wait_for(asyncio.get_running_loop().sock_recv(far_end, 1), PATIENCE) == b""
+    assert opening.cancelled()
+    await until(lambda: descriptors() == before)
+    assert user.losses == []
+
+
+async def test_a_server_that_serves_somebody_else_is_told_apart(server, user):
+    """ser2net says a line of text and closes; others just close."""
+    opening = asyncio.create_task(why_not(settings_of(server, latency=0.4), user))
+    with closing(await accepted(server)) as far_end:
+        far_end.send(b"Port already in use\r\n")
+    assert (await opening).endswith("takes the connection and closes it at once: is somebody else connected?")
+    assert (user.heard, user.losses) == (b"", [])
+
+
+# --- losing the connection ---
+
+
+async def test_the_end_of_the_stream_is_a_loss(server, user):
+    async with connected(server, user) as (port, far_end):
+        far_end.close()
+        await until(lambda: user.losses)
+        port.write(b"to nobody")
+    assert [loss.partition(" ")[2] for loss in user.losses] == ["has closed the connection"]
+
+
+async def test_a_reset_is_a_loss(server, user):
+    async with connected(server, user) as (_, far_end):
+        far_end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        far_end.close()
+        await until(lambda: user.losses)
+    assert [loss.partition(" ")[2] for loss in user.losses] == ["is gone: connection reset by peer"]
+
+
+async def test_a_server_that_takes_nothing_is_a_loss_before_much_is_kept(server, user):
+    async with connected(server, user) as (port, _):
+        for _ in range(10_000):
+            port.write(bytes(4096))
+            if user.losses or port._transport.is_closing():
+                break
+        assert port._transport.get_write_buffer_size() <= WRITE_BOUND + 4096
+        await until(lambda: user.losses)
+    assert [loss.partition(" ")[2] for loss in user.losses] == ["takes no more data"]
+
+
+async def test_a_rate_that_cannot_be_set_from_here_is_a_loss_that_says_what_to_do(server, user):
+    async with connected(server, user) as (port, _):
+        port.change_baud(9600)
+        await until(lambda: user.losses)
+    assert user.losses[0].endswith("the device server keeps its rate; set it to 9600 baud there")
+
+
+async def test_a_keeper_connects_again(user):
+    number, owner, told = free_number(), Owner(), []
+    keeper = Keeper("hall-a", "nport", lambda user: open_tcp(settings(number), user), owner, told.append)
+    keeping = asyncio.create_task(keeper.run())
+    try:
+        await keeper.tried.wait()
+        for _ in range(3):
+            with socket.create_server(("127.0.0.1", number)) as server:
+                server.setblocking(False)
+                with closing(await accepted(server)):
+                    await until(lambda: owner.port)
+            await until(lambda: owner.port is None)
+    finally:
+        keeping.cancel()
+        await asyncio.wait([keeping])
+    assert owner.downs == 3
+    assert sum(isinstance(event, LineReopened) for event in told) == 2
+    assert {event.reason.partition(" ")[0] for event in told if isinstance(event, LineLost)} == {
+        f"rtu+tcp://127.0.0.1:{number}"
+    }
+
+
+# --- the gateway in front of ser2net ---
+
+needs_ser2net = pytest.mark.skipif(shutil.which("ser2net") is None, reason="needs ser2net: apt install ser2net")
+
+LINE = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[line]]
+name = "hall-a"
+port = "{scheme}+tcp://127.0.0.1:{number}"
+timeout = "500 ms"
+"""
+
+
+class Ser2Net:
+    """ser2net between a TCP port and a virtual serial port, in raw mode, as Debian ships it."""
+
+    def __init__(self, folder: Path, number: int, port: Path) -> None:
+        self._config = folder / "ser2net.yaml"
+        self._config.write_text(
+            f"connection: &hall\n  accepter: tcp,127.0.0.1,{number}\n  connector: serialdev,{port},19200n81,local\n"
+        )
+        self._number = number
+
+    def __enter__(self) -> Self:
+        self._process = subprocess.Popen(["ser2net", "-n", "-c", str(self._config)], stderr=subprocess.DEVNULL)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+class Client:
+    """A Modbus TCP client that reads the first register of unit 1."""
+
+    def __init__(self, gateway: GatewayProcess) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE)
+
+    def ask(self) -> bytes:
+        self._socket.sendall(READ)
+        return self._socket.recv(260)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def answers(client: Client) -> None:
+    """Ask until the device has answered."""
+    deadline = time.monotonic() + PATIENCE
+    while (response := client.ask()) != ANSWER:
+        assert time.monotonic() < deadline, response.hex(" ")
+        time.sleep(0.05)
+
+
+@needs_ser2net
+@pytest.mark.parametrize("mode", ["rtu", "ascii"])
+def test_a_line_behind_ser2net_is_asked_and_found_again(tmp_path: Path, mode: str) -> None:
+    device, number = SimulatedDevice(1), free_number()
+    device.holding[0] = 7
+    config = LINE.format(scheme=mode, number=number)
+    with (
+        VirtualPort(tmp_path / "line") as port,
+        SerialDevices({port: SimulatedLine(mode, device)}),
+        GatewayProcess(tmp_path, config) as gateway,
+        closing(Client(gateway)) as client,
+    ):
+        assert "refuses the connection" in gateway.log[1]["reason"]
+        assert client.ask()[7:].hex() == "830a"
+        with Ser2Net(tmp_path, number, port.path):
+            gateway.wait_for("line_up")
+            answers(client)
+            for _ in range(20):
+                assert client.ask() == ANSWER
+            device.silent = True
+            assert client.ask()[7:].hex() == "830b"
+            device.silent = False
+        gateway.wait_for("line_lost")
+        assert client.ask()[7:].hex() == "830a"
+        with Ser2Net(tmp_path, number, port.path):
+            gateway.wait_for("line_reopened")
+            answers(client)
+        assert gateway.stop() == 0
+    assert gateway.rest == []
+    assert not [event for event in gateway.log if event["event"] in {"part_failed", "foreign_frame", "bad_frame"}]
+
+
+@needs_ser2net
+def test_a_second_gateway_at_the_same_device_server_hears_why_it_waits(tmp_path: Path) -> None:
+    number, device = free_number(), SimulatedDevice(1)
+    device.holding[0] = 7
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.mkdir()
+    other.mkdir()
+    config = LINE.format(scheme="rtu", number=number)
+    with (
+        VirtualPort(tmp_path / "line") as port,
+        SerialDevices({port: SimulatedLine("rtu", device)}),
+        Ser2Net(tmp_path, number, port.path),
+        GatewayProcess(one, config) as first,
+        closing(Client(first)) as client,
+    ):
+        answers(client)
+        with GatewayProcess(other, config) as second:
+            lost = [event["reason"] for event in second.log if event["event"] == "line_lost"]
+            assert any("is somebody else connected?" in reason for reason in lost), second.log
+        answers(client)

@@ -1,0 +1,232 @@
+"""Units behind other Modbus TCP servers, with real sockets and processes: another gateway, pymodbus, a moody server."""
+
+import asyncio
+import random
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Self
+
+from gateway.modbus.mbap import MbapFramer, encode
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.process import PATIENCE, GatewayProcess
+from kit.pty import VirtualPort
+from kit.serial_line import SerialDevices
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[upstream]]
+name    = "plant-1"
+to      = "tcp://127.0.0.1:{number}"
+units   = [{{ as = "37-40", unit = "1-4" }}]
+timeout = "{timeout}"
+in_flight = {in_flight}
+"""
+
+PYMODBUS = """
+import asyncio, sys, warnings
+warnings.simplefilter("ignore")
+from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, ModbusServerContext
+from pymodbus.server import StartAsyncTcpServer
+
+units = {
+    unit: ModbusDeviceContext(hr=ModbusSequentialDataBlock(1, [256 * unit + address for address in range(200)]))
+    for unit in range(1, 5)
+}
+context = ModbusServerContext(devices=units, single=False)
+asyncio.run(StartAsyncTcpServer(context, address=("127.0.0.1", int(sys.argv[1]))))
+"""
+
+
+def config(number: int, timeout: str = "1 s", in_flight: int = 16) -> str:
+    return CONFIG.format(number=number, timeout=timeout, in_flight=in_flight)
+
+
+def free_number() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+class Client:
+    """A Modbus TCP client that asks one register after the other."""
+
+    def __init__(self, gateway: GatewayProcess) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE)
+        self._transaction = 0
+
+    def ask(self, unit: int, pdu: str) -> str:
+        self._transaction += 1
+        self._socket.sendall(encode(self._transaction, unit, bytes.fromhex(pdu)))
+        head = self._socket.recv(7, socket.MSG_WAITALL)
+        assert (int.from_bytes(head[:2]), head[6]) == (self._transaction, unit)
+        return self._socket.recv(int.from_bytes(head[4:6]) - 1, socket.MSG_WAITALL).hex(" ").upper()
+
+    def read(self, unit: int, address: int) -> str:
+        return self.ask(unit, f"03 {address:04X} 0001")
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Pymodbus:
+    """pymodbus' TCP server as a process. It answers one of several requests that come in one segment."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def __enter__(self) -> Self:
+        command = [sys.executable, "-c", PYMODBUS, str(self._number)]
+        self._process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+class Moody:
+    """A server that answers each request after a delay of its own, often too late; values say what was asked."""
+
+    def __init__(self, longest_delay: float) -> None:
+        self.late = 0
+        self._longest = longest_delay
+
+    def __enter__(self) -> Self:
+        ready = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), name="moody server")
+        self._thread.start()
+        assert ready.wait(PATIENCE)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join()
+
+    async def _serve(self, ready: threading.Event) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        server = await asyncio.start_server(self._talk, "127.0.0.1", 0)
+        self.number = server.sockets[0].getsockname()[1]
+        ready.set()
+        await self._stop.wait()
+        server.close()
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        framer, chance = MbapFramer(), random.Random(7)
+        with closing(writer), suppress(asyncio.CancelledError):
+            while data := await reader.read(1000):
+                for adu in framer.cut(data):
+                    answer = encode(adu.transaction, adu.unit, bytes((3, 2, adu.unit, adu.pdu[2])))
+                    self._loop.call_later(chance.uniform(0, self._longest), writer.write, answer)
+
+
+def until_answered(client: Client, unit: int, address: int, value: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while (answer := client.read(unit, address)) != value:
+        assert time.monotonic() < deadline, answer
+        time.sleep(0.05)
+
+
+def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
+    device = SimulatedDevice(1)
+    device.holding[5] = 7
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.mkdir()
+    other.mkdir()
+    line = f'[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[line]]\nport = "{tmp_path / "line"}"\ntimeout = "200 ms"\n'
+    with (
+        VirtualPort(tmp_path / "line") as port,
+        SerialDevices({port: SimulatedLine("rtu", device)}),
+        GatewayProcess(one, line) as behind,
+        GatewayProcess(other, config(behind.port)) as gateway,
+        closing(Client(gateway)) as client,
+    ):
+        assert client.read(37, 5) == "03 02 00 07"
+        assert client.ask(37, "06 0006 0102") == "06 00 06 01 02"
+        assert device.holding[6] == 0x0102
+        assert client.read(37, 500) == "83 02"
+        assert client.read(38, 5) == "83 0B"
+        assert client.read(99, 5) == "83 0A"
+        assert behind.stop() == 0
+        gateway.wait_for("line_lost")
+        assert client.read(37, 5) == "83 0A"
+        assert gateway.stop() == 0
+    assert gateway.rest == behind.rest == []
+
+
+def test_pymodbus_killed_and_started_again_under_traffic(tmp_path: Path) -> None:
+    number, stop = free_number(), threading.Event()
+    wrong: list[str] = []
+    counts = {"good": 0, "83 0A": 0, "83 0B": 0, "83 06": 0}
+
+    def poll(client: Client, unit: int, chance: random.Random) -> None:
+        while not stop.is_set():
+            address = chance.randrange(200)
+            answer = client.read(unit, address)
+            if answer == f"03 02 {unit - 36:02X} {address:02X}":
+                counts["good"] += 1
+            elif answer in counts:
+                counts[answer] += 1
+                time.sleep(0.01)
+            else:
+                wrong.append(answer)
+
+    with GatewayProcess(tmp_path, config(number, in_flight=1)) as gateway:
+        clients = [Client(gateway) for _ in range(8)]
+        threads = [
+            threading.Thread(target=poll, args=(client, 37 + index % 4, random.Random(index)), name=f"client {index}")
+            for index, client in enumerate(clients)
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            for cycle in range(3):
+                with Pymodbus(number):
+                    gateway.wait_for("line_reopened" if cycle else "line_up")
+                    good, deadline = counts["good"], time.monotonic() + PATIENCE
+                    while counts["good"] < good + 100:
+                        assert time.monotonic() < deadline, counts
+                        time.sleep(0.01)
+                gateway.wait_for("line_lost")
+        finally:
+            stop.set()
+            for thread in threads:
+                thread.join(PATIENCE)
+            for client in clients:
+                client.close()
+        assert gateway.stop() == 0
+    assert wrong == []
+    assert counts["83 0A"] > 0
+    assert gateway.rest == []
+    assert not [event for event in gateway.log if event["event"] in {"part_failed", "foreign_frame"}]
+
+
+def test_late_answers_reach_nobody(tmp_path: Path) -> None:
+    """A third of the answers comes too late; each client only ever gets its own."""
+    with Moody(0.3) as server, GatewayProcess(tmp_path, config(server.number, "200 ms")) as gateway:
+        outcomes: list[tuple[int, int, str]] = []
+
+        def poll(unit: int, seed: int) -> None:
+            chance = random.Random(seed)
+            with closing(Client(gateway)) as client:
+                for _ in range(40):
+                    address = chance.randrange(256)
+                    outcomes.append((unit, address, client.read(unit, address)))
+
+        threads = [threading.Thread(target=poll, args=(37 + seed % 4, seed)) for seed in range(12)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(PATIENCE)
+        gateway.wait_for("late_response")
+        assert gateway.stop() == 0
+    assert len(outcomes) == 12 * 40
+    good = [outcome for outcome in outcomes if outcome[2] != "83 0B"]
+    assert len(good) > 100
+    assert [outcome for outcome in good if outcome[2] != f"03 02 {outcome[0] - 36:02X} {outcome[1]:02X}"] == []
+    assert gateway.rest == []
