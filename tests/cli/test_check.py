@@ -211,3 +211,55 @@ def test_problems_as_json(config, capsys):
             }
         ]
     }
+
+
+UPSTREAM = """\
+[[line]]
+name = "roof"
+port = "rtu+tcp://10.1.0.9:4001"
+devices = [{ unit = 1, profile = "weigher" }]
+
+[[upstream]]
+name = "plant-1"
+to = "tcp://10.1.0.5"
+units = [{ as = "37-38", unit = "7-8" }]
+timeout = "300 ms"
+"""
+
+
+def test_units_behind_servers(config, capsys):
+    assert main(["check", config(UPSTREAM)]) == 0
+    said = capsys.readouterr().out
+    assert "Line roof: rtu+tcp://10.1.0.9:4001\n  rtu 19200 8E1, gap 2.01 ms, latency 100 ms\n" in said
+    assert (
+        dedent(
+            """\
+            Upstream plant-1: tcp://10.1.0.5:502
+              timeout 300 ms, 16 in flight
+              UNIT  BEHIND THE SERVER  LONGEST WAIT
+              37    7                  2.3 s
+              38    8                  2.3 s
+
+            """
+        )
+        in said
+    )
+    assert "time-out above the longest wait" in said
+
+
+def test_units_behind_servers_as_json(config, capsys):
+    main(["check", "--json", config(UPSTREAM)])
+    picture = json.loads(capsys.readouterr().out)
+    assert picture["lines"][0]["latency_ms"] == 100
+    assert picture["upstreams"] == [
+        {
+            "name": "plant-1",
+            "to": "tcp://10.1.0.5:502",
+            "timeout_ms": 300,
+            "in_flight": 16,
+            "units": [
+                {"unit": "37", "behind_the_server": "7", "longest_wait_ms": 2300},
+                {"unit": "38", "behind_the_server": "8", "longest_wait_ms": 2300},
+            ],
+        }
+    ]
