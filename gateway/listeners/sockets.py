@@ -11,8 +11,9 @@ from typing import Any, Final
 KERNEL_BUFFER: Final = 64 * 1024
 #: Keep-alive (T 4.3.2): a peer that vanished is noticed after a minute. Seconds, seconds, probes.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 30, 10, 3
-#: The same for a peer that vanished while something was sent to it, in milliseconds.
-USER_TIMEOUT: Final = 60_000
+#: The same for a peer that vanished while something was sent to it, in milliseconds. It also ends the wait for the last
+#: probe: the system's timers may be two seconds late each, and the minute is to hold.
+USER_TIMEOUT: Final = 50_000
 #: Connections that may wait to be accepted.
 BACKLOG: Final = 1024
 
