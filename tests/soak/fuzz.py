@@ -224,20 +224,33 @@ def fuzz(number: int, seconds: float, seed: int) -> Result:
 
 def _try(make: Callable[[Bytes], tuple[bytes, Decode]], data: Bytes, result: Result) -> None:
     given, decode = make(data)
-    splits = [[given], [bytes((byte,)) for byte in given], random_chunks(given, data.dice.randrange(1 << 30))]
+    result.inputs += len(SPLITS)
+    finding = examine(given, decode, seed=data.dice.randrange(1 << 30))
+    if finding:
+        result.findings.append(f"{result.decoder}: {finding}")
+
+
+def examine(given: bytes, decode: Decode, seed: int) -> str:
+    """Decode `given` in one piece, byte by byte, and cut anyhow; what was broken, empty if nothing."""
     outcomes = []
-    for chunks in splits:
-        result.inputs += 1
+    for split in SPLITS:
+        chunks = split(given, seed)
         try:
             outcomes.append(decode(chunks))
         except Exception as error:  # noqa: BLE001 - that is what is looked for
-            result.findings.append(f"{result.decoder}: {error!r} for {[chunk.hex() for chunk in chunks]}")
-            return
-    for chunks, outcome in zip(splits, outcomes, strict=True):
-        if outcome != outcomes[0]:
+            return f"{error!r} for {[chunk.hex() for chunk in chunks]}"
+        if outcomes[-1] != outcomes[0]:
             cut = [chunk.hex() for chunk in chunks]
-            result.findings.append(f"{result.decoder}: {given.hex()}: {outcomes[0]}, but {outcome} for {cut}")
-            return
+            return f"{given.hex()}: {outcomes[0]}, but {outcomes[-1]} for {cut}"
+    return ""
+
+
+#: The ways to cut an input.
+SPLITS: Final[tuple[Callable[[bytes, int], list[bytes]], ...]] = (
+    lambda given, _: [given],
+    lambda given, _: [bytes((byte,)) for byte in given],
+    random_chunks,
+)
 
 
 def main() -> int:
