@@ -23,9 +23,9 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
 class GatewayProcess:
     """`modbus-gateway run` with a config; in its context it is ready. `log` holds its events, `rest` other lines."""
 
-    def __init__(self, folder: Path, config: str) -> None:
+    def __init__(self, folder: Path, config: str, *, level: str = "debug") -> None:
         self.config = folder / "gateway.toml"
-        self.config.write_text(config + '\n[log]\nformat = "json"\nlevel = "debug"\n')
+        self.config.write_text(f'{config}\n[log]\nformat = "json"\nlevel = "{level}"\n')
         self.log: list[dict[str, Any]] = []
         self.rest: list[str] = []
         self._events: Queue[dict[str, Any]] = Queue()
@@ -47,6 +47,18 @@ class GatewayProcess:
     @property
     def pid(self) -> int:
         return self._process.pid
+
+    @property
+    def descriptors(self) -> int:
+        """How many it has open."""
+        return len(list(Path(f"/proc/{self.pid}/fd").iterdir()))
+
+    def memory(self, *, most: bool = False) -> int:
+        """How much of it is resident, in KiB; `most`: the most since it was last asked without it."""
+        if not most:
+            Path(f"/proc/{self.pid}/clear_refs").write_text("5")
+        status = Path(f"/proc/{self.pid}/status").read_text()
+        return int(status.split("VmHWM:")[1].split()[0])
 
     def wait_for(self, event: str) -> dict[str, Any]:
         """The next event of this name."""

@@ -69,11 +69,6 @@ def poll(port: int, stop: threading.Event, tally: Tally) -> None:
             time.sleep(0.002)
 
 
-def descriptors(pid: int) -> int:
-    """How many the process has open."""
-    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
-
-
 def pull_and_return(port: VirtualPort, tally: Tally) -> float:
     """One cycle; how long after the return the first right answer came.
 
@@ -109,12 +104,12 @@ def main() -> int:
         running.callback(client.join)
         running.callback(stop.set)
         times = [pull_and_return(port, tally) for _ in range(5)]
-        before = descriptors(gateway.pid)
+        before = gateway.descriptors
         for cycle in range(cycles):
             times.append(pull_and_return(port, tally))
             if cycle % 100 == 99:
-                print(f"{cycle + 1} cycles, {descriptors(gateway.pid)} descriptors, {tally.answers}", flush=True)
-        leaked = descriptors(gateway.pid) - before
+                print(f"{cycle + 1} cycles, {gateway.descriptors} descriptors, {tally.answers}", flush=True)
+        leaked = gateway.descriptors - before
     print(
         f"{cycles} cycles: {tally.answers}; slowest answer {1000 * tally.slowest:.0f} ms,"
         f" slowest return {1000 * max(times):.0f} ms, {leaked} descriptors leaked, {len(tally.wrong)} wrong answers"
