@@ -20,7 +20,8 @@ GatewayError
 │       ├── AnswerOverdue        0B  not sent: the late answer to an earlier request could be taken for its answer
 │       ├── UnitResting          0B  not sent: the unit has failed too often
 │       ├── EchoSuspected        0B  not sent: the adapter echoes, so a copy of the request would prove nothing
-│       └── AmbiguousResponse    0B  another client was heard, so the response may be the answer to its request
+│       ├── AmbiguousResponse    0B  another client was heard, so the response may be the answer to its request
+│       └── StaleValue           0B  not sent: a mirror's values are too old
 ├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or has been lost
 ├── ListenError                  no clients can be accepted at an address
@@ -171,6 +172,12 @@ class AmbiguousResponse(TargetFailedToRespond):
     """Another client was heard on the line, so the response may be the answer to its request."""
 
     result = "ambiguous"
+
+
+class StaleValue(TargetFailedToRespond):
+    """Not sent: the last poll of a mirror is too old, and an old value is never given out."""
+
+    result = "stale"
 
 
 class NotModbus(GatewayError):

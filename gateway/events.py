@@ -109,6 +109,22 @@ class StateNotKept(Event):
     reason: str
 
 
+@dataclass(frozen=True)
+class StateKeptAgain(Event):
+    """The file can be written again."""
+
+    file: str
+
+
+@dataclass(frozen=True)
+class StateDamaged(Event):
+    """A file with what was kept is damaged or not ours: it was moved aside, and what could be read of it serves on."""
+
+    level = Level.ERROR
+    file: str
+    damage: str
+
+
 # --- clients ---
 
 
@@ -326,3 +342,18 @@ class UpstreamClosed(Event):
     level = Level.WARNING
     line: str
     reason: str
+
+
+# --- images ---
+
+
+@dataclass(frozen=True)
+class PollRefused(Event):
+    """A device answers a mirror's poll with an exception: these addresses cannot be read, or not in one request."""
+
+    level = Level.WARNING
+    image: str
+    device: str
+    addresses: str
+    code: int
+    source: str

@@ -25,6 +25,7 @@ CODES = {
     "UnitResting": 0x0B,
     "EchoSuspected": 0x0B,
     "AmbiguousResponse": 0x0B,
+    "StaleValue": 0x0B,
 }
 
 

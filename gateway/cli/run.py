@@ -4,7 +4,8 @@ import argparse
 import asyncio
 import signal
 import sys
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from gateway import events
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
+from gateway.images.store import Store
 from gateway.observe.log import open_log
 from gateway.ports.kinds import opener
 from gateway.service.build import build
@@ -41,14 +43,24 @@ def run(args: argparse.Namespace) -> int:
         emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
         for problem in loaded.problems:
             emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
-        with closing(StateFile(state_folder(), emit)) as memory:
-            asyncio.run(_run(plan, file, memory, emit))
+        with closing(StateFile(state_folder(), emit)) as memory, _open_store(plan, emit) as store:
+            asyncio.run(_run(plan, file, memory, store, emit))
     return FINE
 
 
-async def _run(plan: Plan, file: Path, memory: Memory, emit: events.Emit) -> None:
+@contextmanager
+def _open_store(plan: Plan, emit: events.Emit) -> Iterator[Store | None]:
+    """Where images are kept, if one is."""
+    if all(image.persist == "never" for image in plan.images):
+        yield None
+        return
+    with closing(Store(state_folder(), emit)) as store:
+        yield store
+
+
+async def _run(plan: Plan, file: Path, memory: Memory, store: Store | None, emit: events.Emit) -> None:
     loop = asyncio.get_running_loop()
-    gateway = build(plan, loop, opener, memory, emit)
+    gateway = build(plan, loop, opener, memory, emit, store)
     stop = Stop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)

@@ -6,10 +6,9 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from gateway.config.address import Address
+from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_units import (
-    check_addresses,
     check_device_rows,
-    check_images,
     check_overlaps,
     check_passing_through,
     check_references,

@@ -1,20 +1,12 @@
-"""Cross-checks of who answers for which unit, and of the images."""
+"""Cross-checks of who answers for which unit."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
-from gateway.config.problem import Path, Problem, did_you_mean, error, warning
-from gateway.config.ranges import show_ranges
-from gateway.config.schema import Config, Device, Image, Line, ProfileTable
+from gateway.config.problem import Path, Problem, error, warning
+from gateway.config.schema import Config, Device, Line
 from gateway.config.unitset import show_units
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area
-from gateway.modbus.pdu import Span
-from gateway.profiles.profile import Range, covers
-
-#: How manuals number what has address 0, and how many such numbers there are. Coils begin at 1: nobody can tell.
-_MANUAL_BASES: Final = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
-_MANUAL_SPAN: Final = 9999
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,32 +98,6 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
             yield error((*line.path, "serves"), f"nobody answers for unit {show_units(unknown)}")
 
 
-def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Images have what they start with, and mirrors have a device to poll."""
-    devices = [name for line in client_lines(config) for name in line.all_device_names]
-    for image in config.image:
-        if image.of is None:
-            yield from _check_local(image)
-            continue
-        yield from _check_mirror(image)
-        if image.of not in devices and "line" not in failed:
-            yield error((*image.path, "of"), f'there is no device "{image.of}"', did_you_mean(image.of, devices))
-
-
-def check_addresses(config: Config) -> Iterator[Problem]:
-    """Addresses are those on the wire: who writes 40001 mostly means 0."""
-    tables: tuple[Image | ProfileTable, ...] = (*config.image, *config.profile.values())
-    for table in tables:
-        for area, base in _MANUAL_BASES.items():
-            ranges: tuple[Range, ...] = getattr(table, area) or ()
-            first, last = ranges[0] if ranges else (0, 0)
-            if base <= first and last < base + _MANUAL_SPAN:
-                remedy = (
-                    f'{base} of a manual is address 0: "{first}-{last}" there is "{first - base}-{last - base}" here'
-                )
-                yield warning((*table.path, area), "addresses are those on the wire, from 0", remedy)
-
-
 def _check_row(row: Device) -> Iterator[Problem]:
     if len(row.client_units) != len(row.units):
         yield error(
@@ -165,38 +131,3 @@ def _check_lone_device(line: Line) -> Iterator[Problem]:
                 "unit 0 asks whoever is there, and the line has other devices: any of them may answer",
                 "leave it the only device of its line",
             )
-
-
-def _check_local(image: Image) -> Iterator[Problem]:
-    for key in ("read", "stale"):
-        if image.has(key):
-            yield error((*image.path, key), "only a mirror has this key", 'name the device to poll: of = "DEVICE"')
-    if not any(image.ranges(area) for area in Area):
-        yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
-    for area in Area:
-        yield from _check_initial(image, area)
-
-
-def _check_initial(image: Image, area: Area) -> Iterator[Problem]:
-    ranges = image.ranges(area)
-    for row in image.initial.rows(area):
-        span = Span(area, row.at, len(row.values))
-        if not row.values:
-            yield error((*row.path, "values"), "is empty")
-        elif not covers(ranges, span):
-            what = f"{area} {span.start}-{span.end - 1} do not all exist in this image"
-            yield error(row.path, what, f"its {area}: {show_ranges(ranges)}")
-        if area in {Area.COILS, Area.DISCRETE} and any(value > 1 for value in row.values):
-            yield error((*row.path, "values"), f"{area} can only be 0 or 1")
-
-
-def _check_mirror(image: Image) -> Iterator[Problem]:
-    for key in ("profile", "persist", "initial", *Area):
-        if image.has(key):
-            yield error((*image.path, key), "a mirror has what its device has", "take the key out, or of")
-    if not image.read:
-        remedy = 'write read = [{ holding = "0-1", every = "500 ms" }]'
-        yield error(image.path, "is a mirror that polls nothing", remedy)
-    for row in image.read:
-        if sum(row.has(area) for area in Area) != 1:
-            yield error(row.path, "must name one of holding, input, coils and discrete")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.schema import Access, Config, Control, Image, Line, Listen, Log, Table, Upstream, Web
+from gateway.config.schema import Access, Config, Control, Line, Listen, Log, Table, Upstream, Web
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,6 @@ class Gap:
 REFUSED: Final = (
     Gap(Listen, "bind", lambda listen: listen.bind.scheme != "tcp", "a listener other than tcp://"),
     Gap(Line, "role", lambda line: line.role == "server", 'role = "server"'),
-    Gap(Image, "persist", lambda image: image.persist != "never", 'persist other than "never"', says_all=False),
-    Gap(Image, "of", lambda image: image.of is not None, "a mirror"),
     Gap(Upstream, "to", lambda upstream: upstream.to.scheme == "tls", "an upstream over tls://", says_all=False),
     Gap(Access, "", lambda _: True, "[[access]]"),
     Gap(Web, "", lambda _: True, "[web]"),

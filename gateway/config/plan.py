@@ -5,8 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from gateway.config.address import Address
+from gateway.config.ranges import joined_ranges
 from gateway.config.schema import Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.images.image import ImageSettings
+from gateway.images.mirror import MirrorSettings
+from gateway.images.polls import Poll
 from gateway.lines.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.lines.upstream import UpstreamSettings
@@ -77,20 +80,24 @@ class Plan:
     lines: tuple[LinePlan, ...] = ()
     upstreams: tuple[UpstreamPlan, ...] = ()
     images: tuple[ImageSettings, ...] = ()
+    mirrors: tuple[MirrorSettings, ...] = ()
     log: LogSettings = LogSettings()
 
 
 def resolve(config: Config) -> Plan:
     """The settings that `config` asks for. The config must have passed its checks."""
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
-    elsewhere = {image.unit for image in config.image}
+    elsewhere = {image.unit for image in config.image if image.of is None}
     elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
+    lines = tuple(_line(line, profiles, elsewhere) for line in config.line)
+    devices = {device.name: device for line in lines for device in line.devices}
     return Plan(
         site=config.site,
         listeners=tuple(_listener(listen) for listen in config.listen) or (DEFAULT_LISTENER,),
-        lines=tuple(_line(line, profiles, elsewhere) for line in config.line),
+        lines=lines,
         upstreams=tuple(_upstream(upstream) for upstream in config.upstream),
-        images=tuple(_image(image, profiles) for image in config.image),
+        images=tuple(_image(image, profiles) for image in config.image if image.of is None),
+        mirrors=tuple(_mirror(image, devices[image.of]) for image in config.image if image.of is not None),
         log=_log(config.log),
     )
 
@@ -233,7 +240,18 @@ def _image(image: Image, profiles: dict[str, Profile]) -> ImageSettings:
             for area in Area
             if image.initial.rows(area)
         },
+        persist=image.persist,
         source=image.source,
+    )
+
+
+def _mirror(image: Image, device: DeviceSettings) -> MirrorSettings:
+    polls = tuple(
+        Poll(area, first, last, row.every) for row in image.read for area in Area for first, last in row.ranges(area)
+    )
+    areas = {area: joined_ranges((poll.first, poll.last) for poll in polls if poll.area is area) for area in Area}
+    return MirrorSettings(
+        image.unit, image.label, device.name, device.profile, polls, areas, image.stale, source=image.source
     )
 
 

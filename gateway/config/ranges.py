@@ -1,6 +1,7 @@
 """Ranges of addresses: a count from address 0, a range "1-99", or a list of ranges."""
 
 import re
+from collections.abc import Iterable
 from typing import Final
 
 from gateway.config.problem import WrongValue
@@ -20,12 +21,23 @@ def parse_ranges(value: object) -> tuple[Range, ...]:
     """
     if isinstance(value, int) and not isinstance(value, bool):
         return _from_zero(value)
-    return _joined([_parse_range(part) for part in (value if isinstance(value, list) else [value])])
+    return joined_ranges([_parse_range(part) for part in (value if isinstance(value, list) else [value])])
 
 
 def show_ranges(ranges: tuple[Range, ...]) -> str:
     """Ranges as text: `0-9, 20-29`, or `none`."""
     return ", ".join(f"{first}-{last}" for first, last in ranges) or "none"
+
+
+def joined_ranges(ranges: Iterable[Range]) -> tuple[Range, ...]:
+    """The same addresses, ascending, ranges that touch joined."""
+    joined: list[Range] = []
+    for first, last in sorted(ranges):
+        if joined and first <= joined[-1][1] + 1:
+            joined[-1] = joined[-1][0], max(last, joined[-1][1])
+        else:
+            joined.append((first, last))
+    return tuple(joined)
 
 
 def _from_zero(count: int) -> tuple[Range, ...]:
@@ -44,13 +56,3 @@ def _parse_range(part: object) -> Range:
     if last >= MOST_ITEMS:
         raise WrongValue(f"address {last} is above {MOST_ITEMS - 1}")
     return first, last
-
-
-def _joined(ranges: list[Range]) -> tuple[Range, ...]:
-    joined: list[Range] = []
-    for first, last in sorted(ranges):
-        if joined and first <= joined[-1][1] + 1:
-            joined[-1] = joined[-1][0], max(last, joined[-1][1])
-        else:
-            joined.append((first, last))
-    return tuple(joined)

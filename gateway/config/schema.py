@@ -227,6 +227,11 @@ class Polled(Table):
     discrete: Ranges | None = Field(None, description="Discrete inputs to read.")
     every: Duration = Field(description="Time from one poll to the next.")
 
+    def ranges(self, area: Area) -> tuple[tuple[int, int], ...]:
+        """The addresses of one area that it reads."""
+        ranges: tuple[tuple[int, int], ...] | None = getattr(self, area)
+        return ranges or ()
+
 
 class InitialValues(Table):
     """Values that an image starts with, from one address on."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
 from gateway.images.functions import FUNCTIONS, perform
@@ -14,13 +15,18 @@ from gateway.request import Request
 
 @dataclass(frozen=True, slots=True)
 class ImageSettings:
-    """One image: the addresses that exist in each area, and the values they start with (area -> address -> values)."""
+    """One image: the addresses that exist in each area, and the values they start with (area -> address -> values).
+
+    `persist` says what of its values outlives the gateway: nothing, all but the last second, or every write that was
+    answered.
+    """
 
     unit: int
     name: str
     profile: Profile
     areas: Mapping[Area, tuple[Range, ...]]
     initial: Mapping[Area, tuple[tuple[int, tuple[int, ...]], ...]] = field(default_factory=dict)
+    persist: Literal["never", "interval", "always"] = "never"
     source: str = ""
 
 

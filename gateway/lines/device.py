@@ -51,15 +51,23 @@ class Device:
         self._check = settings.profile.check
         self._line = line
 
-    def submit(self, request: Request, now: float) -> None:
-        """Send the request when the line is free, or refuse it with the exception that says why."""
+    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
+        """Send the request when the line is free, or refuse it with the exception that says why.
+
+        With `yields`, as a mirror's poll does it, the requests of clients go first.
+        """
         try:
             transaction = self._transaction(request, self._check(request.pdu))
         except RequestError as error:
             self.counts[request.pdu[0]].failed(error, 1)
             request.fail(error)
             return
+        transaction.yields = yields
         self._line.submit(transaction, now)
+
+    def rests(self, now: float) -> bool:
+        """Whether the device has failed too often and is left alone."""
+        return self.breaker.rests(now)
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
         """Nothing follows from an ordinary transaction."""

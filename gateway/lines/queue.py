@@ -3,6 +3,7 @@
 - **Turns by client.** Each client has its own row of waiting transactions, and clients take turns.
 - **Urgent ones first**: writes, and devices of high priority. Only what is next in a client's row counts, so priority
   acts between clients. After `OVERTAKES` urgent ones in a row a plain one goes, if one waits.
+- **A mirror's polls last**, but one after at most `YIELDS` others, so that values do not become stale on a busy line.
 - **Order.** A client's requests to one device keep their order. Its broadcasts keep theirs to all that it asks before
   and behind them. What must not be sent yet lets others pass, but not those.
 - **Equal reads share one transaction** as long as it waits, and as long as nothing but reads has come since. A read
@@ -19,6 +20,8 @@ from gateway.request import Request
 
 #: How many urgent transactions may go before a plain one that waits.
 OVERTAKES: Final = 4
+#: How many others may go before a poll that waits.
+YIELDS: Final = 16
 
 _READS: Final = frozenset(
     {
@@ -69,9 +72,11 @@ class WaitingQueue:
         self._max_wait = max_wait
         self._coalesce = coalesce
         self._overtakes = 0
+        self._yields = 0
         self._rows: dict[str, _Row] = {}
         self._urgent: deque[_Row] = deque()
         self._plain: deque[_Row] = deque()
+        self._polls: deque[_Row] = deque()
         #: Every waiting request with its transaction.
         self._waiting: dict[Request, Transaction] = {}
         #: When each request will have waited too long, oldest first; also of some that wait no more.
@@ -106,6 +111,7 @@ class WaitingQueue:
                 transaction = row.next(is_held)
                 if transaction is not None:
                     self._overtakes = self._overtakes + 1 if ring is self._urgent else 0
+                    self._yields = self._yields + 1 if self._polls and ring is not self._polls else 0
                     self._remove(transaction)
                     if ring and ring[0] is row:
                         ring.rotate(-1)
@@ -140,11 +146,13 @@ class WaitingQueue:
         """Remove all."""
         return self.drop(lambda _: True)
 
-    def _in_turn(self) -> tuple[deque[_Row], deque[_Row]]:
-        """Urgent rows first, unless they have overtaken the others often enough."""
-        if self._overtakes >= OVERTAKES and self._plain:
-            return self._plain, self._urgent
-        return self._urgent, self._plain
+    def _in_turn(self) -> tuple[deque[_Row], ...]:
+        """Urgent rows first and polls last, unless the others have waited long enough."""
+        if self._yields >= YIELDS:
+            return self._polls, self._urgent, self._plain
+        if self._overtakes >= OVERTAKES:
+            return self._plain, self._urgent, self._polls
+        return self._urgent, self._plain, self._polls
 
     def _append(self, transaction: Transaction) -> None:
         transaction.waits = True
@@ -161,11 +169,15 @@ class WaitingQueue:
             transaction.follows = self._joined_before(transaction) if self._joined else ()
 
     def _ring_for(self, transaction: Transaction) -> deque[_Row]:
+        if transaction.yields:
+            return self._polls
         urgent = transaction.device.is_urgent or transaction.asked.function not in _READS
         return self._urgent if urgent else self._plain
 
     def _offer(self, transaction: Transaction) -> None:
         """Let others join a read; anything else is a border between the reads before it and those behind it."""
+        if transaction.yields:
+            return  # whoever joined it would wait as long as it does
         if transaction.asked.function in _READS:
             self._reads[transaction.device, transaction.asked.data] = transaction
         else:

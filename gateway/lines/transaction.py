@@ -38,7 +38,7 @@ class Transaction:
 
     __slots__ = (
         "asked", "client", "counts", "device", "ends_at", "follows", "limit", "owed", "requests", "retries", "unit",
-        "waits",
+        "waits", "yields",
     )  # fmt: skip
 
     #: Whether somebody answers: not to a broadcast (S 2.1).
@@ -55,6 +55,8 @@ class Transaction:
         #: Whether it is in the queue, and what must leave the queue before it.
         self.waits = False
         self.follows: tuple[Transaction, ...] = ()
+        #: It lets the requests of clients go first: a mirror's poll.
+        self.yields = False
         #: When the last character of the request leaves, and how long after that it has failed.
         self.ends_at = 0.0
         self.limit = 0.0

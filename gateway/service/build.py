@@ -8,7 +8,10 @@ from functools import partial
 from gateway.config.forecast import longest_wait, longest_wait_behind
 from gateway.config.plan import LinePlan, Plan, UpstreamPlan
 from gateway.events import Emit
-from gateway.images.image import Image
+from gateway.images.image import Image, ImageSettings
+from gateway.images.mirror_driver import MirrorDriver
+from gateway.images.persistent import PersistentImage
+from gateway.images.store import Store
 from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
@@ -39,17 +42,28 @@ class Gateway:
     upstreams: "tuple[GatewayUpstream, ...]"
     keepers: Mapping[str, Keeper]
     images: tuple[Image, ...]
+    mirrors: tuple[MirrorDriver, ...]
 
 
-def build(plan: Plan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit) -> Gateway:
-    """The parts of `plan`, joined but not started: nothing is opened yet."""
+def build(
+    plan: Plan,
+    loop: asyncio.AbstractEventLoop,
+    opener: Opener,
+    memory: Memory,
+    emit: Emit,
+    store: Store | None = None,
+) -> Gateway:
+    """The parts of `plan`, joined but not started: nothing is opened yet. Persistent images need a `store`."""
     lines = tuple(GatewayLine(line_plan, loop, opener, memory, emit) for line_plan in plan.lines)
     upstreams = tuple(GatewayUpstream(upstream_plan, loop, opener, emit) for upstream_plan in plan.upstreams)
-    images = tuple(Image(settings) for settings in plan.images)
+    images = tuple(_image(settings, store) for settings in plan.images)
+    devices = {device.name: device for line in lines for device in line.devices.values()}
+    mirrors = tuple(MirrorDriver(settings, devices[settings.of], loop, emit) for settings in plan.mirrors)
     routes: dict[int, Target] = {image.settings.unit: image for image in images}
     parts: tuple[GatewayLine | GatewayUpstream, ...] = (*lines, *upstreams)
     for part in parts:
         routes |= part.devices
+    routes |= {driver.mirror.settings.unit: driver for driver in mirrors}
     everyone: list[Target] = [*(line.every_device for line in lines if line.plan.line.broadcast), *images]
     listeners = tuple(
         TcpListener(settings, Router(_with_unit0(routes, settings, everyone), emit), emit)
@@ -57,7 +71,15 @@ def build(plan: Plan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: M
     )
     keepers = {part.name: part.keeper for part in parts}
     drivers = tuple(line.driver for line in lines)
-    return Gateway(listeners, lines, drivers, upstreams, keepers, images)
+    return Gateway(listeners, lines, drivers, upstreams, keepers, images, mirrors)
+
+
+def _image(settings: ImageSettings, store: Store | None) -> Image:
+    if settings.persist == "never":
+        return Image(settings)
+    assert store is not None  # noqa: S101 - whoever builds a plan with persistent images has one
+    keep = store.keep_at_once if settings.persist == "always" else store.keep_soon
+    return PersistentImage(settings, store.values(settings.name), keep)
 
 
 def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: list[Target]) -> dict[int, Target]:
@@ -86,7 +108,7 @@ class GatewayLine:
         self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
         self.keeper = Keeper(name, plan.port.port, self._port.open, self.driver, emit)
         self.every_device = EveryDevice(self.driver)
-        self.devices = {each.known_as: self._device(each) for each in plan.devices}
+        self.devices: dict[int, Device] = {each.known_as: self._device(each) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait(plan, each) for each in plan.devices}
 
     def _device(self, settings: DeviceSettings) -> Device:

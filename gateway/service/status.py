@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gateway.images.image import Image
+from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.lines.device import Device
@@ -89,6 +90,30 @@ class ImageStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class RangeStatus:
+    """Addresses that a mirror polls, and how old their values are; None while they are not known."""
+
+    addresses: str
+    every_ms: float
+    age_ms: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class MirrorStatus:
+    """A unit that the gateway answers from what it polls of the device `of`."""
+
+    unit: int
+    name: str
+    source: str
+    of: str
+    requests: int
+    exceptions: int
+    polls: int
+    failed_polls: int
+    ranges: tuple[RangeStatus, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
     """The whole gateway, in the order of its config. `at` is when: in seconds of the loop's clock."""
 
@@ -97,6 +122,7 @@ class Status:
     lines: tuple[LineStatus, ...]
     units: tuple[UnitStatus, ...]
     images: tuple[ImageStatus, ...]
+    mirrors: tuple[MirrorStatus, ...]
 
 
 def status(gateway: Gateway, now: float) -> Status:
@@ -107,6 +133,7 @@ def status(gateway: Gateway, now: float) -> Status:
         lines=tuple(_line(each, now) for each in gateway.lines),
         units=tuple(_unit(line, device, now) for line in gateway.lines for device in line.devices.values()),
         images=tuple(_image(each) for each in gateway.images),
+        mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
     )
 
 
@@ -176,6 +203,24 @@ def _unit_state(breaker: Breaker, now: float) -> Literal["fine", "failing", "res
 def _image(image: Image) -> ImageStatus:
     settings, counts = image.settings, image.counts
     return ImageStatus(settings.unit, settings.name, settings.source, counts.requests, counts.exceptions)
+
+
+def _mirror(mirror: Mirror, now: float) -> MirrorStatus:
+    settings, counts = mirror.settings, mirror.counts
+    return MirrorStatus(
+        unit=settings.unit,
+        name=settings.name,
+        source=settings.source,
+        of=settings.of,
+        requests=counts.requests,
+        exceptions=counts.exceptions,
+        polls=counts.polls,
+        failed_polls=counts.failed_polls,
+        ranges=tuple(
+            RangeStatus(str(poll), _milliseconds(poll.every), None if age is None else _milliseconds(age))
+            for poll, age in mirror.ages(now)
+        ),
+    )
 
 
 def _sum(units: Iterable[UnitCounts]) -> Counts:

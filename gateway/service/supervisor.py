@@ -71,9 +71,13 @@ async def keep_lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[
 async def _lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[None]:
     keepers = gateway.keepers.items()
     tasks = [asyncio.create_task(_keep(name, keeper, emit), name=f"line:{name}") for name, keeper in keepers]
+    for mirror in gateway.mirrors:
+        mirror.start()
     try:
         yield
     finally:
+        for mirror in gateway.mirrors:
+            mirror.close()
         for task in tasks:
             task.cancel()
         with suppress(TimeoutError):  # then a driver hangs, and the end of the process closes its port

@@ -528,6 +528,40 @@ def test_a_poll_reads_one_area(areas):
     assert problems(text) == ["error: image[0].read[0]: must name one of holding, input, coils and discrete"]
 
 
+def test_a_mirror_polls_an_address_once():
+    rows = '{ holding = "0-9", every = "1 s" }, { holding = "9-12", every = "2 s" }, { input = "9", every = "1 s" }'
+    text = LINE + f'[[image]]\nunit = 241\nof = "one"\nread = [{rows}]\n'
+    assert problems(text) == ["error: image[0].read[1].holding: holding 9-12 overlap with an earlier row"]
+
+
+def test_a_mirror_polls_what_its_device_has():
+    line = '[[line]]\nport = "/dev/a"\nmode = "ascii"\ndevices = [{ unit = 1, name = "press", profile = "mint" }]\n'
+    rows = '{ holding = "0-1", every = "1 s" }, { input = "1-2", every = "1 s" }, { coils = "0-7", every = "1 s" }'
+    assert problems(line + f'[[image]]\nunit = 241\nof = "press"\nread = [{rows}]\n') == [
+        "error: image[0].read[0].holding: press does not have all of holding 0-1 | its holding: 1-99",
+        "error: image[0].read[1].input: press has no function 4, which reads input",
+    ]
+
+
+def test_a_mirror_whose_values_are_stale_before_they_are_polled_again():
+    text = LINE + MIRROR.replace("500 ms", "5 s")
+    assert problems(text) == [
+        (
+            "warning: image[0].read[0].every: values become stale between two polls: stale is 2 s"
+            " | make stale two or three times as long as every"
+        )
+    ]
+
+
+def test_addresses_of_a_mirror_count_from_0_too():
+    assert problems(LINE + MIRROR.replace("0-1", "40001-40002")) == [
+        (
+            "warning: image[0].read[0].holding: addresses are those on the wire, from 0"
+            ' | 40001 of a manual is address 0: "40001-40002" there is "0-1" here'
+        )
+    ]
+
+
 # Access
 
 
@@ -569,8 +603,6 @@ def test_a_right_says_in_one_way_what_it_allows(row):
         ('[[listen]]\nbind = "ascii+tcp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
         ('[[listen]]\nbind = "udp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
         (SERVER + "serves = 1\n", 'line[1].role: role = "server"'),
-        ('[[image]]\nunit = 2\ncoils = 1\npersist = "always"\n', 'image[0].persist: persist other than "never"'),
-        (MIRROR, "image[0].of: a mirror"),
         (
             '[[upstream]]\nto = "tls://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n',
             "upstream[0].to: an upstream over tls://",
@@ -588,7 +620,6 @@ def test_what_is_not_built_is_refused_plainly(text, said):
     ("text", "said"),
     [
         (SERVER + 'retries = 0\nformat = "7E1"\n', 'line[1].role: role = "server"'),
-        ('[[image]]\nunit = 2\nof = "nobody"\nholding = 1\n', "image[0].of: a mirror"),
         ("[[access]]\n", "access[0]: [[access]]"),
         ('[[listen]]\nname = "control"\nbind = "udp://0.0.0.0:502"\n', "listen[0].bind: a listener other than tcp://"),
     ],
@@ -598,8 +629,8 @@ def test_nothing_else_is_said_about_a_table_whose_meaning_is_not_built(text, sai
 
 
 def test_what_is_wrong_beside_a_key_that_is_not_built_is_told():
-    said = problems(LINE + '[[image]]\nunit = 1\ncoils = 1\npersist = "always"\n', built=False)
-    assert [one.partition(": ")[2].partition(":")[0] for one in said] == ["image[0].unit", "image[0].persist"]
+    said = problems(LINE + '[[image]]\nunit = 1\ncoils = 1\n[log]\nformat = "journald"\n', built=False)
+    assert [one.partition(": ")[2].partition(":")[0] for one in said] == ["image[0].unit", "log.format"]
 
 
 def test_every_refusal_is_tested():

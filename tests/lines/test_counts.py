@@ -10,7 +10,7 @@ from kit.line_bench import LIMIT, READ, RESPONSE, RESPONSE_FRAME, Bench
 
 WRITE = "06 00 01 00 05"
 #: What the line itself never answers.
-ELSEWHERE = {"denied", "no_route"}
+ELSEWHERE = {"denied", "no_route", "stale"}
 
 
 def results(bench: Bench) -> dict[str, int]:

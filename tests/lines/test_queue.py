@@ -4,7 +4,7 @@ import pytest
 
 from gateway.lines.counts import total
 from gateway.lines.device import Device, EveryDevice
-from gateway.lines.queue import _EMPTY_ROWS, OVERTAKES, WaitingQueue
+from gateway.lines.queue import _EMPTY_ROWS, OVERTAKES, YIELDS, WaitingQueue
 from gateway.lines.transaction import BroadcastTransaction, Transaction
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request
@@ -27,9 +27,12 @@ class Waiting:
         self.requests: dict[str, Request] = {}
         self.now = 0.0
 
-    def put(self, client: str, pdu: str = READ, unit: int = 1, *, urgent: bool = False) -> Transaction:
+    def put(
+        self, client: str, pdu: str = READ, unit: int = 1, *, urgent: bool = False, yields: bool = False
+    ) -> Transaction:
         """Let a request wait; its transaction, whether or not it is that one which will be sent."""
         transaction = self.transaction(client, pdu, unit, urgent=urgent)
+        transaction.yields = yields
         assert self.queue.put(transaction, self.now)
         return transaction
 
@@ -152,6 +155,38 @@ def test_a_plain_request_waits_for_so_many_urgent_ones_and_no_more(waiting: Wait
         waiting.put("B", WRITE, unit=3)
     urgent = ["B3!"] * OVERTAKES
     assert waiting.take_all() == [*urgent, "A1", *urgent, "A2", "B3!", "B3!"]
+
+
+def test_a_poll_lets_every_client_go_first() -> None:
+    waiting = Waiting(coalesce=False)
+    waiting.put("M", unit=2, yields=True)
+    waiting.put("A")
+    waiting.put("A", WRITE)
+    waiting.put("B", WRITE)
+    assert waiting.take_all() == ["B1!", "A1", "A1!", "M2"]
+
+
+def test_a_poll_waits_for_so_many_others_and_no_more(waiting: Waiting) -> None:
+    waiting.put("M", unit=2, yields=True)
+    for _ in range(YIELDS + 2):
+        waiting.put("A", WRITE)
+    assert waiting.take_all() == ["A1!"] * YIELDS + ["M2"] + ["A1!"] * 2
+
+
+def test_what_went_while_no_poll_waited_does_not_count(waiting: Waiting) -> None:
+    for _ in range(YIELDS):
+        waiting.put("A", WRITE)
+    assert waiting.take_all() == ["A1!"] * YIELDS
+    waiting.put("M", unit=2, yields=True)
+    waiting.put("A")
+    assert waiting.take_all() == ["A1", "M2"]
+
+
+def test_nobody_joins_a_poll_but_a_poll_joins_others(waiting: Waiting) -> None:
+    waiting.put("M", yields=True)
+    waiting.put("A")
+    waiting.put("N", yields=True)
+    assert waiting.take_all() == ["A+N1", "M1"]
 
 
 def test_a_plain_request_that_is_held_does_not_stop_the_urgent_ones(waiting: Waiting) -> None:

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from gateway.lines.counts import Counts
-from gateway.service.status import LineStatus, Status, UnitStatus, status
+from gateway.service.status import LineStatus, RangeStatus, Status, UnitStatus, status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.house import Client, House, house
 
@@ -34,6 +34,13 @@ devices = [{ unit = 2 }]
 unit    = 200
 name    = "shift"
 holding = 10
+"""
+MIRROR = """
+[[image]]
+unit = 241
+name = "silo-mirror"
+of   = "silo"
+read = [{ coils = "0-7", every = "10 s" }]
 """
 READ = "03 00 00 00 01"
 
@@ -163,6 +170,16 @@ async def test_images() -> None:
         assert (image.unit, image.name, image.requests, image.exceptions) == (200, "shift", 2, 1)
 
 
+async def test_mirrors() -> None:
+    async with house(CONFIG + MIRROR) as home:
+        attach(home)
+        await asyncio.sleep(10.0)
+        (mirror,) = snapshot(home).mirrors
+        assert (mirror.unit, mirror.name, mirror.of) == (241, "silo-mirror", "silo")
+        assert (mirror.polls, mirror.failed_polls) == (2, 1)
+        assert mirror.ranges == (RangeStatus("coils 0-7", 10000.0, 1000.0),)
+
+
 async def test_a_snapshot_is_json_and_changes_no_more() -> None:
     async with house(CONFIG) as home:
         attach(home)
@@ -173,7 +190,7 @@ async def test_a_snapshot_is_json_and_changes_no_more() -> None:
         assert replace(snapshot(home), at=before.at) != before
 
 
-@pytest.mark.parametrize("part", ["listeners", "lines", "units", "images"])
+@pytest.mark.parametrize("part", ["listeners", "lines", "units", "images", "mirrors"])
 async def test_each_part_is_in_the_json(part: str) -> None:
-    async with house(CONFIG) as home:
+    async with house(CONFIG + MIRROR) as home:
         assert json.loads(json.dumps(asdict(snapshot(home))))[part]

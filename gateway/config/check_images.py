@@ -1,0 +1,120 @@
+"""Cross-checks of images and mirrors."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from gateway.config.check_units import client_lines
+from gateway.config.duration import show_duration
+from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.ranges import show_ranges
+from gateway.config.schema import Config, Image, Polled, ProfileTable
+from gateway.images.polls import polling_function
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.profiles.profile import Range, covers
+
+#: How manuals number what has address 0, and how many such numbers there are. Coils begin at 1: nobody can tell.
+_MANUAL_BASES: Final = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
+_MANUAL_SPAN: Final = 9999
+
+
+def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Images have what they start with, and mirrors have a device that they can poll."""
+    profiles = _profiles_of_devices(config)
+    for image in config.image:
+        if image.of is None:
+            yield from _check_local(image)
+            continue
+        yield from _check_mirror(image)
+        if image.of not in profiles and "line" not in failed:
+            yield error((*image.path, "of"), f'there is no device "{image.of}"', did_you_mean(image.of, profiles))
+        profile = config.profile.get(profiles.get(image.of, ""))
+        if profile is not None:
+            yield from _check_polled(image, image.of, profile)
+
+
+def check_addresses(config: Config) -> Iterator[Problem]:
+    """Addresses are those on the wire: who writes 40001 mostly means 0."""
+    polled = (row for image in config.image for row in image.read)
+    tables: tuple[Image | ProfileTable | Polled, ...] = (*config.image, *config.profile.values(), *polled)
+    for table in tables:
+        for area, base in _MANUAL_BASES.items():
+            ranges: tuple[Range, ...] = getattr(table, area) or ()
+            first, last = ranges[0] if ranges else (0, 0)
+            if base <= first and last < base + _MANUAL_SPAN:
+                remedy = (
+                    f'{base} of a manual is address 0: "{first}-{last}" there is "{first - base}-{last - base}" here'
+                )
+                yield warning((*table.path, area), "addresses are those on the wire, from 0", remedy)
+
+
+def _profiles_of_devices(config: Config) -> dict[str, str]:
+    """The name of each device's profile, by the device's own name."""
+    profiles: dict[str, str] = {}
+    for line in client_lines(config):
+        profiles |= dict.fromkeys(line.all_device_names, line.profile)
+        for row in line.devices or ():
+            profiles |= dict.fromkeys(line.device_names(row), row.profile or line.profile)
+    return profiles
+
+
+def _check_local(image: Image) -> Iterator[Problem]:
+    for key in ("read", "stale"):
+        if image.has(key):
+            yield error((*image.path, key), "only a mirror has this key", 'name the device to poll: of = "DEVICE"')
+    if not any(image.ranges(area) for area in Area):
+        yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
+    for area in Area:
+        yield from _check_initial(image, area)
+
+
+def _check_initial(image: Image, area: Area) -> Iterator[Problem]:
+    ranges = image.ranges(area)
+    for row in image.initial.rows(area):
+        span = Span(area, row.at, len(row.values))
+        if not row.values:
+            yield error((*row.path, "values"), "is empty")
+        elif not covers(ranges, span):
+            what = f"{area} {span.start}-{span.end - 1} do not all exist in this image"
+            yield error(row.path, what, f"its {area}: {show_ranges(ranges)}")
+        if area in {Area.COILS, Area.DISCRETE} and any(value > 1 for value in row.values):
+            yield error((*row.path, "values"), f"{area} can only be 0 or 1")
+
+
+def _check_mirror(image: Image) -> Iterator[Problem]:
+    for key in ("profile", "persist", "initial", *Area):
+        if image.has(key):
+            yield error((*image.path, key), "a mirror has what its device has", "take the key out, or of")
+    if not image.read:
+        remedy = 'write read = [{ holding = "0-1", every = "500 ms" }]'
+        yield error(image.path, "is a mirror that polls nothing", remedy)
+    for row in image.read:
+        if sum(row.has(area) for area in Area) != 1:
+            yield error(row.path, "must name one of holding, input, coils and discrete")
+        if row.every > image.stale:
+            what = f"values become stale between two polls: stale is {show_duration(image.stale)}"
+            yield warning((*row.path, "every"), what, "make stale two or three times as long as every")
+    yield from _check_polled_once(image)
+
+
+def _check_polled_once(image: Image) -> Iterator[Problem]:
+    for area in Area:
+        taken: list[Range] = []
+        for row in image.read:
+            for first, last in row.ranges(area):
+                if any(first <= other_last and other_first <= last for other_first, other_last in taken):
+                    yield error((*row.path, area), f"{area} {first}-{last} overlap with an earlier row")
+                taken.append((first, last))
+
+
+def _check_polled(image: Image, device: str, profile: ProfileTable) -> Iterator[Problem]:
+    """The device has what is polled."""
+    for row, area in ((row, area) for row in image.read for area in Area if row.has(area)):
+        function = polling_function(area)
+        if profile.functions is not None and function not in profile.functions:
+            yield error((*row.path, area), f"{device} has no function {function:d}, which reads {area}")
+        existing: tuple[Range, ...] | None = getattr(profile, area)
+        for first, last in row.ranges(area):
+            if not covers(existing, Span(area, first, last + 1 - first)):
+                what = f"{device} does not have all of {area} {first}-{last}"
+                yield error((*row.path, area), what, f"its {area}: {show_ranges(existing or ())}")

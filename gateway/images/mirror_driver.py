@@ -1,0 +1,68 @@
+"""Joins a mirror to the clock: the only part of it that knows the event loop."""
+
+import asyncio
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from gateway.events import Emit, PartFailed
+from gateway.images.mirror import Mirror, MirroredDevice, MirrorSettings
+from gateway.ports.clock import Alarm
+from gateway.request import Request
+
+
+class MirrorDriver:
+    """A Target that hands requests and time to its `mirror`, and the origin of the mirror's polls.
+
+    An error that nobody foresaw ends here: it is told, the request that met it fails, and polling goes on.
+    """
+
+    may_write = False
+
+    def __init__(
+        self, settings: MirrorSettings, device: MirroredDevice, loop: asyncio.AbstractEventLoop, emit: Emit
+    ) -> None:
+        self.mirror = Mirror(settings, device, self, emit)
+        self.client = f"mirror {settings.name}"
+        self._emit = emit
+        self._time = loop.time
+        self._alarm = Alarm(loop, self._wake)
+        self._is_open = False
+
+    def start(self) -> None:
+        """Begin to poll."""
+        self._is_open = True
+        self._alarm.set(self.mirror.deadline())
+
+    def close(self) -> None:
+        """Poll no more; polls that wait are not sent."""
+        self._is_open = False
+        self._alarm.close()
+
+    def submit(self, request: Request, now: float) -> None:
+        """Take over a client's request."""
+        self._run(self.mirror.submit, request, now)
+
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for every poll
+        """Whether polls that wait should be sent."""
+        return self._is_open
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the answer to a poll."""
+        self._run(self.mirror.polled, request, pdu, self._time())
+
+    def written(self, request: Request, response: bytes | None) -> None:
+        """Take the answer to a client's write."""
+        self._run(self.mirror.written, request, response, self._time())
+
+    def _wake(self) -> None:
+        self._run(self.mirror.tick, self._time())
+
+    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+        try:
+            step(*arguments)
+        except Exception as error:  # noqa: BLE001 - the border of a mirror: a defect in it must not reach its line
+            text = "".join(traceback.format_exception(error))
+            self._emit(PartFailed(f"mirror {self.mirror.settings.name}", repr(error), text))
+        if self._is_open:
+            self._alarm.set(self.mirror.deadline())

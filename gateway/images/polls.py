@@ -1,0 +1,80 @@
+"""What a mirror asks its device for: as few reads as the device allows."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.modbus.codes import Area, FunctionCode
+
+#: The function that reads an area, and the most items in one request (A 6.1-6.4).
+_READS: Final = {
+    Area.COILS: (FunctionCode.READ_COILS, 2000),
+    Area.DISCRETE: (FunctionCode.READ_DISCRETE_INPUTS, 2000),
+    Area.HOLDING: (FunctionCode.READ_HOLDING_REGISTERS, 125),
+    Area.INPUT: (FunctionCode.READ_INPUT_REGISTERS, 125),
+}
+#: The functions that a mirror answers from its polls.
+POLLING_FUNCTIONS: Final = frozenset(function for function, _ in _READS.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Poll:
+    """A run of addresses that is read with one request every `every` seconds.
+
+    `parts` are the runs it was joined from: what is asked for one by one if the device refuses the whole.
+    """
+
+    area: Area
+    first: int
+    last: int
+    every: float
+    parts: "tuple[Poll, ...]" = ()
+
+    @property
+    def request(self) -> bytes:
+        """The request PDU."""
+        function, _ = _READS[self.area]
+        return bytes((function, *self.first.to_bytes(2, "big"), *(self.last - self.first + 1).to_bytes(2, "big")))
+
+    def __str__(self) -> str:
+        return f"{self.area} {self.first}-{self.last}"
+
+
+def polling_function(area: Area) -> FunctionCode:
+    """The function that reads an area."""
+    return _READS[area][0]
+
+
+def joined(polls: Iterable[Poll], limits: Mapping[int, int]) -> list[Poll]:
+    """The same addresses in as few requests as can be: neighbours with one pace are read together.
+
+    `limits` is the most items of a function that the device takes; longer runs are cut.
+    """
+    result: list[Poll] = []
+    for poll in sorted(_cut(polls, limits), key=lambda poll: (poll.area, poll.every, poll.first)):
+        before = result[-1] if result else None
+        if before is not None and _fit_together(before, poll, limits):
+            result[-1] = Poll(poll.area, before.first, poll.last, poll.every, (*(before.parts or (before,)), poll))
+        else:
+            result.append(poll)
+    return result
+
+
+def _cut(polls: Iterable[Poll], limits: Mapping[int, int]) -> Iterator[Poll]:
+    for poll in polls:
+        most = _most(poll.area, limits)
+        for first in range(poll.first, poll.last + 1, most):
+            yield Poll(poll.area, first, min(first + most - 1, poll.last), poll.every)
+
+
+def _fit_together(one: Poll, other: Poll, limits: Mapping[int, int]) -> bool:
+    return (one.area, one.every, one.last + 1) == (
+        other.area,
+        other.every,
+        other.first,
+    ) and other.last - one.first < _most(one.area, limits)
+
+
+def _most(area: Area, limits: Mapping[int, int]) -> int:
+    function, most = _READS[area]
+    return min(most, limits.get(function, most))

@@ -1,0 +1,349 @@
+"""A mirror on the table: its device answers when the test says so, and time is a number."""
+
+import pytest
+
+from gateway.events import PollRefused
+from gateway.images.mirror import Mirror, MirrorSettings
+from gateway.images.polls import Poll
+from gateway.modbus.codes import Area
+from gateway.profiles.profile import Profile
+from gateway.request import Request
+
+FIVE = "03 02 00 05"
+SIX = "03 02 00 06"
+
+
+class Bench:
+    """A mirror, its device, its poller and its clients in one: whoever asks is written beside what was asked."""
+
+    may_write = True
+    client = "mirror"
+
+    def __init__(self, *polls: Poll, stale: float = 2.0, profile: Profile | None = None) -> None:
+        profile = profile or Profile("generic")
+        polls = polls or (Poll(Area.HOLDING, 0, 0, 0.5),)
+        areas = {}
+        for poll in polls:
+            areas[poll.area] = (*areas.get(poll.area, ()), (poll.first, poll.last))
+        self.events = []
+        self.now = 0.0
+        self.asked: list[Request] = []
+        self.is_resting = False
+        settings = MirrorSettings(241, "silo", "silo-1", profile, polls, areas, stale, "gateway.toml:9")
+        self.mirror = Mirror(settings, self, self, self.events.append)
+
+    # the device
+
+    def submit(self, request, now, *, yields=False):
+        assert yields == (request.origin is self)
+        self.asked.append(request)
+
+    def rests(self, now):
+        return self.is_resting
+
+    def answers(self, pdu: str | None) -> None:
+        """The device answers the oldest question."""
+        request, response = self.asked.pop(0), None if pdu is None else bytes.fromhex(pdu)
+        request.origin.answer(request, response)
+
+    # the poller
+
+    def wants(self, request):
+        return True
+
+    def answer(self, request, pdu):
+        self.mirror.polled(request, pdu, self.now)
+
+    def written(self, request, response):
+        self.mirror.written(request, response, self.now)
+
+    # the test
+
+    def at(self, now: float) -> list[str]:
+        """Let time pass; what is being asked then."""
+        self.now = now
+        deadline = self.mirror.deadline()
+        if deadline is not None and deadline <= now:
+            self.mirror.tick(now)
+        return self.questions
+
+    @property
+    def questions(self) -> list[str]:
+        return [request.pdu.hex(" ").upper() for request in self.asked]
+
+    def ages(self):
+        return [age for _, age in self.mirror.ages(self.now)]
+
+
+class Client:
+    may_write = True
+
+    def __init__(self, bench: Bench, client: str = "10.0.0.9:1") -> None:
+        self.client = client
+        self.is_there = True
+        self._bench = bench
+        self._came = []
+
+    def wants(self, request):
+        return self.is_there
+
+    def answer(self, request, pdu):
+        self._came.append(None if pdu is None else pdu.hex(" ").upper())
+
+    def ask(self, pdu: str = "03 0000 0001"):
+        """Ask; what has come so far."""
+        request = Request(241, bytes.fromhex(pdu), self, self._bench.now)
+        self._bench.mirror.submit(request, self._bench.now)
+        return self.came()
+
+    def came(self):
+        came, self._came = self._came, []
+        return came
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+@pytest.fixture
+def fresh(bench):
+    """A mirror that was polled at 0 s."""
+    bench.at(0.0)
+    bench.answers(FIVE)
+    return bench
+
+
+def test_a_read_is_answered_from_the_last_poll(fresh):
+    client = Client(fresh)
+    assert client.ask() == [FIVE]
+    assert client.ask() == [FIVE]
+    assert fresh.questions == []
+
+
+def test_polls_keep_their_pace_and_do_not_pile_up(fresh):
+    assert fresh.at(0.4) == []
+    assert fresh.at(0.5) == ["03 00 00 00 01"]
+    assert fresh.mirror.deadline() is None
+    assert len(fresh.at(5.0)) == 1
+    fresh.answers(SIX)
+    assert fresh.mirror.deadline() == 1.0
+    assert len(fresh.at(5.0)) == 1
+    assert fresh.mirror.counts.polls == 3
+
+
+def test_an_old_value_is_never_given_out(fresh):
+    client = Client(fresh)
+    fresh.at(2.0)
+    assert client.ask() == [FIVE]
+    fresh.at(2.1)
+    assert client.ask() == ["83 0B"]
+    fresh.answers(SIX)  # the poll of 2.0 s
+    assert client.ask() == [SIX]
+
+
+def test_a_value_is_as_old_as_the_question(bench):
+    bench.at(0.0)
+    bench.at(1.5)
+    bench.answers(FIVE)
+    assert bench.ages() == [1.5]
+    bench.now = 2.1
+    assert Client(bench).ask() == ["83 0B"]
+
+
+def test_the_first_poll_is_waited_for(bench):
+    client = Client(bench)
+    bench.at(0.0)
+    assert client.ask() == []
+    bench.answers(FIVE)
+    assert client.came() == [FIVE]
+
+
+@pytest.mark.parametrize("failure", ["83 0B", "83 0A", "83 06", "83 02", None])
+def test_a_poll_that_fails_ends_the_waiting(bench, failure):
+    client = Client(bench)
+    bench.at(0.0)
+    client.ask()
+    bench.answers(failure)
+    assert client.came() == ["83 0B"]
+    assert client.ask() == ["83 0B"]
+    assert bench.ages() == [None]
+    assert bench.mirror.counts.failed_polls == 1
+
+
+def test_a_failed_poll_leaves_fresh_values_fresh(fresh):
+    fresh.at(0.5)
+    fresh.answers("83 0B")
+    assert Client(fresh).ask() == [FIVE]
+    assert fresh.ages() == [0.5]
+
+
+def test_a_resting_unit_is_not_polled(fresh):
+    fresh.is_resting = True
+    assert fresh.at(0.5) == fresh.at(1.0) == []
+    fresh.is_resting = False
+    assert fresh.at(1.5) == ["03 00 00 00 01"]
+
+
+def test_nobody_waits_for_a_unit_that_rests(bench):
+    bench.is_resting = True
+    client = Client(bench)
+    client.ask()
+    bench.at(0.0)
+    assert client.came() == ["83 0B"]
+
+
+# --- what a mirror has -----------------------------------------------------------------------------
+
+
+def test_what_is_not_polled_does_not_exist(fresh):
+    client = Client(fresh)
+    assert client.ask("03 0001 0001") == ["83 02"]
+    assert client.ask("03 0000 0002") == ["83 02"]
+    assert client.ask("04 0000 0001") == ["84 02"]
+    assert client.ask("03 0000 0000") == ["83 03"]
+    assert fresh.mirror.counts.exceptions == 4
+
+
+def test_the_profile_of_the_device_holds():
+    bench = Bench(profile=Profile("narrow", functions=frozenset({3}), limits={3: 1}))
+    client = Client(bench)
+    assert client.ask("04 0000 0001") == ["84 01"]
+    assert client.ask("03 0000 0002") == ["83 03"]
+
+
+def test_every_area_can_be_mirrored():
+    bench = Bench(Poll(Area.COILS, 0, 9, 1.0), Poll(Area.DISCRETE, 3, 3, 1.0), Poll(Area.INPUT, 0, 0, 1.0), stale=10.0)
+    client = Client(bench)
+    assert bench.at(0.0) == ["01 00 00 00 0A", "02 00 03 00 01", "04 00 00 00 01"]
+    for response in ("01 02 FF 03", "02 01 01", "04 02 12 34"):
+        bench.answers(response)
+    assert client.ask("01 0004 0006") == ["01 01 3F"]
+    assert client.ask("02 0003 0001") == ["02 01 01"]
+    assert client.ask("04 0000 0001") == ["04 02 12 34"]
+
+
+def test_a_read_over_two_ranges_needs_both():
+    bench = Bench(Poll(Area.HOLDING, 0, 0, 0.5), Poll(Area.HOLDING, 1, 1, 5.0))
+    bench.mirror._tables[Area.HOLDING].ranges = ((0, 1),)
+    bench.at(0.0)
+    bench.answers("03 02 00 05")
+    client = Client(bench)
+    assert client.ask("03 0000 0002") == []
+    bench.answers("03 02 00 06")
+    assert client.came() == ["03 04 00 05 00 06"]
+    bench.at(2.0)
+    bench.answers("03 02 00 07")
+    bench.now = 2.1
+    assert client.ask("03 0000 0001") == ["03 02 00 07"]
+    assert client.ask("03 0000 0002") == ["83 0B"]
+
+
+# --- refusals --------------------------------------------------------------------------------------
+
+
+def test_ranges_that_the_device_refuses_to_read_together_are_read_apart():
+    bench = Bench(Poll(Area.HOLDING, 0, 0, 0.5), Poll(Area.HOLDING, 1, 1, 0.5))
+    client = Client(bench)
+    assert bench.at(0.0) == ["03 00 00 00 02"]
+    client.ask("03 0000 0001")
+    bench.answers("83 02")
+    assert client.came() == []
+    assert bench.at(0.0) == ["03 00 00 00 01", "03 00 01 00 01"]
+    bench.answers(FIVE)
+    bench.answers("83 02")
+    assert client.came() == [FIVE]
+    assert client.ask("03 0001 0001") == ["83 0B"]
+    assert bench.events == [PollRefused("silo", "silo-1", "holding 1-1", 2, "gateway.toml:9")]
+
+
+def test_a_refusal_is_told_once_until_the_device_answers(bench):
+    for now, response in enumerate(["83 02", "83 02", FIVE, "83 02"]):
+        bench.at(float(now))
+        bench.answers(response)
+    assert len(bench.events) == 2
+
+
+# --- everything else goes through ------------------------------------------------------------------
+
+
+def test_a_write_goes_through_and_what_it_changes_is_polled(fresh):
+    client = Client(fresh)
+    assert client.ask("06 0000 0006") == []
+    assert fresh.questions == ["06 00 00 00 06"]
+    fresh.now = 0.2
+    fresh.answers("06 0000 0006")
+    assert client.came() == ["06 00 00 00 06"]
+    assert client.ask() == []
+    assert fresh.at(0.2) == ["03 00 00 00 01"]
+    fresh.answers(SIX)
+    assert client.came() == [SIX]
+
+
+def test_what_a_client_asks_behind_its_write_waits_for_it_and_others_do_not(fresh):
+    writer, reader = Client(fresh), Client(fresh, "10.0.0.8:1")
+    writer.ask("06 0000 0006")
+    assert (writer.ask(), reader.ask()) == ([], [FIVE])
+    fresh.answers("06 0000 0006")
+    fresh.at(0.0)
+    fresh.answers(SIX)
+    assert writer.came() == ["06 00 00 00 06", SIX]
+
+
+@pytest.mark.parametrize(
+    ("response", "is_known"), [("86 02", True), ("86 0A", True), ("86 0B", False), ("86 04", False)]
+)
+def test_a_write_that_had_no_effect_costs_no_poll(fresh, response, is_known):
+    client = Client(fresh)
+    client.ask("06 0000 0006")
+    fresh.answers(response)
+    assert client.came() == [bytes.fromhex(response).hex(" ").upper()]
+    assert client.ask() == ([FIVE] if is_known else [])
+
+
+def test_a_write_elsewhere_leaves_the_values_alone(fresh):
+    client = Client(fresh)
+    client.ask("06 0001 0006")
+    assert client.ask() == [FIVE]
+    fresh.answers("06 0001 0006")
+    assert client.came() == ["06 00 01 00 06"]
+    assert client.ask() == [FIVE]
+
+
+def test_a_write_of_an_unknown_kind_may_have_changed_everything(fresh):
+    client = Client(fresh)
+    client.ask("41 00")
+    assert client.ask() == []
+    fresh.answers("41 00")
+    assert fresh.at(0.0) == ["03 00 00 00 01"]
+    fresh.answers(SIX)
+    assert client.came() == ["41 00", SIX]
+
+
+def test_a_write_that_nobody_wants_any_more_is_not_sent(fresh):
+    client = Client(fresh)
+    client.ask("06 0000 0006")
+    (write,) = fresh.asked
+    assert write.origin.wants(write)
+    client.is_there = False
+    assert not write.origin.wants(write)
+    fresh.answers(None)
+    assert client.came() == [None]
+    assert client.ask() == [FIVE]
+
+
+def test_a_malformed_write_is_refused_here(fresh):
+    assert Client(fresh).ask("06 0000") == ["86 03"]
+    assert fresh.questions == []
+
+
+def test_other_questions_go_to_the_device(fresh):
+    client = Client(fresh)
+    client.ask("11")
+    assert fresh.questions == ["11"]
+    fresh.answers("11 02 07 FF")
+    assert client.came() == ["11 02 07 FF"]
+
+
+def test_the_repr_is_a_status_line(fresh):
+    assert repr(fresh.mirror) == "<Mirror silo of silo-1 polls=1 failed=0>"

@@ -1,0 +1,54 @@
+import pytest
+
+from gateway.images.polls import Poll, joined, polling_function
+from gateway.modbus.codes import Area
+
+
+def holding(first: int, last: int, every: float = 1.0) -> Poll:
+    return Poll(Area.HOLDING, first, last, every)
+
+
+def runs(polls, limits=None):
+    return [str(poll) for poll in joined(polls, limits or {})]
+
+
+def test_neighbours_with_one_pace_are_read_together():
+    assert runs([holding(2, 9), holding(0, 1), holding(10, 10)]) == ["holding 0-10"]
+
+
+def test_a_hole_another_pace_or_another_area_parts_them():
+    assert runs([holding(0, 1), holding(3, 4)]) == ["holding 0-1", "holding 3-4"]
+    assert runs([holding(0, 1), holding(2, 4, every=2.0)]) == ["holding 0-1", "holding 2-4"]
+    assert runs([holding(0, 1), Poll(Area.INPUT, 2, 4, 1.0)]) == ["holding 0-1", "input 2-4"]
+
+
+def test_no_read_is_longer_than_the_device_takes():
+    assert runs([holding(0, 9), holding(10, 19)], {3: 15}) == ["holding 0-9", "holding 10-19"]
+    assert runs([holding(0, 9), holding(10, 14)], {3: 15}) == ["holding 0-14"]
+    assert runs([holding(0, 249)], {3: 99}) == ["holding 0-98", "holding 99-197", "holding 198-249"]
+
+
+def test_no_read_is_longer_than_the_protocol_takes():
+    assert runs([holding(0, 125)]) == ["holding 0-124", "holding 125-125"]
+    assert runs([Poll(Area.COILS, 0, 2000, 1.0)]) == ["coils 0-1999", "coils 2000-2000"]
+
+
+def test_a_joined_read_knows_what_it_was_joined_from():
+    (poll,) = joined([holding(0, 1), holding(2, 3), holding(4, 5)], {})
+    assert poll.parts == (holding(0, 1), holding(2, 3), holding(4, 5))
+    (alone,) = joined([holding(0, 1)], {})
+    assert alone.parts == ()
+
+
+@pytest.mark.parametrize(
+    ("area", "function", "request_pdu"),
+    [
+        (Area.COILS, 1, "01 0010 0003"),
+        (Area.DISCRETE, 2, "02 0010 0003"),
+        (Area.HOLDING, 3, "03 0010 0003"),
+        (Area.INPUT, 4, "04 0010 0003"),
+    ],
+)
+def test_each_area_has_its_function(area, function, request_pdu):
+    assert polling_function(area) == function
+    assert Poll(area, 0x10, 0x12, 1.0).request == bytes.fromhex(request_pdu)

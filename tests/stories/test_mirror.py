@@ -1,0 +1,135 @@
+"""Mirrors in a whole gateway: many clients read, the line carries only the polls."""
+
+import asyncio
+
+from gateway.events import UnitResting
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.house import House, house
+
+CONFIG = """
+[[line]]
+name    = "hall-a"
+port    = "/dev/hall-a"
+baud    = 9600
+devices = [{ unit = 1, name = "silo-1" }]
+
+[[line]]
+name    = "hall-b"
+port    = "/dev/hall-b"
+devices = [{ unit = 1, as = 2, name = "silo-2" }]
+
+[[image]]
+unit  = 241
+of    = "silo-1"
+read  = [{ holding = "0-9", every = "500 ms" }]
+stale = "1 s"
+
+[[image]]
+unit  = 242
+of    = "silo-2"
+read  = [{ holding = "0-9", every = "500 ms" }]
+stale = "1 s"
+"""
+
+
+def furnish(home: House) -> list[SimulatedDevice]:
+    """Unit 1 on both lines; the first holds 100, 101, ..., the second 200, 201, ..."""
+    devices = []
+    for number, port in enumerate(("hall-a", "hall-b"), start=1):
+        device = SimulatedDevice(1, delay=0.01)
+        device.holding = [number * 100 + address for address in range(20)]
+        devices.append(device)
+        home.attach(port, SimulatedLine("rtu", device))
+    return devices
+
+
+async def test_many_clients_cost_the_line_nothing_but_the_polls():
+    async with house(CONFIG) as home:
+        silo, _ = furnish(home)
+        await asyncio.sleep(5.0)
+        polls = len(silo.heard)
+
+        async def read_for_ten_seconds(number: int) -> None:
+            client = home.client(f"10.0.0.{number}:1")
+            for _ in range(1000):
+                assert await client.asks(241, "03 0000 0002") == "03 04 00 64 00 65"
+                await asyncio.sleep(0.01)
+
+        async with asyncio.TaskGroup() as group:
+            for number in range(16):
+                group.create_task(read_for_ten_seconds(number))
+        assert len(silo.heard) - polls == 20
+
+
+async def test_the_same_unit_on_two_lines_is_two_mirrors():
+    async with house(CONFIG) as home:
+        furnish(home)
+        await asyncio.sleep(5.0)
+        client = home.client()
+        assert await client.asks(241, "03 0001 0001") == "03 02 00 65"
+        assert await client.asks(242, "03 0001 0001") == "03 02 00 C9"
+
+
+async def test_a_device_that_falls_silent_turns_into_0b_not_into_old_values():
+    async with house(CONFIG) as home:
+        silo, _ = furnish(home)
+        await asyncio.sleep(5.0)
+        client = home.client()
+        silo.silent = True
+        fallen_silent = client.now()
+        while await client.asks(241, "03 0000 0001") == "03 02 00 64":
+            assert client.now() < fallen_silent + 1.5 + 0.1  # stale, and the time since the last poll
+            await asyncio.sleep(0.01)
+        for _ in range(100):
+            assert await client.asks(241, "03 0000 0001") == "83 0B"
+            await asyncio.sleep(0.15)
+        assert UnitResting in map(type, home.events)
+        silo.silent = False
+        silo.holding[0] = 7
+        await asyncio.sleep(70.0)
+        assert await client.asks(241, "03 0000 0001") == "03 02 00 07"
+
+
+async def test_a_write_goes_through_and_is_read_back_by_everybody():
+    async with house(CONFIG) as home:
+        silo, _ = furnish(home)
+        await asyncio.sleep(5.0)
+        writer, reader = home.client(), home.client("10.0.0.8:1")
+        writer.ask(241, "06 0003 BEEF")
+        writer.ask(241, "03 0003 0001")
+        assert [await writer.answer(), await writer.answer()] == ["06 00 03 BE EF", "03 02 BE EF"]
+        assert await reader.asks(241, "03 0003 0001") == "03 02 BE EF"
+        assert silo.holding[3] == 0xBEEF
+
+
+async def test_a_mirror_whose_line_is_down_gives_out_nothing_old():
+    async with house(CONFIG) as home:
+        furnish(home)
+        await asyncio.sleep(5.0)
+        client = home.client()
+        home.lines["hall-a"].pull()
+        await asyncio.sleep(2.0)
+        assert await client.asks(241, "03 0000 0001") == "83 0B"
+        assert await client.asks(241, "06 0000 0001") == "86 0A"
+
+
+async def test_a_pass_through_unit_can_be_mirrored_under_its_own_number():
+    config = """
+    [[line]]
+    name = "a"
+    port = "/dev/hall-a"
+
+    [[image]]
+    unit = 1
+    of   = "a/1"
+    read = [{ holding = "0-9", every = "500 ms" }]
+    """
+    async with house(config) as home:
+        device = SimulatedDevice(1, delay=0.01)
+        home.attach("hall-a", SimulatedLine("rtu", device, SimulatedDevice(2)))
+        device.holding = list(range(20))
+        await asyncio.sleep(5.0)
+        client = home.client()
+        assert await client.asks(1, "03 0005 0001") == "03 02 00 05"
+        assert await client.asks(1, "03 000A 0001") == "83 02"
+        assert await client.asks(2, "03 000A 0001") == "03 02 00 00"
