@@ -104,18 +104,9 @@ class PersistentImage(Image):
         if not is_kept:
             self._undo()
             return
-        for waiting in self._take_up_to(write):
-            self._answer(waiting)
-
-    def _take_up_to(self, write: _Write) -> list[_Waiting]:
-        """What can be answered when `write` is kept: all before it, and what waits behind it for nothing else."""
-        waiting = self._waiting
-        ready = [waiting.popleft()]
-        while ready[-1] is not write:
-            ready.append(waiting.popleft())
-        while waiting and not isinstance(waiting[0], _Write):
-            ready.append(waiting.popleft())
-        return ready
+        self._answer(self._waiting.popleft())
+        while self._waiting and not isinstance(self._waiting[0], _Write):
+            self._answer(self._waiting.popleft())
 
     def _undo(self) -> None:
         undone = list(self._waiting)
