@@ -18,6 +18,7 @@ from gateway.config.unitset import show_units
 from gateway.images.image import ImageSettings
 from gateway.lines.device import DeviceSettings
 from gateway.listeners.session import ListenSettings
+from gateway.listeners.sockets import url
 
 _ADVICE: Final = """\
 Longest wait = max_wait + gap + longest request on the wire + its time limit.
@@ -95,8 +96,7 @@ def _listeners(listeners: tuple[ListenSettings, ...]) -> str:
 
 
 def _address(listener: ListenSettings) -> str:
-    host = f"[{listener.host}]" if ":" in listener.host else listener.host
-    return f"tcp://{host}:{listener.port}"
+    return url(listener.scheme, listener.host, listener.port)
 
 
 def _idle(listener: ListenSettings) -> str:

@@ -34,7 +34,7 @@ class Address:
 
         IPv4 and IPv6 have ports of their own: 0.0.0.0 and [::] go together.
         """
-        if not self.port or (self.scheme == "udp", self.port) != (other.scheme == "udp", other.port):
+        if not self._has_port_of(other):
             return False
         mine, others = _ip(self.host), _ip(other.host)
         if mine is None or others is None:
@@ -49,11 +49,22 @@ class Address:
             return False
         return not self.is_wildcard or other.is_wildcard or other.is_loopback
 
+    def leaves_ipv4_to(self, other: "Address") -> bool:
+        """Whether it is [::], which takes IPv4 clients too, and `other` is there for IPv4 clients of the same port."""
+        mine, others = _ip(self.host), _ip(other.host)
+        if mine is None or others is None or not self._has_port_of(other):
+            return False
+        return mine.is_unspecified and (mine.version, others.version) == (6, 4)
+
     @property
     def is_loopback(self) -> bool:
         """Whether only programs on this machine can reach it."""
         ip = _ip(self.host)
         return ip is not None and ip.is_loopback
+
+    def _has_port_of(self, other: "Address") -> bool:
+        """Port 0 is another one each time, and those of UDP are not those of TCP."""
+        return self.port != 0 and (self.scheme == "udp", self.port) == (other.scheme == "udp", other.port)
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host

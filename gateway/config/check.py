@@ -57,6 +57,7 @@ def _misfits(
     yield from _check_content(config, failed)
     places = [*_check_binds(config), *_check_ports(config, real_path)]
     yield from places
+    yield from _check_ipv6(config)
     yield from _check_names(config, {problem.path[:-1] for problem in places})
     yield from _check_rights(config, failed)
     yield from _look_at_ports(config, port_trouble)
@@ -107,16 +108,29 @@ def _check_binds(config: Config) -> Iterator[Problem]:
         yield error((*listen.path, "bind"), f"this address is already used in {first.source}{covers}")
 
 
+def _check_ipv6(config: Config) -> Iterator[Problem]:
+    for listen in config.listen:
+        ipv4 = next((other for other in config.listen if listen.bind.leaves_ipv4_to(other.bind)), None)
+        if ipv4 is not None and not ipv4.bind.is_wildcard:
+            remedy = f'to serve every IPv4 address, write "{replace(ipv4.bind, host="0.0.0.0")}" in {ipv4.source}'  # noqa: S104 - advice
+            what = f"takes IPv6 clients only, because {ipv4.source} has an IPv4 address with the same port"
+            yield warning((*listen.path, "bind"), what, remedy)
+
+
 def _check_rights(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     if config.access or failed & {"access"}:
         return
+    later = " (not built yet in this version)" if is_refused(Access) else ""
     for listen in config.listen:
-        if not listen.bind.is_loopback:
-            remedy = 'to let them write, add [[access]] with from = ["10.2.0.0/24"] and allow = ["read", "write"]'
-            later = " (not built yet in this version)" if is_refused(Access) else ""
-            yield warning(
-                (*listen.path, "bind"), "clients from other machines may only read without [[access]]", remedy + later
-            )
+        row = ""
+        if listen.bind.scheme == "udp":
+            what = "UDP clients may only read without [[access]]: a datagram can name any address as its sender"
+            row = f'listen = ["{listen.label}"]'
+        elif not listen.bind.is_loopback:
+            what, row = "clients from other machines may only read without [[access]]", 'from = ["10.2.0.0/24"]'
+        if row:
+            remedy = f'to let them write, add [[access]] with {row} and allow = ["read", "write"]{later}'
+            yield warning((*listen.path, "bind"), what, remedy)
 
 
 def _check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Problem]:

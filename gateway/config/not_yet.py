@@ -28,7 +28,7 @@ class Gap:
 
 #: The gateway could not do what the file asks for: errors.
 REFUSED: Final = (
-    Gap(Listen, "bind", lambda listen: listen.bind.scheme != "tcp", "a listener other than tcp://"),
+    Gap(Listen, "bind", lambda listen: listen.bind.scheme == "tls", "a tls:// listener"),
     Gap(Line, "role", lambda line: line.role == "server", 'role = "server"'),
     Gap(Upstream, "to", lambda upstream: upstream.to.scheme == "tls", "an upstream over tls://", says_all=False),
     Gap(Access, "", lambda _: True, "[[access]]"),

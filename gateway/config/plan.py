@@ -93,7 +93,7 @@ def resolve(config: Config) -> Plan:
     devices = {device.name: device for line in lines for device in line.devices}
     return Plan(
         site=config.site,
-        listeners=tuple(_listener(listen) for listen in config.listen) or (DEFAULT_LISTENER,),
+        listeners=tuple(_listener(listen, config.listen) for listen in config.listen) or (DEFAULT_LISTENER,),
         lines=lines,
         upstreams=tuple(_upstream(upstream) for upstream in config.upstream),
         images=tuple(_image(image, profiles) for image in config.image if image.of is None),
@@ -127,16 +127,19 @@ def line_timing(line: Line) -> LineTiming:
     return LineTiming(line.spoken, line.baud, line.format or DEFAULT_FORMATS[line.spoken])
 
 
-def _listener(listen: Listen) -> ListenSettings:
+def _listener(listen: Listen, everyone: Iterable[Listen]) -> ListenSettings:
+    bind = listen.bind
     return ListenSettings(
         name=listen.label,
-        host=listen.bind.host,
-        port=listen.bind.port,
+        host=bind.host,
+        port=bind.port,
         clients=listen.clients,
         idle=listen.idle,
         in_flight=listen.in_flight,
         unit0=listen.unit0,
         source=listen.source,
+        scheme=bind.scheme,
+        ipv6_only=any(bind.leaves_ipv4_to(other.bind) for other in everyone),
     )
 
 

@@ -1,10 +1,13 @@
-"""One client's connection as a machine: bytes in, requests out, responses back, with bounds on all of it."""
+"""One client's connection as a machine: bytes in, requests out, responses back, with bounds on all of it.
 
+What is the same for all clients of a TCP connection; what they speak is in `mbap.py` and `over_tcp.py`.
+"""
+
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus
-from gateway.modbus import mbap
 from gateway.modbus.codes import READING_FUNCTIONS
 from gateway.request import Request, Target
 
@@ -16,7 +19,11 @@ TAKING_DEADLINE: Final = 30.0
 
 @dataclass(frozen=True, slots=True)
 class ListenSettings:
-    """One address where clients connect. Times in seconds; `idle` 0 keeps connections for ever."""
+    """One address where clients connect. Times in seconds; `idle` 0 keeps connections for ever.
+
+    `scheme` is what they speak: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
+    `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
+    """
 
     name: str
     host: str
@@ -26,6 +33,16 @@ class ListenSettings:
     in_flight: int = 16
     unit0: Literal["refuse", "broadcast"] | int = "refuse"
     source: str = ""
+    scheme: str = "tcp"
+    ipv6_only: bool = False
+
+
+@dataclass(slots=True)
+class Counts:
+    """Clients that have connected, and clients that were sent away, when they connected or later."""
+
+    accepted: int = 0
+    rejected: int = 0
 
 
 class Connection(Protocol):
@@ -40,6 +57,9 @@ class Connection(Protocol):
     def resume(self) -> None:
         """Receive again, and call `proceed` soon for what has already been received."""
 
+    def wake(self, when: float | None) -> None:
+        """Call `proceed` at `when`, soon if that has passed; None: no more, unless `resume` wants it."""
+
     def close(self) -> None:
         """Close once everything sent has left."""
 
@@ -47,20 +67,26 @@ class Connection(Protocol):
         """Close because of what the client did."""
 
 
-class Session:
-    """A Modbus TCP client: the Origin of its requests.
+class Session(ABC):
+    """A client on a TCP connection: the Origin of its requests.
 
-    At most `in_flight` requests are under way; beyond that the gateway stops reading from the client. Responses carry
-    the client's own transaction and unit identifiers, and go out as they come.
+    At most `in_flight` requests are under way; beyond that the gateway stops reading from the client.
     """
 
     __slots__ = (
-        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_framer", "_in_flight", "_limit",
-        "_out", "_paused", "_router", "_whole_at", "client", "gone", "last_asked", "may_write",
+        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_in_flight", "_limit", "_out",
+        "_paused", "_router", "_whole_at", "client", "gone", "last_asked", "may_write",
     )  # fmt: skip
 
     def __init__(
-        self, client: str, *, may_write: bool, router: Target, connection: Connection, in_flight: int, now: float
+        self,
+        client: str,
+        *,
+        may_write: bool,
+        router: Target,
+        connection: Connection,
+        settings: ListenSettings,
+        now: float,
     ) -> None:
         """`client` names the peer in events; `router` takes its requests."""
         self.client = client
@@ -69,8 +95,7 @@ class Session:
         self.last_asked = now
         self._router = router
         self._connection = connection
-        self._framer = mbap.MbapFramer()
-        self._limit = in_flight
+        self._limit = settings.in_flight
         self._in_flight = 0
         self._out: list[bytes] = []
         self._draining = False
@@ -81,19 +106,31 @@ class Session:
         self._at_end = False
         self._ending = False
 
+    @abstractmethod
+    def room(self) -> memoryview:
+        """Where the next bytes from the client go."""
+
+    @abstractmethod
+    def received(self, count: int, now: float) -> None:
+        """`count` bytes have arrived in `room()`."""
+
+    @abstractmethod
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response to one of the session's requests."""
+
+    @property
+    @abstractmethod
+    def has_begun(self) -> bool:
+        """Whether a part of an ADU has arrived."""
+
+    @abstractmethod
+    def _drain(self, now: float) -> None:
+        """Submit the requests that have arrived, as far as the bounds allow. Raises NotModbus."""
+
     @property
     def is_idle(self) -> bool:
         """Whether no request of the client is under way."""
         return self._in_flight == 0
-
-    def room(self) -> memoryview:
-        """Where the next bytes from the client go."""
-        return self._framer.room()
-
-    def received(self, count: int, now: float) -> None:
-        """`count` bytes have arrived in `room()`."""
-        self._framer.filled(count)
-        self.proceed(now)
 
     def proceed(self, now: float) -> None:
         """Submit the requests that have arrived, as far as the bounds allow; then send what was answered at once."""
@@ -117,18 +154,6 @@ class Session:
         that nobody may be waiting for is not sent any more.
         """
         return not self.gone and (not self._at_end or request.pdu[0] in READING_FUNCTIONS)
-
-    def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response to one of the session's requests."""
-        self._in_flight -= 1
-        if self.gone:
-            return
-        if pdu is not None:
-            self._out.append(mbap.encode(request.transaction, request.unit, pdu))
-        if not self._draining:
-            self._flush()
-            self._resume()
-            self._close_when_done()
 
     def block(self, now: float) -> None:
         """The client does not take its responses: read no more requests until `unblock`."""
@@ -162,7 +187,7 @@ class Session:
         if self._blocked and now - self._blocked_at >= TAKING_DEADLINE:
             return f"took no responses for {TAKING_DEADLINE:g} s"
         waits_for_us = self._paused or self._blocked
-        self._whole_at = now if waits_for_us or not self._framer.unfinished else max(self._whole_at, self.last_asked)
+        self._whole_at = now if waits_for_us or not self.has_begun else max(self._whole_at, self.last_asked)
         if now - self._whole_at >= SENDING_DEADLINE:
             return f"sent no whole request within {SENDING_DEADLINE:g} s"
         return ""
@@ -172,14 +197,7 @@ class Session:
         self.gone = True
         self._out.clear()
 
-    def _drain(self, now: float) -> None:
-        while self._in_flight < self._limit and not self._blocked:
-            adu = self._framer.next()
-            if adu is None:
-                return
-            self.last_asked = now
-            self._in_flight += 1
-            self._router.submit(Request(adu.unit, adu.pdu, self, now, adu.transaction), now)
+    def _pause(self) -> None:
         if not self._paused:
             self._paused = True
             self._connection.pause()
@@ -201,4 +219,4 @@ class Session:
             self._connection.close()
 
     def __repr__(self) -> str:
-        return f"<Session {self.client} in_flight={self._in_flight}>"
+        return f"<{type(self).__name__} {self.client} in_flight={self._in_flight}>"

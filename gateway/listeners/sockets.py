@@ -1,11 +1,15 @@
 """A listener's sockets: bound to its address, with bounds on what they keep, and a way out of want of descriptors."""
 
+import asyncio
 import errno
 import os
 import socket
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any, Final
+
+from gateway.errors import ListenError
+from gateway.listeners.session import ListenSettings
 
 #: What the system may keep of a connection's bytes, each way: many requests, and no memory for clients to fill.
 KERNEL_BUFFER: Final = 64 * 1024
@@ -31,21 +35,45 @@ _IPV4_MAPPED: Final = "::ffff:"
 AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
 
 
-def bound(addresses: Iterable[AddressInfo]) -> list[socket.socket]:
-    """A socket for each of the addresses, which nobody can connect to yet. `::` takes IPv4 clients as well.
+async def doors(settings: ListenSettings, kind: socket.SocketKind) -> list[socket.socket]:
+    """A socket for each address of a listener, through which nobody can come yet. `::` takes IPv4 clients as well.
 
     Raises:
-        OSError: one of them cannot be used; nothing is left open.
+        ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
     """
-    with ExitStack() as on_error:
-        sockets = [on_error.enter_context(_socket(*address)) for address in dict.fromkeys(addresses)]
-        on_error.pop_all()
-    return sockets
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(settings.host, settings.port, type=kind, flags=socket.AI_PASSIVE)
+        return _bound(found, ipv6_only=settings.ipv6_only)
+    except (OSError, UnicodeError) as error:
+        raise cannot_listen(settings, error) from error
+
+
+def door_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
+    """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, the configured one when there is none."""
+    host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)
+    return url(settings.scheme, host, port)
+
+
+def cannot_listen(settings: ListenSettings, error: OSError | UnicodeError) -> ListenError:
+    """Why nobody can connect to a listener, with its place in the config."""
+    place = f"{settings.source}: " if settings.source else ""
+    return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {why(error)}")
+
+
+def url(scheme: str, host: str, port: int) -> str:
+    """A listener's address: `tcp://127.0.0.1:5020`."""
+    return f"{scheme}://{written(host, port)}"
+
+
+def plain(host: str) -> str:
+    """A peer's address; that of an IPv4 client which came to an IPv6 socket as IPv4: `10.0.0.7`."""
+    return host.removeprefix(_IPV4_MAPPED) if "." in host else host
 
 
 def written(host: str, port: int) -> str:
-    """An address as people write it: `10.0.0.7:502`, `[fe80::1]:502`; IPv4 that came to an IPv6 socket as IPv4."""
-    host = host.removeprefix(_IPV4_MAPPED) if "." in host else host
+    """An address as people write it: `10.0.0.7:502`, `[fe80::1]:502`."""
+    host = plain(host)
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
@@ -94,23 +122,33 @@ class Reserve:
         return written(*address[:2])
 
 
-def _socket(family: int, kind: int, protocol: int, _name: str, address: tuple[Any, ...]) -> socket.socket:
+def _bound(addresses: Iterable[AddressInfo], *, ipv6_only: bool) -> list[socket.socket]:
+    with ExitStack() as on_error:
+        sockets = [on_error.enter_context(_socket(*each, ipv6_only=ipv6_only)) for each in dict.fromkeys(addresses)]
+        on_error.pop_all()
+    return sockets
+
+
+def _socket(
+    family: int, kind: int, protocol: int, _name: str, address: tuple[Any, ...], *, ipv6_only: bool
+) -> socket.socket:
     with ExitStack() as on_error:
         sock = on_error.enter_context(socket.socket(family, kind, protocol))
         sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
         if family == socket.AF_INET6:
-            sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, address[0] != _EVERY_ADDRESS)
-        _set_options(sock)
+            sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, ipv6_only or address[0] != _EVERY_ADDRESS)
+        if kind == socket.SOCK_STREAM:
+            _set_tcp_options(sock)
         sock.bind(address)
         on_error.pop_all()
     return sock
 
 
-def _set_options(sock: socket.socket) -> None:
-    """Notice peers that vanish, and keep little of those that do not listen. Accepted connections inherit all of it."""
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
+def _set_tcp_options(sock: socket.socket) -> None:
+    """Notice peers that vanish. Accepted connections inherit it."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL)

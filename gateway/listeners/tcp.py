@@ -1,17 +1,18 @@
-"""Modbus TCP: the listening socket, and the driver that joins a session to its connection."""
+"""TCP connections: the listening socket, and the driver that joins a session to its connection."""
 
 import asyncio
 import socket
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, cast
 
 from gateway import events
-from gateway.errors import ListenError
-from gateway.listeners.session import ListenSettings, Session
-from gateway.listeners.sockets import BACKLOG, Reserve, bound, why, written
+from gateway.listeners.mbap import MbapSession
+from gateway.listeners.over_tcp import OverTcpSession
+from gateway.listeners.session import Counts, ListenSettings, Session
+from gateway.listeners.sockets import BACKLOG, Reserve, cannot_listen, door_address, doors, plain, why, written
+from gateway.ports.clock import Alarm
 from gateway.routing.access import may_write
 from gateway.routing.router import Router
 
@@ -23,14 +24,6 @@ CLOSING_DEADLINE: Final = 2.0
 SWEEP_STEP: Final = 0.5
 #: How long nobody is accepted when that has failed for good, in seconds.
 ACCEPT_PAUSE: Final = 0.1
-
-
-@dataclass(slots=True)
-class Counts:
-    """Clients that have connected, and clients that were sent away, when they connected or later."""
-
-    accepted: int = 0
-    rejected: int = 0
 
 
 class TcpListener:
@@ -55,9 +48,12 @@ class TcpListener:
     @property
     def address(self) -> str:
         """The bound address, `tcp://127.0.0.1:5020`; the configured one while it is not bound."""
-        if not self._doors:
-            return _url(self.settings.host, self.settings.port)
-        return _url(*self._doors[0].getsockname()[:2])
+        return door_address(self.settings, self._doors)
+
+    @property
+    def clients(self) -> int:
+        """Connections that count for the bound."""
+        return len(self.connections)
 
     @property
     def has_clients(self) -> bool:
@@ -70,14 +66,7 @@ class TcpListener:
         Raises:
             ListenError: it is in use, needs more rights, or is no address of this machine.
         """
-        loop, settings = asyncio.get_running_loop(), self.settings
-        try:
-            found = await loop.getaddrinfo(
-                settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-            )
-            self._doors = bound(found)
-        except (OSError, UnicodeError) as error:
-            raise self._cannot_listen(error) from error
+        self._doors = await doors(self.settings, socket.SOCK_STREAM)
         self._reserve.hold()
 
     def start(self) -> None:
@@ -90,7 +79,7 @@ class TcpListener:
             for door in self._doors:
                 door.listen(BACKLOG)
         except OSError as error:
-            raise self._cannot_listen(error) from error
+            raise cannot_listen(self.settings, error) from error
         name = f"accept:{self.settings.name}"
         self._accepting = [asyncio.create_task(self._accept(door), name=name) for door in self._doors]
         self._sweep_later()
@@ -149,7 +138,7 @@ class TcpListener:
             await asyncio.sleep(0)
 
     async def _welcome(self, sock: socket.socket, host: str, port: int) -> None:
-        client = written(host, port)
+        host, client = plain(host), written(host, port)
         loop = asyncio.get_running_loop()
         try:
             if self._make_room():
@@ -206,11 +195,6 @@ class TcpListener:
         self._accepting, self._doors = [], []
         self._reserve.release()
 
-    def _cannot_listen(self, error: OSError | UnicodeError) -> ListenError:
-        settings = self.settings
-        place = f"{settings.source}: " if settings.source else ""
-        return ListenError(f"{place}cannot listen on {_url(settings.host, settings.port)}: {why(error)}")
-
 
 class TcpConnection(asyncio.BufferedProtocol):
     """The driver of one connection. An error that nobody foresaw ends here, and with it only this connection."""
@@ -225,12 +209,14 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._listener = listener
         self._time = time
         self._reason = "the client has closed it"
-        self.session = Session(
+        self._alarm: Alarm | None = None
+        session = MbapSession if listener.settings.scheme == "tcp" else OverTcpSession
+        self.session = session(
             client,
             may_write=may_write(host),
             router=listener.router,
             connection=self,
-            in_flight=listener.settings.in_flight,
+            settings=listener.settings,
             now=time(),
         )
 
@@ -249,8 +235,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         try:
             self.session.received(nbytes, self._time())
         except Exception as error:  # noqa: BLE001 - the border of a connection
-            self._listener.failed(f"client {self.client}", error)
-            self.abort("a defect in the gateway")
+            self._failed(error)
 
     def eof_received(self) -> bool:
         """The client sends no more; keep the connection until its responses have been sent."""
@@ -268,6 +253,8 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         self.session.closed()
+        if self._alarm is not None:
+            self._alarm.close()
         self._listener.closed(self, f"lost: {why(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def send(self, data: bytes) -> None:
@@ -283,6 +270,12 @@ class TcpConnection(asyncio.BufferedProtocol):
         """Receive again, and look at what is there already."""
         self.transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._proceed)
+
+    def wake(self, when: float | None) -> None:
+        """Look at what is there already at `when`, not at all when that is None."""
+        if self._alarm is None:
+            self._alarm = Alarm(asyncio.get_running_loop(), self._proceed)
+        self._alarm.set(when)
 
     def close(self) -> None:
         """Close once everything sent has left, or the deadline for that has passed."""
@@ -321,9 +314,13 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.close()
 
     def _proceed(self) -> None:
-        if not self.session.gone:
-            self.buffer_updated(0)
+        if self.session.gone:
+            return
+        try:
+            self.session.proceed(self._time())
+        except Exception as error:  # noqa: BLE001 - the border of a connection
+            self._failed(error)
 
-
-def _url(host: str, port: int) -> str:
-    return f"tcp://{written(host, port)}"
+    def _failed(self, error: Exception) -> None:
+        self._listener.failed(f"client {self.client}", error)
+        self.abort("a defect in the gateway")

@@ -39,6 +39,11 @@ class AsciiFramer:
 
     encode = staticmethod(encode)
 
+    @property
+    def unfinished(self) -> int:
+        """Characters of a frame that is not complete yet."""
+        return len(self._buffer)
+
     def expect(self, unit: int | None, asked: RequestPdu) -> None:  # noqa: ARG002 - an ASCII frame needs no foretelling
         """A request goes on the line: forget what was received."""
         self._buffer = b""

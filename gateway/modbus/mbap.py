@@ -35,6 +35,16 @@ def encode(transaction: int, unit: int, pdu: bytes) -> bytes:
     return _HEADER.pack(transaction, _MODBUS, len(pdu) + 1, unit) + pdu
 
 
+def decode(datagram: bytes) -> TcpFrame | None:
+    """The one ADU that `datagram` is, or None when it is anything else."""
+    if len(datagram) < _HEADER.size + 1:
+        return None
+    transaction, protocol, length, unit = _HEADER.unpack_from(datagram)
+    if protocol != _MODBUS or length not in _LENGTHS or length != len(datagram) - _UNCOUNTED:
+        return None
+    return TcpFrame(transaction, unit, datagram[_HEADER.size :])
+
+
 class MbapFramer:
     """Cuts ADUs out of a TCP stream that is received into the framer's own buffer.
 

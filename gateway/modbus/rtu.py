@@ -160,6 +160,11 @@ class RequestFramer:
 
     encode = staticmethod(encode)
 
+    @property
+    def unfinished(self) -> int:
+        """Bytes that are no complete frame yet."""
+        return len(self._buffer)
+
     def received(self, data: bytes, now: float) -> list[Frame]:
         """Take bytes that became readable at `now`; requests that are complete with them, in order."""
         self._buffer += data

@@ -20,6 +20,7 @@ from gateway.lines.upstream import Upstream
 from gateway.lines.upstream_driver import UpstreamDriver
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
+from gateway.listeners.udp import UdpListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, SerialSettings
@@ -27,6 +28,9 @@ from gateway.request import Target
 from gateway.routing.broadcast import Broadcast
 from gateway.routing.router import Router
 from gateway.service.state import Memory
+
+#: Where clients connect, whatever they speak.
+Listener = TcpListener | UdpListener
 
 #: How a port with these settings is opened: real ones in the service, memory ports in tests.
 Opener = Callable[[PortSettings], OpenPort]
@@ -36,7 +40,7 @@ Opener = Callable[[PortSettings], OpenPort]
 class Gateway:
     """All parts of a running gateway. Keepers are those of the lines and the upstreams, in the order of the config."""
 
-    listeners: tuple[TcpListener, ...]
+    listeners: tuple[Listener, ...]
     lines: "tuple[GatewayLine, ...]"
     drivers: tuple[LineDriver, ...]
     upstreams: "tuple[GatewayUpstream, ...]"
@@ -66,8 +70,7 @@ def build(
     routes |= {driver.mirror.settings.unit: driver for driver in mirrors}
     everyone: list[Target] = [*(line.every_device for line in lines if line.plan.line.broadcast), *images]
     listeners = tuple(
-        TcpListener(settings, Router(_with_unit0(routes, settings, everyone), emit), emit)
-        for settings in plan.listeners
+        _listener(settings, Router(_with_unit0(routes, settings, everyone), emit), emit) for settings in plan.listeners
     )
     keepers = {part.name: part.keeper for part in parts}
     drivers = tuple(line.driver for line in lines)
@@ -80,6 +83,10 @@ def _image(settings: ImageSettings, store: Store | None) -> Image:
     assert store is not None  # noqa: S101 - whoever builds a plan with persistent images has one
     keep = store.keep_at_once if settings.persist == "always" else store.keep_soon
     return PersistentImage(settings, store.values(settings.name), keep)
+
+
+def _listener(settings: ListenSettings, router: Router, emit: Emit) -> Listener:
+    return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 
 
 def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: list[Target]) -> dict[int, Target]:

@@ -12,9 +12,8 @@ from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.lines.device import Device
-from gateway.listeners.tcp import TcpListener
 from gateway.ports.keeper import Keeper
-from gateway.service.build import Gateway, GatewayLine
+from gateway.service.build import Gateway, GatewayLine, Listener
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,11 +136,11 @@ def status(gateway: Gateway, now: float) -> Status:
     )
 
 
-def _listener(listener: TcpListener) -> ListenerStatus:
+def _listener(listener: Listener) -> ListenerStatus:
     return ListenerStatus(
         name=listener.settings.name,
         address=listener.address,
-        clients=len(listener.connections),
+        clients=listener.clients,
         accepted=listener.counts.accepted,
         rejected=listener.counts.rejected,
         denied=listener.router.counts.denied,

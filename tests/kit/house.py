@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from gateway.config.load import parse
 from gateway.config.plan import resolve
 from gateway.events import Event
-from gateway.listeners.session import Session
+from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, SerialSettings
@@ -25,12 +25,12 @@ class Client:
     def __init__(self, gateway: Gateway, name: str = "10.0.0.9:49152", *, may_write: bool = True) -> None:
         self._loop = asyncio.get_running_loop()
         listener = gateway.listeners[0]
-        self.session = Session(
+        self.session = MbapSession(
             name,
             may_write=may_write,
             router=listener.router,
             connection=self,
-            in_flight=listener.settings.in_flight,
+            settings=listener.settings,
             now=self._loop.time(),
         )
         self.responses: asyncio.Queue[tuple[int, int, str]] = asyncio.Queue()

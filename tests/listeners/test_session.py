@@ -2,7 +2,8 @@
 
 import pytest
 
-from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, Session
+from gateway.listeners.mbap import MbapSession
+from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, ListenSettings
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 
@@ -53,8 +54,13 @@ class Client:
     def __init__(self) -> None:
         self.target = Target()
         self.connection = Connection()
-        self.session = Session(
-            "10.0.0.9:49152", may_write=True, router=self.target, connection=self.connection, in_flight=3, now=0.0
+        self.session = MbapSession(
+            "10.0.0.9:49152",
+            may_write=True,
+            router=self.target,
+            connection=self.connection,
+            settings=ListenSettings("scada", "::", 502, in_flight=3),
+            now=0.0,
         )
 
     def send(self, data: bytes, now: float = 1.0) -> None:
@@ -186,7 +192,7 @@ def test_it_is_idle_when_nothing_is_under_way_and_knows_when_it_was_last_asked(c
     client.send(encode(1, 7, READ), now=5.0)
     assert not client.session.is_idle
     assert client.session.last_asked == 5.0
-    assert repr(client.session) == "<Session 10.0.0.9:49152 in_flight=1>"
+    assert repr(client.session) == "<MbapSession 10.0.0.9:49152 in_flight=1>"
 
 
 def test_reading_resumes_only_when_there_is_room_and_the_client_takes_its_responses(client: Client) -> None:

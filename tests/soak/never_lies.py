@@ -26,7 +26,7 @@ if __name__ == "__main__":
 
 from gateway.events import PartFailed
 from gateway.lines.transaction import Transaction
-from gateway.listeners.session import Session
+from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area
@@ -343,12 +343,12 @@ class Client:
         self._connections += 1
         listener = self._world.home.gateway.listeners[0]
         name = f"10.0.0.{self._number}:{self._connections}"
-        self._session = Session(
+        self._session = MbapSession(
             name,
             may_write=True,
             router=listener.router,
             connection=self,
-            in_flight=listener.settings.in_flight,
+            settings=listener.settings,
             now=self._loop.time(),
         )
         self._world.clients[name] = self

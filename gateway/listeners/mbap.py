@@ -1,0 +1,64 @@
+"""What clients of Modbus TCP speak: ADUs with a transaction identifier, so many requests may be under way at once."""
+
+from gateway.listeners.session import Connection, ListenSettings, Session
+from gateway.modbus import mbap
+from gateway.request import Request, Target
+
+
+class MbapSession(Session):
+    """A Modbus TCP client.
+
+    Responses carry the client's own transaction and unit identifiers, and go out as they come.
+    """
+
+    __slots__ = ("_framer",)
+
+    def __init__(
+        self,
+        client: str,
+        *,
+        may_write: bool,
+        router: Target,
+        connection: Connection,
+        settings: ListenSettings,
+        now: float,
+    ) -> None:
+        """See Session."""
+        super().__init__(client, may_write=may_write, router=router, connection=connection, settings=settings, now=now)
+        self._framer = mbap.MbapFramer()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether a part of an ADU has arrived."""
+        return self._framer.unfinished > 0
+
+    def room(self) -> memoryview:
+        """Where the next bytes from the client go."""
+        return self._framer.room()
+
+    def received(self, count: int, now: float) -> None:
+        """`count` bytes have arrived in `room()`."""
+        self._framer.filled(count)
+        self.proceed(now)
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response to one of the session's requests."""
+        self._in_flight -= 1
+        if self.gone:
+            return
+        if pdu is not None:
+            self._out.append(mbap.encode(request.transaction, request.unit, pdu))
+        if not self._draining:
+            self._flush()
+            self._resume()
+            self._close_when_done()
+
+    def _drain(self, now: float) -> None:
+        while self._in_flight < self._limit and not self._blocked:
+            adu = self._framer.next()
+            if adu is None:
+                return
+            self.last_asked = now
+            self._in_flight += 1
+            self._router.submit(Request(adu.unit, adu.pdu, self, now, adu.transaction), now)
+        self._pause()

@@ -1,0 +1,71 @@
+"""One client that sends datagrams, as a machine: a datagram in, at most one response out.
+
+A datagram may be lost, repeated or forged, and there is no connection to close: whatever a peer leaves here is bounded.
+"""
+
+from collections.abc import Callable
+
+from gateway.errors import Busy
+from gateway.modbus import mbap
+from gateway.request import Request, Target
+
+
+class Peer:
+    """A Modbus UDP client, known by its address and port: the Origin of its requests.
+
+    At most `in_flight` requests are under way; another one is answered 06. The same request again while it is under way
+    is the same request: the client has repeated its datagram, and there is one execution and one response. Another
+    request with the same transaction identifier takes the place of the earlier one, whose response is dropped.
+    """
+
+    __slots__ = ("_limit", "_router", "_send", "_under_way", "client", "gone", "last_asked", "may_write")
+
+    def __init__(
+        self, client: str, *, may_write: bool, router: Target, send: Callable[[bytes], None], in_flight: int
+    ) -> None:
+        """`client` names the peer in events; `send` sends a datagram to it."""
+        self.client = client
+        self.may_write = may_write
+        self.gone = False
+        self.last_asked = 0.0
+        self._router = router
+        self._send = send
+        self._limit = in_flight
+        self._under_way: dict[int, Request] = {}
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no request of the client is under way."""
+        return not self._under_way
+
+    def received(self, adu: mbap.TcpFrame, now: float) -> None:
+        """Take one request."""
+        self.last_asked = now
+        earlier = self._under_way.get(adu.transaction)
+        if earlier is not None and (earlier.unit, earlier.pdu) == (adu.unit, adu.pdu):
+            return
+        request = Request(adu.unit, adu.pdu, self, now, adu.transaction)
+        self._under_way[adu.transaction] = request
+        if len(self._under_way) > self._limit:
+            request.fail(Busy())
+        else:
+            self._router.submit(request, now)
+
+    def wants(self, request: Request) -> bool:
+        """Whether a request that still waits should be sent."""
+        return not self.gone and self._under_way.get(request.transaction) is request
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response to one of the peer's requests."""
+        if self._under_way.get(request.transaction) is not request:
+            return
+        del self._under_way[request.transaction]
+        if pdu is not None and not self.gone:
+            self._send(mbap.encode(request.transaction, request.unit, pdu))
+
+    def closed(self) -> None:
+        """The peer is forgotten, and with it the wish for any response."""
+        self.gone = True
+
+    def __repr__(self) -> str:
+        return f"<Peer {self.client} in_flight={len(self._under_way)}>"

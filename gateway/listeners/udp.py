@@ -1,0 +1,200 @@
+"""Modbus UDP: each datagram is one ADU with the header of Modbus TCP; the response goes to the one who sent it."""
+
+import asyncio
+import socket
+import traceback
+from collections import Counter
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from gateway import events
+from gateway.listeners.peer import Peer
+from gateway.listeners.session import Counts, ListenSettings
+from gateway.listeners.sockets import door_address, doors, written
+from gateway.modbus import mbap
+from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
+from gateway.routing.router import Router
+
+#: How often a listener looks for peers that have been idle for too long, in seconds.
+SWEEP_STEP: Final = 0.5
+
+#: Room for what the system says about a datagram: `struct in6_pktinfo`, and more than that.
+_ANCILLARY_SIZE: Final = 128
+#: From linux/in.h; Python has it from 3.14 on.
+_IP_PKTINFO: Final = 8
+#: Any interface, in `struct in_pktinfo` at the beginning, in `struct in6_pktinfo` at the end.
+_NO_INTERFACE: Final = bytes(4)
+
+#: What `recvmsg` tells of a datagram: the address of ours that it was sent to; and what `sendmsg` takes back.
+Asked = list[tuple[int, int, bytes]]
+
+
+@dataclass(slots=True)
+class DatagramCounts(Counts):
+    """And datagrams: `unsent` are responses that the system refused.
+
+    `malformed` are those that are not exactly one request. An exception response is none: answered like a request of an
+    unknown function, it would go to and fro between two servers for ever once somebody has forged the first one.
+    """
+
+    malformed: int = 0
+    unsent: int = 0
+
+
+class UdpListener:
+    """One `[[listen]]` table with udp://: answers datagrams, forgets peers that ask nothing any more.
+
+    A peer may only read: nobody can tell whether a datagram comes from the address that it names. At most `clients`
+    peers are known at a time; for another one the longest idle is forgotten, one of the address with the most peers.
+    While all of them have requests under way, what others send is dropped.
+    """
+
+    def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
+        self.settings = settings
+        self.router = router
+        self.emit = emit
+        self.counts = DatagramCounts()
+        self._peers: dict[tuple[Any, ...], Peer] = {}
+        self._doors: list[socket.socket] = []
+        self._sweeping: asyncio.TimerHandle | None = None
+
+    @property
+    def address(self) -> str:
+        """The bound address, `udp://127.0.0.1:5020`; the configured one while it is not bound."""
+        return door_address(self.settings, self._doors)
+
+    @property
+    def clients(self) -> int:
+        """Peers that are known."""
+        return len(self._peers)
+
+    @property
+    def has_clients(self) -> bool:
+        """Whether any peer has a request under way."""
+        return not all(peer.is_idle for peer in self._peers.values())
+
+    async def bind(self) -> None:
+        """Take the address without reading anything yet.
+
+        Raises:
+            ListenError: it is in use, needs more rights, or is no address of this machine.
+        """
+        self._doors = await doors(self.settings, socket.SOCK_DGRAM)
+        for door in self._doors:
+            _tell_which_address_was_asked(door)
+
+    def start(self) -> None:
+        """Take requests."""
+        loop = asyncio.get_running_loop()
+        for door in self._doors:
+            loop.add_reader(door, self._readable, door)
+        self._sweep_later()
+        self.emit(events.ListenerUp(self.settings.name, self.address))
+
+    def finish(self) -> None:
+        """Take no more requests; those under way are still answered."""
+        loop = asyncio.get_running_loop()
+        for door in self._doors:
+            loop.remove_reader(door)
+
+    def close(self) -> None:
+        """Take no more requests and answer none."""
+        self.finish()
+        if self._sweeping is not None:
+            self._sweeping.cancel()
+        for key in list(self._peers):
+            self._forget(key, "the gateway ends")
+        for door in self._doors:
+            door.close()
+        self._doors = []
+
+    def _readable(self, door: socket.socket) -> None:
+        """Take one datagram; for the next one the loop comes back, after it has served everybody else."""
+        try:
+            data, asked, _, address = door.recvmsg(MAX_TCP_ADU + 1, _ANCILLARY_SIZE)
+        except OSError:  # nothing there after all: its check sum was wrong
+            return
+        try:
+            self._received(door, data, asked, address)
+        except Exception as error:  # noqa: BLE001 - the border of a datagram
+            text = "".join(traceback.format_exception(error))
+            self.emit(events.PartFailed(f"client {written(*address[:2])}", repr(error), text))
+
+    def _received(self, door: socket.socket, data: bytes, asked: Asked, address: tuple[Any, ...]) -> None:
+        adu = mbap.decode(data)
+        if adu is None or adu.pdu[0] & EXCEPTION_BIT:
+            self.counts.malformed += 1
+            return
+        peer = self._peer(door, asked, address)
+        if peer is not None:
+            peer.received(adu, asyncio.get_running_loop().time())
+
+    def _peer(self, door: socket.socket, asked: Asked, address: tuple[Any, ...]) -> Peer | None:
+        """Who sent a datagram to one of our addresses; None when there is no room for one more."""
+        key = (*address, *asked)
+        peer = self._peers.get(key)
+        if peer is not None:
+            return peer
+        client = written(*address[:2])
+        if not self._make_room():
+            self.counts.rejected += 1
+            reason = "too many clients, and all of them have requests under way"
+            self.emit(events.ClientRejected(self.settings.name, client, reason))
+            return None
+        send = partial(self._send, door, _from_where_it_was_asked(asked), address)
+        peer = Peer(client, may_write=False, router=self.router, send=send, in_flight=self.settings.in_flight)
+        self._peers[key] = peer
+        self.counts.accepted += 1
+        self.emit(events.ClientConnected(self.settings.name, client))
+        return peer
+
+    def _send(self, door: socket.socket, asked: Asked, address: tuple[Any, ...], data: bytes) -> None:
+        try:
+            door.sendmsg([data], asked, 0, address)
+        except OSError:  # as good as lost on its way, and the client knows what to do then
+            self.counts.unsent += 1
+
+    def _make_room(self) -> bool:
+        if len(self._peers) < self.settings.clients:
+            return True
+        idle = [key for key, peer in self._peers.items() if peer.is_idle]
+        if not idle:
+            return False
+        share = Counter(host for host, *_ in self._peers)
+        self._forget(
+            min(idle, key=lambda key: (-share[key[0]], self._peers[key].last_asked)), "made room for another client"
+        )
+        return True
+
+    def _forget(self, key: tuple[Any, ...], reason: str) -> None:
+        peer = self._peers.pop(key)
+        peer.closed()
+        self.emit(events.ClientClosed(self.settings.name, peer.client, reason))
+
+    def _sweep_later(self) -> None:
+        self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
+
+    def _sweep(self) -> None:
+        """Forget the peers that asked nothing for too long."""
+        since = asyncio.get_running_loop().time() - self.settings.idle
+        if self.settings.idle:
+            for key, peer in list(self._peers.items()):
+                if peer.is_idle and peer.last_asked <= since:
+                    self._forget(key, "idle")
+        self._sweep_later()
+
+
+def _tell_which_address_was_asked(door: socket.socket) -> None:
+    if door.family == socket.AF_INET6:
+        door.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO, 1)
+    else:
+        door.setsockopt(socket.IPPROTO_IP, _IP_PKTINFO, 1)
+
+
+def _from_where_it_was_asked(asked: Asked) -> Asked:
+    """Our address that was asked, without the interface: a response may have to leave through another one."""
+    return [
+        (level, kind, _NO_INTERFACE + data[4:] if level == socket.IPPROTO_IP else data[:-4] + _NO_INTERFACE)
+        for level, kind, data in asked
+    ]
