@@ -6,7 +6,6 @@ response that it no longer awaits is dropped, or it would take it for the next o
 """
 
 from collections import deque
-from math import inf
 from typing import Final
 
 from gateway.errors import NotModbus
@@ -37,7 +36,10 @@ class OverTcpSession(Session):
     nor is a request to unit 0, unless `unit0` names the unit that answers for it.
     """
 
-    __slots__ = ("_answers_unit0", "_awaited", "_buffer", "_framer", "_frames", "_noise", "_together_until", "_waiting")
+    __slots__ = (
+        "_answers_unit0", "_awaited", "_behind", "_buffer", "_framer", "_frames", "_noise", "_stopped_at",
+        "_together_until", "_waiting",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -61,6 +63,9 @@ class OverTcpSession(Session):
         self._waiting: deque[Request] = deque()
         self._awaited: Request | None = None
         self._together_until = now
+        #: Since when nothing is read; and how far the framer's time is behind because of that.
+        self._stopped_at: float | None = None
+        self._behind = 0.0
 
     @property
     def has_begun(self) -> bool:
@@ -74,8 +79,8 @@ class OverTcpSession(Session):
     def received(self, count: int, now: float) -> None:
         """`count` bytes have arrived in `room()`."""
         self._noise += count
-        self._found(self._framer.tick(now))
-        self._found(self._framer.received(bytes(self._buffer[:count]), now))
+        self._found(self._framer.tick(now - self._behind))
+        self._found(self._framer.received(bytes(self._buffer[:count]), now - self._behind))
         self.proceed(now)
 
     def wants(self, request: Request) -> bool:
@@ -103,20 +108,33 @@ class OverTcpSession(Session):
             self._connection.wake(_SOON)
 
     def _drain(self, now: float) -> None:
-        if self._together_until == inf and not self._paused:
-            self._together_until = now + TOGETHER
-        self._found(self._framer.tick(now))
+        self._catch_up(now)
         if self._noise > MOST_NOISE:
             raise NotModbus(f"{self._noise} bytes without a request")
         self._submit(now)
         while self._in_flight < self._limit and not self._blocked:
             if not self._frames:
-                self._connection.wake(self._framer.deadline())
+                ends_at = self._framer.deadline()
+                self._connection.wake(None if ends_at is None else ends_at + self._behind)
                 return
             self._take(*self._frames.popleft(), now)
             self._submit(now)
+        if self._stopped_at is None:
+            self._stopped_at = now
         self._pause()
-        self._together_until = inf  # how long the next one has been waiting to be read, nobody knows
+
+    def _catch_up(self, now: float) -> None:
+        """Let the framer's time pass, but not while the client waits for us: then it cannot be silent.
+
+        How long what arrives afterwards has been waiting to be read, nobody knows.
+        """
+        if self._paused:
+            return
+        if self._stopped_at is not None:
+            self._behind += now - self._stopped_at
+            self._together_until = now + TOGETHER
+            self._stopped_at = None
+        self._found(self._framer.tick(now - self._behind))
 
     def _found(self, frames: list[Frame]) -> None:
         if frames:

@@ -143,12 +143,35 @@ def test_who_has_no_name_is_not_blamed_for_being_called_after_a_place_that_is_ta
     assert problems(LINE + listen + listen) == ["error: listen[1].bind: this address is already used in gateway.toml:5"]
 
 
+BOTH = '[[listen]]\nname = "x"\nbind = "{}://127.0.0.1:1"\n[[listen]]\nname = "y"\nbind = "{}://127.0.0.1:1"\n'
+
+
 def test_udp_and_tcp_ports_are_not_the_same():
-    text = (
-        LINE
-        + '[[listen]]\nname = "x"\nbind = "tcp://127.0.0.1:1"\n[[listen]]\nname = "y"\nbind = "udp://127.0.0.1:1"\n'
-    )
-    assert problems(text) == []
+    assert [said for said in problems(LINE + BOTH.format("tcp", "udp")) if said.startswith("error")] == []
+
+
+def test_everything_on_tcp_has_the_same_ports():
+    taken = ["error: listen[1].bind: this address is already used in gateway.toml:5"]
+    assert problems(LINE + BOTH.format("tcp", "rtu+tcp")) == taken
+    assert problems(LINE + BOTH.format("ascii+tcp", "rtu+tcp")) == taken
+
+
+@pytest.mark.parametrize("ipv4", ["127.0.0.1", "localhost"])
+def test_an_ipv4_listener_leaves_the_wildcard_of_ipv6_no_ipv4_clients(ipv4):
+    text = LINE + f'[[listen]]\nbind = "tcp://[::]:1"\n[[listen]]\nbind = "tcp://{ipv4}:1"\n'
+    said = "takes IPv6 clients only, because gateway.toml:7 has an IPv4 address with the same port"
+    remedy = 'to serve every IPv4 address, write "tcp://0.0.0.0:1" in gateway.toml:7'
+    assert problems(text)[0] == f"warning: listen[0].bind: {said} | {remedy}"
+    for other in ("udp://127.0.0.1:1", "tcp://127.0.0.1:2", "tcp://0.0.0.0:1", "tcp://[::1]:2", "tcp://a.b:1"):
+        text = LINE + f'[[listen]]\nbind = "tcp://[::]:1"\n[[listen]]\nbind = "{other}"\n'
+        assert not [one for one in problems(text) if said[:22] in one]
+
+
+def test_udp_clients_only_read():
+    row = 'to let them write, add [[access]] with listen = ["field"] and allow = ["read", "write"]'
+    what = "UDP clients may only read without [[access]]: a datagram can name any address as its sender"
+    (said,) = problems(LINE + '[[listen]]\nname = "field"\nbind = "udp://127.0.0.1:502"\n')
+    assert said.startswith(f"warning: listen[0].bind: {what} | {row}")
 
 
 NETWORK = '[[listen]]\nbind = "tcp://0.0.0.0:502"\n'
@@ -595,13 +618,7 @@ def test_a_right_says_in_one_way_what_it_allows(row):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (
-            '[[listen]]\nbind = "tls://127.0.0.1"\n',
-            "listen[0].bind: a listener other than tcp://",
-        ),
-        ('[[listen]]\nbind = "rtu+tcp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
-        ('[[listen]]\nbind = "ascii+tcp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
-        ('[[listen]]\nbind = "udp://127.0.0.1:1"\n', "listen[0].bind: a listener other than tcp://"),
+        ('[[listen]]\nbind = "tls://127.0.0.1"\n', "listen[0].bind: a tls:// listener"),
         (SERVER + "serves = 1\n", 'line[1].role: role = "server"'),
         (
             '[[upstream]]\nto = "tls://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n',
@@ -621,7 +638,7 @@ def test_what_is_not_built_is_refused_plainly(text, said):
     [
         (SERVER + 'retries = 0\nformat = "7E1"\n', 'line[1].role: role = "server"'),
         ("[[access]]\n", "access[0]: [[access]]"),
-        ('[[listen]]\nname = "control"\nbind = "udp://0.0.0.0:502"\n', "listen[0].bind: a listener other than tcp://"),
+        ('[[listen]]\nname = "control"\nbind = "tls://0.0.0.0"\n', "listen[0].bind: a tls:// listener"),
     ],
 )
 def test_nothing_else_is_said_about_a_table_whose_meaning_is_not_built(text, said):

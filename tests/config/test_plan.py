@@ -234,6 +234,26 @@ bind = "tcp://127.0.0.1"
     )
 
 
+def test_what_listeners_speak():
+    binds = ("tcp://127.0.0.1:1", "rtu+tcp://127.0.0.1:2", "ascii+tcp://127.0.0.1:3", "udp://127.0.0.1:1")
+    text = "".join(f'[[listen]]\nbind = "{bind}"\n' for bind in binds)
+    assert [one.scheme for one in plan_of(LINE + text).listeners] == ["tcp", "rtu+tcp", "ascii+tcp", "udp"]
+
+
+@pytest.mark.parametrize(
+    ("other", "ipv6_only"),
+    [
+        ("tcp://0.0.0.0:502", True),
+        ("rtu+tcp://127.0.0.1:502", True),
+        ("udp://0.0.0.0:502", False),
+        ("tcp://0.0.0.0:503", False),
+    ],
+)
+def test_the_wildcard_of_ipv6_takes_ipv4_clients_unless_somebody_else_does(other, ipv6_only):
+    text = f'[[listen]]\nbind = "tcp://[::]:502"\n[[listen]]\nbind = "{other}"\n'
+    assert [one.ipv6_only for one in plan_of(LINE + text).listeners] == [ipv6_only, False]
+
+
 def test_images():
     (image,) = plan_of(
         """\

@@ -35,6 +35,7 @@ class GatewayProcess:
         self._reader = threading.Thread(target=self._read_log, name="gateway's log")
         self._reader.start()
         ready = self.wait_for("ready")
+        self.ports = {address.partition(":")[0]: int(address.rpartition(":")[2]) for address in ready["listeners"]}
         self.port = int(ready["listeners"][0].rsplit(":", 1)[1])
         return self
 

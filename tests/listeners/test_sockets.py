@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from gateway.listeners.sockets import why, written
+from gateway.listeners.sockets import plain, why, written
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,14 @@ from gateway.listeners.sockets import why, written
 )
 def test_addresses_are_written_as_people_write_them(host: str, text: str) -> None:
     assert written(host, 502) == text
+
+
+@pytest.mark.parametrize(
+    ("host", "text"),
+    [("10.0.0.7", "10.0.0.7"), ("::ffff:10.0.0.7", "10.0.0.7"), ("::1", "::1"), ("fe80::1%eth0.5", "fe80::1%eth0.5")],
+)
+def test_rights_see_the_address_of_an_ipv4_client_as_such(host: str, text: str) -> None:
+    assert plain(host) == text
 
 
 @pytest.mark.parametrize(

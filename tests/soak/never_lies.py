@@ -389,7 +389,7 @@ class Client:
 
     # --- asking ---
 
-    def _ask_for(self, session: Session) -> None:
+    def _ask_for(self, session: MbapSession) -> None:
         if session is not self._session or self._world.is_over:
             return
         if self._dice.random() < 0.0005:

@@ -1,4 +1,7 @@
-"""Clients and servers of others around the gateway: pymodbus and mbpoll ask, pymodbus answers, three lines at once."""
+"""Clients and servers of others around the gateway: pymodbus and mbpoll ask, pymodbus answers, three lines at once.
+
+And each way to reach the gateway: Modbus TCP, RTU and ASCII over TCP, UDP.
+"""
 
 import asyncio
 import shutil
@@ -8,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.client import AsyncModbusTcpClient, AsyncModbusUdpClient
 from pymodbus.framer import FramerType
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -21,6 +24,15 @@ from kit.serial_line import Cable, SerialDevices
 CONFIG = """
 [[listen]]
 bind = "tcp://127.0.0.1:0"
+[[listen]]
+bind = "rtu+tcp://127.0.0.1:0"
+name = "rtu"
+[[listen]]
+bind = "ascii+tcp://127.0.0.1:0"
+name = "ascii"
+[[listen]]
+bind = "udp://127.0.0.1:0"
+name = "udp"
 
 [[line]]
 name    = "hall-a"
@@ -104,8 +116,59 @@ async def test_mbpoll_reads_and_writes_three_lines_and_an_image(gateway: Gateway
 
 
 async def mbpoll(gateway: GatewayProcess, unit: int, *options: str, values: tuple[str, ...] = ()) -> str:
-    words = ["mbpoll", "-m", "tcp", "-p", str(gateway.port), "-a", str(unit), "-t", "4", *options]
-    words += ["-1", "127.0.0.1", *values]
+    return await polled("127.0.0.1", unit, "-m", "tcp", "-p", str(gateway.port), *options, values=values)
+
+
+async def polled(place: str, unit: int, *options: str, values: tuple[str, ...] = ()) -> str:
+    words = ["mbpoll", "-a", str(unit), "-t", "4", *options, "-1", place, *values]
     done = await asyncio.to_thread(subprocess.run, words, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+FRAMERS = {"tcp": FramerType.SOCKET, "rtu+tcp": FramerType.RTU, "ascii+tcp": FramerType.ASCII}
+
+
+@pytest.mark.usefixtures("pymodbus_device")
+@pytest.mark.parametrize("scheme", FRAMERS)
+async def test_pymodbus_is_served_whatever_it_speaks_on_a_connection(gateway: GatewayProcess, scheme: str) -> None:
+    port, framer = gateway.ports[scheme], FRAMERS[scheme]
+    async with AsyncModbusTcpClient("127.0.0.1", port=port, framer=framer, timeout=PATIENCE) as client:
+        for unit, value in ((41, 256), (46, 6 * 256), (43, 3 * 256), (52, 2 * 256), (200, 0)):
+            read = await client.read_holding_registers(20, count=2, device_id=unit)
+            assert read.registers == ([value + 20, value + 21] if unit != 200 else [0, 0])
+            assert not (await client.write_registers(50, [7, unit], device_id=unit)).isError()
+            assert (await client.read_holding_registers(50, count=2, device_id=unit)).registers == [7, unit]
+        assert (await client.read_holding_registers(0, device_id=9)).exception_code == 0x0A
+        assert (await client.read_holding_registers(200, count=2, device_id=200)).exception_code == 2
+
+
+@pytest.mark.usefixtures("pymodbus_device")
+async def test_pymodbus_reads_by_udp_and_may_not_write(gateway: GatewayProcess) -> None:
+    async with AsyncModbusUdpClient("127.0.0.1", port=gateway.ports["udp"], timeout=PATIENCE) as client:
+        for unit, value in ((41, 256), (46, 6 * 256), (43, 3 * 256), (52, 2 * 256)):
+            read = await client.read_holding_registers(20, count=2, device_id=unit)
+            assert read.registers == [value + 20, value + 21]
+        assert (await client.write_registers(50, [7], device_id=200)).exception_code == 1
+
+
+@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
+@pytest.mark.skipif(shutil.which("socat") is None, reason="socat is not installed (Debian package socat)")
+@pytest.mark.usefixtures("pymodbus_device")
+async def test_mbpoll_is_served_through_a_virtual_serial_port(gateway: GatewayProcess, tmp_path: Path) -> None:
+    """As plants do with programs that know serial ports only: RTU over TCP, behind a pseudo-terminal."""
+    port = tmp_path / "virtual"
+    ends = (f"pty,rawer,link={port}", f"tcp:127.0.0.1:{gateway.ports['rtu+tcp']}")
+    socat = await asyncio.create_subprocess_exec("socat", *ends)
+    try:
+        async with asyncio.timeout(PATIENCE):
+            while not port.exists():  # noqa: ASYNC110 - socat tells nobody that it is ready
+                await asyncio.sleep(0.01)
+        serial = ("-m", "rtu", "-b", "9600", "-P", "none")
+        for unit, register in ((41, 256 + 9), (46, 6 * 256 + 9), (43, 3 * 256 + 9), (52, 2 * 256 + 9)):
+            assert f"[10]: \t{register}" in await polled(str(port), unit, *serial, "-r", "10", "-c", "2")
+            assert "Written 2 references" in await polled(str(port), unit, *serial, "-r", "60", values=("7", "8"))
+            assert "[61]: \t8" in await polled(str(port), unit, *serial, "-r", "60", "-c", "2")
+    finally:
+        socat.terminate()
+        await socat.wait()

@@ -4,7 +4,7 @@ import asyncio
 import socket
 import struct
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, closing
+from contextlib import ExitStack, asynccontextmanager, closing
 from typing import Self
 
 import pytest
@@ -13,9 +13,13 @@ from gateway.errors import ListenError
 from gateway.events import ClientClosed, ClientConnected, ClientRejected, Event, PartFailed
 from gateway.listeners import session as session_module
 from gateway.listeners import tcp as tcp_module
+from gateway.listeners.over_tcp import SILENCE as OVER_TCP_SILENCE
+from gateway.listeners.over_tcp import TOGETHER
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import KEEPALIVE_IDLE, KERNEL_BUFFER, USER_TIMEOUT
 from gateway.listeners.tcp import Counts, TcpListener
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 from kit.process import PATIENCE
@@ -160,9 +164,10 @@ class Client:
 
 @asynccontextmanager
 async def house(
-    clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1"
+    clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1", scheme: str = "tcp"
 ) -> AsyncIterator[House]:
-    home = House(ListenSettings("scada", host, 0, clients=clients, idle=idle, in_flight=in_flight))
+    settings = ListenSettings("scada", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme=scheme)
+    home = House(settings)
     await home.listener.bind()
     home.listener.start()
     try:
@@ -542,3 +547,148 @@ async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
         assert await new.is_open()
         assert [event.client for event in home.told(ClientConnected)] == [old.name, new.name]
         assert all(each.session.may_write for each in home.listener.connections)
+
+
+@pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
+@pytest.mark.parametrize("order", [("0.0.0.0", "::"), ("::", "0.0.0.0")])
+async def test_an_ipv6_listener_leaves_ipv4_to_another_one_when_it_is_told_to(order: tuple[str, str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    events: dict[str, list[Event]] = {host: [] for host in order}
+    listeners = [
+        TcpListener(ListenSettings(host, host, port, ipv6_only=host == "::"), Plant(), events[host].append)
+        for host in order
+    ]
+    with ExitStack() as stack:
+        for listener in listeners:
+            stack.enter_context(closing(listener))
+            await listener.bind()
+        for listener in listeners:
+            listener.start()
+        old, new = await Client.connect(port), await Client.connect(port, "::1")
+        assert await old.is_open()
+        assert await new.is_open()
+        for host, client in (("0.0.0.0", old), ("::", new)):
+            assert [event.client for event in events[host] if isinstance(event, ClientConnected)] == [client.name]
+            client.writer.transport.abort()
+
+
+# --- RTU and ASCII ---
+
+
+@pytest.fixture(params=["rtu+tcp", "ascii+tcp"])
+def scheme(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
+
+
+async def hears(client: Client, *adus: bytes) -> bool:
+    """Whether exactly these responses come."""
+    async with asyncio.timeout(PATIENCE):
+        expected = b"".join(adus)
+        return await client.reader.readexactly(len(expected)) == expected
+
+
+async def test_requests_in_pieces_and_in_one_piece_get_their_responses(scheme: str) -> None:
+    encode_as = ENCODE[scheme]
+    async with house(scheme=scheme) as home:
+        assert home.listener.address.startswith(f"{scheme}://127.0.0.1:")
+        client = await home.client()
+        for byte in encode_as(PROMPT, READ):
+            client.writer.write(bytes((byte,)))
+            await asyncio.sleep(0.002)
+        assert await hears(client, encode_as(PROMPT, RESPONSE))
+        client.writer.write(100 * encode_as(PROMPT, READ))
+        assert await hears(client, 100 * encode_as(PROMPT, RESPONSE))
+
+
+async def test_requests_that_come_together_are_answered_one_after_the_other(scheme: str) -> None:
+    encode_as = ENCODE[scheme]
+    async with house(scheme=scheme, in_flight=2) as home:
+        client = await home.client()
+        client.writer.write(10 * encode_as(PATIENT, READ))
+        for _ in range(10):
+            await until(lambda: home.plant.waiting)
+            await asyncio.sleep(0.02)
+            assert len(home.plant.waiting) == 1
+            home.plant.answer_all()
+        assert await hears(client, 10 * encode_as(PATIENT, RESPONSE))
+        assert home.plant.submitted == 10
+
+
+async def test_a_response_that_the_client_has_given_up_is_dropped(scheme: str) -> None:
+    encode_as = ENCODE[scheme]
+    async with house(scheme=scheme) as home:
+        client = await home.client()
+        client.writer.write(encode_as(PATIENT, READ))
+        await until(lambda: home.plant.waiting)
+        await asyncio.sleep(4 * TOGETHER)
+        client.writer.write(encode_as(PROMPT, READ))
+        assert await hears(client, encode_as(PROMPT, RESPONSE))
+        assert not home.plant.waiting[0].origin.wants(home.plant.waiting[0])
+        home.plant.answer_all()
+        client.writer.write(encode_as(PROMPT, READ))
+        assert await hears(client, encode_as(PROMPT, RESPONSE))
+
+
+async def test_after_half_a_frame_and_after_noise_the_next_request_is_answered(scheme: str) -> None:
+    encode_as = ENCODE[scheme]
+    async with house(scheme=scheme) as home:
+        client = await home.client()
+        for noise in (encode_as(PROMPT, READ)[:-3], b"\xff noise \x00", encode_as(PROMPT, READ)[:-4] + b"00\r\n"):
+            client.writer.write(noise)
+            await asyncio.sleep(1.5 * OVER_TCP_SILENCE)
+            client.writer.write(encode_as(PROMPT, READ))
+            assert await hears(client, encode_as(PROMPT, RESPONSE))
+
+
+async def test_silence_ends_a_request_of_unknown_size() -> None:
+    async with house(scheme="rtu+tcp") as home:
+        client = await home.client()
+        client.writer.write(rtu.encode(PROMPT, bytes.fromhex("41 01 02 03")))
+        assert await hears(client, rtu.encode(PROMPT, RESPONSE))
+
+
+async def test_what_is_neither_rtu_nor_ascii_is_closed(scheme: str) -> None:
+    async with house(scheme=scheme) as home:
+        client, other = await home.client(), await home.client()
+        client.writer.write(100 * JUNK["HTTP"])
+        assert await client.is_closed()
+        assert (await home.closes(client)).endswith("bytes without a request")
+        other.writer.write(ENCODE[scheme](PROMPT, READ))
+        assert await hears(other, ENCODE[scheme](PROMPT, RESPONSE))
+
+
+async def test_ascii_that_is_never_finished_is_closed() -> None:
+    async with house(scheme="ascii+tcp") as home:
+        client = await home.client()
+        client.writer.write(b":0103")
+        assert await client.is_closed()
+        assert await home.closes(client) == f"sent no whole request within {SENDING:g} s"
+
+
+async def test_a_defect_ends_its_own_connection_only_whatever_it_speaks(scheme: str) -> None:
+    """Also when the request had to wait, and the connection was woken for it."""
+    encode_as = ENCODE[scheme]
+    async with house(scheme=scheme) as home:
+        client, other = await home.client(), await home.client()
+        client.writer.write(encode_as(PATIENT, READ) + encode_as(DEFECTIVE, READ))
+        await until(lambda: home.plant.waiting)
+        home.plant.answer_all()
+        assert await hears(client, encode_as(PATIENT, RESPONSE))
+        assert await client.is_closed()
+        assert await home.closes(client) == "a defect in the gateway"
+        other.writer.write(encode_as(PROMPT, READ))
+        assert await hears(other, encode_as(PROMPT, RESPONSE))
+
+
+async def test_idle_clients_and_those_beyond_the_bound_are_treated_as_for_modbus_tcp(scheme: str) -> None:
+    async with house(scheme=scheme, clients=1, idle=0.3) as home:
+        first = await home.client()
+        second = await home.client()
+        assert await first.is_closed()
+        assert await home.closes(first) == "made room for another client"
+        assert await second.is_closed()
+        assert await home.closes(second) == "idle"

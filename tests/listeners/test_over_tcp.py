@@ -1,0 +1,429 @@
+"""Clients of RTU and ASCII over TCP: one response at a time, in order, and none that is awaited no more."""
+
+from collections.abc import Callable
+from itertools import combinations
+
+import pytest
+
+from gateway.listeners.over_tcp import MOST_NOISE, SILENCE, TOGETHER, OverTcpSession
+from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import rtu
+from gateway.request import Request
+
+READ = bytes.fromhex("03 00 10 00 01")
+OTHER_READ = bytes.fromhex("03 00 20 00 01")
+WRITE = bytes.fromhex("06 00 10 00 01")
+UNKNOWN = bytes.fromhex("41 01 02")
+RESPONSE = bytes.fromhex("03 02 01 10")
+OTHER_RESPONSE = bytes.fromhex("03 02 02 20")
+#: What a client waits for a response before it asks again, in seconds.
+TIME_OUT = 0.5
+
+ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
+
+
+class Target:
+    """A Target that keeps its requests, or answers at once."""
+
+    def __init__(self) -> None:
+        self.at_once = False
+        self.requests: list[Request] = []
+
+    @property
+    def asked(self) -> list[bytes]:
+        return [request.pdu for request in self.requests]
+
+    def submit(self, request: Request, now: float) -> None:
+        self.requests.append(request)
+        if self.at_once:
+            request.respond(RESPONSE if request.pdu == READ else OTHER_RESPONSE)
+
+
+class Connection:
+    """What the session does to its connection. `wakes_at` is when it wants to be called."""
+
+    def __init__(self) -> None:
+        self.sent = b""
+        self.log: list[str] = []
+        self.wakes_at: float | None = None
+        self.is_paused = False
+
+    def send(self, data: bytes) -> None:
+        self.sent += data
+
+    def pause(self) -> None:
+        self.is_paused = True
+
+    def resume(self) -> None:
+        self.is_paused = False
+        self.wakes_at = 0.0
+
+    def wake(self, when: float | None) -> None:
+        self.wakes_at = when
+
+    def close(self) -> None:
+        self.log.append("close")
+
+    def reject(self, reason: str) -> None:
+        self.log.append("reject: " + reason)
+
+
+class Client:
+    """A session with a client in the test's hands, which has a clock of its own."""
+
+    def __init__(self, scheme: str, *, in_flight: int = 16, unit0: str | int = "refuse") -> None:
+        self.now = 100.0
+        self.encode: Callable[[int, bytes], bytes] = ENCODE[scheme]
+        self.target = Target()
+        self.connection = Connection()
+        self.session = OverTcpSession(
+            "10.0.0.9:49152",
+            may_write=True,
+            router=self.target,
+            connection=self.connection,
+            settings=ListenSettings("field", "::", 502, in_flight=in_flight, unit0=unit0, scheme=scheme),
+            now=self.now,
+        )
+
+    def send(self, data: bytes) -> None:
+        while data and not self.connection.is_paused and not self.session.gone:
+            room = self.session.room()
+            part, data = data[: len(room)], data[len(room) :]
+            room[: len(part)] = part
+            self.session.received(len(part), self.now)
+            self._settle()
+        self.unsent = data
+
+    def ask(self, *pdus: bytes, unit: int = 7) -> None:
+        """Send requests in one piece."""
+        self.send(b"".join(self.encode(unit, pdu) for pdu in pdus))
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        end = self.now + seconds
+        while self.connection.wakes_at is not None and self.connection.wakes_at <= end:
+            self.now = max(self.now, self.connection.wakes_at)
+            self._wake()
+        self.now = end
+
+    def respond(self, at: int, pdu: bytes = RESPONSE) -> None:
+        """Let the target answer one of its requests; then the connection has its turn."""
+        self.target.requests[at].respond(pdu)
+        self._settle()
+        self.send(self.unsent)
+
+    def heard(self, *pdus: bytes, unit: int = 7) -> bool:
+        """Whether exactly these responses have come since the last call."""
+        sent, self.connection.sent = self.connection.sent, b""
+        return sent == b"".join(self.encode(unit, pdu) for pdu in pdus)
+
+    def _settle(self) -> None:
+        while self.connection.wakes_at is not None and self.connection.wakes_at <= self.now:
+            self._wake()
+
+    def _wake(self) -> None:
+        self.connection.wakes_at = None
+        if not self.session.gone:
+            self.session.proceed(self.now)
+
+
+@pytest.fixture(params=ENCODE)
+def client(request: pytest.FixtureRequest) -> Client:
+    return Client(request.param)
+
+
+@pytest.fixture
+def rtu_client() -> Client:
+    return Client("rtu+tcp")
+
+
+# --- in pieces, in one piece ---
+
+
+def test_requests_cut_anywhere_get_their_responses_in_order(client: Client) -> None:
+    client.target.at_once = True
+    data = client.encode(7, READ) + client.encode(7, OTHER_READ)
+    for first, second in combinations(range(len(data) + 1), 2):
+        for piece in (data[:first], data[first:second], data[second:]):
+            client.send(piece)
+        assert client.heard(RESPONSE, OTHER_RESPONSE)
+
+
+def test_requests_that_come_together_wait_for_one_another(client: Client) -> None:
+    client.ask(READ, OTHER_READ, WRITE)
+    assert client.target.asked == [READ]
+    client.wait(3.0)
+    client.respond(0)
+    assert client.heard(RESPONSE)
+    assert client.target.asked == [READ, OTHER_READ]
+    assert client.session.wants(client.target.requests[1])
+    client.respond(1, OTHER_RESPONSE)
+    client.respond(2, WRITE)
+    assert client.heard(OTHER_RESPONSE, WRITE)
+    assert client.session.is_idle
+
+
+@pytest.mark.parametrize("in_flight", [1, 2, 16])
+def test_a_thousand_requests_in_one_piece_get_a_thousand_responses(client: Client, in_flight: int) -> None:
+    """However slowly they are answered: beyond `in_flight` nothing is read, and what is not read is not late."""
+    client.session._limit = in_flight + 1
+    pdus = [bytes.fromhex("10 00 00 00 01 02") + number.to_bytes(2) for number in range(1000)]
+    client.ask(*pdus)
+    for number, pdu in enumerate(pdus):
+        assert len(client.target.requests) == number + 1
+        client.wait(1.5)
+        client.respond(number, pdu)
+        assert client.heard(pdu)
+    assert client.session.is_idle
+    assert not client.connection.is_paused
+
+
+# --- a request that the client has given up ---
+
+
+def test_a_late_response_is_not_taken_for_the_next_one(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    assert client.target.asked == [READ, OTHER_READ]
+    client.respond(0, RESPONSE)
+    assert client.heard()
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+    assert client.session.is_idle
+
+
+def test_what_has_been_given_up_need_not_be_sent_any_more(client: Client) -> None:
+    client.ask(WRITE)
+    assert client.session.wants(client.target.requests[0])
+    client.wait(TIME_OUT)
+    client.ask(READ)
+    assert [client.session.wants(request) for request in client.target.requests] == [False, True]
+
+
+def test_a_client_that_never_waits_long_enough_gets_the_last_response_only(client: Client) -> None:
+    """Also when it may have one request under way: the gateway goes on reading, or it would not notice."""
+    client.session._limit = 2
+    for _ in range(50):
+        client.ask(READ)
+        client.wait(TIME_OUT)
+    assert not client.connection.is_paused
+    for number in range(49):
+        client.respond(number, OTHER_RESPONSE)
+    assert client.heard()
+    client.respond(49)
+    assert client.heard(RESPONSE)
+
+
+def test_those_that_came_together_are_given_up_together(client: Client) -> None:
+    client.ask(READ, READ, READ)
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(0)
+    assert client.target.asked == [READ, OTHER_READ]
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+
+
+def test_a_response_before_the_time_out_gives_nothing_up(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.respond(0)
+    client.ask(OTHER_READ)
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(RESPONSE, OTHER_RESPONSE)
+
+
+def test_together_ends_with_a_pause_between_two_requests(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TOGETHER)
+    client.ask(READ)
+    assert client.target.asked == [READ]
+    client.wait(TOGETHER + 0.001)
+    client.ask(OTHER_READ)
+    assert client.target.asked == [READ, OTHER_READ]
+
+
+def test_a_client_that_once_sent_too_much_at_a_time_gives_up_as_others_do(client: Client) -> None:
+    client.session._limit = 2
+    client.ask(READ, READ)
+    assert client.connection.is_paused
+    client.respond(0)
+    assert not client.connection.is_paused
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(1)
+    client.respond(2, OTHER_RESPONSE)
+    assert client.heard(RESPONSE, OTHER_RESPONSE)
+
+
+# --- unit 0 ---
+
+
+def test_nobody_hears_anything_of_unit_0(client: Client) -> None:
+    client.ask(WRITE, unit=0)
+    client.ask(READ)
+    assert [request.unit for request in client.target.requests] == [0, 7]
+    client.target.requests[0].respond(WRITE)
+    client.respond(1)
+    assert client.heard(RESPONSE)
+    assert client.session.is_idle
+
+
+def test_a_broadcast_is_not_given_up(client: Client) -> None:
+    client.ask(WRITE, unit=0)
+    client.wait(TIME_OUT)
+    client.ask(READ)
+    assert all(map(client.session.wants, client.target.requests))
+    client.target.requests[0].end()
+    client.respond(1)
+    assert client.heard(RESPONSE)
+
+
+def test_a_broadcast_keeps_its_place_and_goes_out_though_what_was_before_it_is_given_up(client: Client) -> None:
+    client.send(client.encode(7, READ) + client.encode(7, READ) + client.encode(0, WRITE))
+    assert client.target.asked == [READ]
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    assert client.target.asked == [READ, WRITE, OTHER_READ]
+    client.target.requests[1].end()
+    client.respond(2)
+    assert client.heard(RESPONSE)
+    assert client.session.is_idle
+
+
+@pytest.mark.parametrize("scheme", ENCODE)
+def test_a_unit_that_answers_for_unit_0_is_heard(scheme: str) -> None:
+    client = Client(scheme, unit0=41)
+    client.ask(READ, unit=0)
+    client.respond(0)
+    assert client.heard(RESPONSE, unit=0)
+
+
+# --- what is no request ---
+
+
+def test_silence_ends_a_frame_of_unknown_size(rtu_client: Client) -> None:
+    rtu_client.ask(UNKNOWN)
+    assert rtu_client.target.asked == []
+    rtu_client.wait(SILENCE)
+    assert rtu_client.target.asked == [UNKNOWN]
+
+
+def test_a_request_behind_one_of_unknown_size_is_found_though_nobody_looked_in_time(rtu_client: Client) -> None:
+    rtu_client.ask(UNKNOWN)
+    rtu_client.now += SILENCE
+    rtu_client.ask(READ)
+    rtu_client.respond(0, UNKNOWN)
+    assert rtu_client.target.asked == [UNKNOWN, READ]
+
+
+@pytest.mark.parametrize("cut", range(1, 8))
+def test_half_a_frame_is_forgotten_after_a_silence(rtu_client: Client, cut: int) -> None:
+    rtu_client.send(rtu_client.encode(7, READ)[:cut])
+    rtu_client.wait(SILENCE)
+    rtu_client.ask(READ)
+    rtu_client.respond(0)
+    assert rtu_client.heard(RESPONSE)
+
+
+def test_noise_and_wrong_check_sums_are_not_answered_and_what_follows_is(client: Client) -> None:
+    broken = bytearray(client.encode(7, READ))
+    broken[5] ^= 1
+    for noise in (bytes(broken), b"\xff\x00noise", client.encode(7, READ)[:-3], bytes(300)):
+        client.send(noise)
+        client.wait(SILENCE)
+        client.ask(READ)
+        client.wait(SILENCE)
+        client.respond(-1)
+        assert client.heard(RESPONSE)
+        assert client.connection.log == []
+
+
+def test_a_function_that_no_request_has_is_handed_on_as_over_modbus_tcp(client: Client) -> None:
+    client.ask(b"\x83\x02")
+    client.wait(SILENCE)
+    assert client.target.asked == [b"\x83\x02"]
+
+
+@pytest.mark.parametrize("noise", [b"GET / HTTP/1.1\r\n", b"\x16\x03\x01\x02\x00", b"\xff", b"\0", b":0"])
+def test_a_client_that_speaks_something_else_is_sent_away(client: Client, noise: bytes) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.send(noise * (MOST_NOISE + 1))
+    assert client.connection.log[0].startswith("reject: ")
+    assert client.connection.log[0].endswith(" bytes without a request")
+    assert client.session.gone
+    client.target.requests[0].respond(RESPONSE)
+    assert client.heard()
+
+
+def test_noise_is_counted_from_the_last_request_on(client: Client) -> None:
+    client.target.at_once = True
+    for _ in range(5):
+        client.send(b"\xff" * (MOST_NOISE // 2))
+        client.wait(SILENCE)
+        client.ask(READ)
+    assert client.connection.log == []
+
+
+def test_a_frame_that_is_never_finished_is_complained_about(client: Client) -> None:
+    """However slowly it comes, and though there is never a silence."""
+    drip = client.encode(7, bytes.fromhex("10 00 00 00 7B F6") + bytes(246))
+    begun_at = client.now
+    for byte in drip:
+        client.send(bytes((byte,)))
+        if client.session.complaint(client.now):
+            break
+        client.wait(SILENCE * 0.8)
+    assert client.session.complaint(client.now) == f"sent no whole request within {SENDING_DEADLINE:g} s"
+    assert client.now - begun_at == pytest.approx(SENDING_DEADLINE, abs=1)
+
+
+# --- who leaves, who does not listen ---
+
+
+def test_a_client_that_leaves_hears_nothing_and_wants_nothing(client: Client) -> None:
+    client.ask(READ, OTHER_READ)
+    client.session.closed()
+    assert not client.session.wants(client.target.requests[0])
+    client.respond(0)
+    assert client.heard()
+    assert client.target.asked == [READ]
+
+
+def test_a_half_closed_client_gets_all_its_responses_first(client: Client) -> None:
+    client.ask(READ, OTHER_READ)
+    client.session.end_of_input()
+    client.respond(0)
+    assert client.connection.log == []
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(RESPONSE, OTHER_RESPONSE)
+    assert client.connection.log == ["close"]
+
+
+def test_a_session_that_finishes_answers_what_it_has_taken(client: Client) -> None:
+    client.ask(READ, READ)
+    client.session.finish()
+    client.respond(0)
+    client.ask(OTHER_READ)
+    client.respond(1)
+    assert client.heard(RESPONSE, RESPONSE)
+    assert client.target.asked == [READ, READ]
+    assert client.connection.log == ["close"]
+
+
+def test_a_client_that_takes_no_responses_is_asked_nothing_for(client: Client) -> None:
+    client.ask(READ, OTHER_READ)
+    client.session.block(client.now)
+    client.respond(0)
+    assert client.target.asked == [READ]
+    client.session.unblock()
+    client.wait(0.0)
+    assert client.target.asked == [READ, OTHER_READ]
+
+
+def test_its_repr_says_who_it_is(client: Client) -> None:
+    client.ask(READ)
+    assert repr(client.session) == "<OverTcpSession 10.0.0.9:49152 in_flight=1>"

@@ -1,0 +1,115 @@
+"""One client of Modbus UDP: one response to each request, one execution of each, and all of it bounded."""
+
+import pytest
+
+from gateway.listeners.peer import Peer
+from gateway.modbus.mbap import TcpFrame, encode
+from gateway.request import Request
+
+READ = bytes.fromhex("03 00 10 00 01")
+WRITE = bytes.fromhex("06 00 10 00 01")
+RESPONSE = bytes.fromhex("03 02 01 10")
+BUSY = bytes.fromhex("83 06")
+
+
+class Target:
+    def __init__(self) -> None:
+        self.requests: list[Request] = []
+
+    def submit(self, request: Request, now: float) -> None:
+        self.requests.append(request)
+
+
+class Client:
+    """A peer with a client in the test's hands; at most three requests under way."""
+
+    def __init__(self) -> None:
+        self.target = Target()
+        self.sent: list[bytes] = []
+        self.peer = Peer("10.0.0.9:49152", may_write=True, router=self.target, send=self.sent.append, in_flight=3)
+
+    def ask(self, transaction: int, pdu: bytes = READ, unit: int = 7) -> None:
+        self.peer.received(TcpFrame(transaction, unit, pdu), 5.0)
+
+    def respond(self, at: int, pdu: bytes = RESPONSE) -> None:
+        self.target.requests[at].respond(pdu)
+
+
+@pytest.fixture
+def client() -> Client:
+    return Client()
+
+
+def test_a_response_carries_the_requests_own_transaction_and_unit(client: Client) -> None:
+    client.ask(0x1234)
+    assert not client.peer.is_idle
+    assert repr(client.peer) == "<Peer 10.0.0.9:49152 in_flight=1>"
+    client.respond(0)
+    assert client.sent == [encode(0x1234, 7, RESPONSE)]
+    assert client.peer.is_idle
+    assert client.peer.last_asked == 5.0
+
+
+def test_responses_go_out_as_they_come(client: Client) -> None:
+    client.ask(1)
+    client.ask(2)
+    client.respond(1)
+    client.respond(0)
+    assert client.sent == [encode(2, 7, RESPONSE), encode(1, 7, RESPONSE)]
+
+
+@pytest.mark.parametrize("pdu", [READ, WRITE])
+def test_a_datagram_that_is_repeated_while_its_request_is_under_way_is_executed_once(
+    client: Client, pdu: bytes
+) -> None:
+    for _ in range(5):
+        client.ask(1, pdu)
+    client.respond(0, pdu)
+    assert len(client.target.requests) == 1
+    assert client.sent == [encode(1, 7, pdu)]
+
+
+def test_the_same_request_after_its_response_is_another_one(client: Client) -> None:
+    client.ask(1)
+    client.respond(0)
+    client.ask(1)
+    client.respond(1)
+    assert client.sent == 2 * [encode(1, 7, RESPONSE)]
+
+
+@pytest.mark.parametrize("other", [{"pdu": WRITE}, {"unit": 8}])
+def test_another_request_with_the_same_transaction_takes_the_place_of_the_earlier(client: Client, other: dict) -> None:
+    """A client that numbers nothing: the response to what it has given up would be taken for that to the other one."""
+    client.ask(1)
+    client.ask(1, **other)
+    assert [client.peer.wants(request) for request in client.target.requests] == [False, True]
+    client.respond(0)
+    assert client.sent == []
+    client.respond(1)
+    assert client.sent == [encode(1, other.get("unit", 7), RESPONSE)]
+
+
+def test_beyond_the_bound_a_request_is_answered_06(client: Client) -> None:
+    for transaction in range(1, 5):
+        client.ask(transaction)
+    assert client.sent == [encode(4, 7, BUSY)]
+    assert len(client.target.requests) == 3
+    client.respond(0)
+    client.ask(4)
+    assert len(client.target.requests) == 4
+
+
+def test_a_broadcast_ends_without_a_response(client: Client) -> None:
+    client.ask(1, WRITE, unit=0)
+    client.target.requests[0].end()
+    assert client.sent == []
+    assert client.peer.is_idle
+
+
+def test_a_peer_that_is_forgotten_hears_nothing_and_wants_nothing(client: Client) -> None:
+    client.ask(1)
+    assert client.peer.wants(client.target.requests[0])
+    client.peer.closed()
+    assert not client.peer.wants(client.target.requests[0])
+    client.respond(0)
+    assert client.sent == []

@@ -1,0 +1,334 @@
+"""The real UDP listener on real sockets: one datagram, one request, one response, to the one who sent it."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+
+from gateway.errors import ListenError
+from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRejected, Event, ListenerUp, PartFailed
+from gateway.listeners import udp as udp_module
+from gateway.listeners.session import ListenSettings
+from gateway.listeners.tcp import TcpListener
+from gateway.listeners.udp import UdpListener
+from gateway.modbus.mbap import encode
+from gateway.request import Request
+from gateway.routing.router import Router
+from kit.process import PATIENCE
+
+#: Units of the scripted target.
+PROMPT, PATIENT, DEFECTIVE, UNKNOWN = 1, 2, 3, 4
+READ = bytes.fromhex("03 0000 007D")
+WRITE = bytes.fromhex("06 0000 0001")
+RESPONSE = bytes.fromhex("03 FA") + bytes(250)
+SWEEP = 0.02
+#: How long nothing must come for a test to believe that nothing will, in seconds.
+SILENCE = 0.15
+
+
+@pytest.fixture(autouse=True)
+def _in_a_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp_module, "SWEEP_STEP", SWEEP)
+
+
+class Plant:
+    """A target that answers PROMPT at once, keeps requests to PATIENT, and has a defect in DEFECTIVE."""
+
+    def __init__(self) -> None:
+        self.requests: list[Request] = []
+
+    def submit(self, request: Request, now: float) -> None:
+        self.requests.append(request)
+        if request.unit == DEFECTIVE:
+            raise RuntimeError("nobody foresaw this")
+        if request.unit == PROMPT:
+            request.respond(RESPONSE)
+
+
+class Client:
+    """A Modbus UDP client."""
+
+    def __init__(self, port: int, host: str = "127.0.0.1", *, own: str | None = None) -> None:
+        self.socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
+        if own:
+            self.socket.bind((own, 0))
+        self.socket.connect((host, port))
+        self.socket.setblocking(False)
+        host, port = self.socket.getsockname()[:2]
+        self.name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+    def ask(self, unit: int = PROMPT, transaction: int = 1, pdu: bytes = READ) -> None:
+        self.send(encode(transaction, unit, pdu))
+
+    def send(self, datagram: bytes) -> None:
+        self.socket.send(datagram)
+
+    async def hears(self) -> bytes:
+        """The next datagram."""
+        async with asyncio.timeout(PATIENCE):
+            return await asyncio.get_running_loop().sock_recv(self.socket, 2048)
+
+    async def asks(self, unit: int = PROMPT, transaction: int = 1, pdu: bytes = READ) -> bytes:
+        self.ask(unit, transaction, pdu)
+        return await self.hears()
+
+    async def hears_nothing(self) -> bool:
+        await asyncio.sleep(SILENCE)
+        try:
+            self.socket.recv(2048)
+        except BlockingIOError:
+            return True
+        return False
+
+
+class House:
+    """A listener that takes datagrams, and what it tells."""
+
+    def __init__(self, settings: ListenSettings) -> None:
+        self.plant = Plant()
+        self.events: list[Event] = []
+        routes = dict.fromkeys((PROMPT, PATIENT, DEFECTIVE), self.plant)
+        self.listener = UdpListener(settings, Router(routes, self.events.append), self.events.append)
+        self.clients: list[Client] = []
+
+    @property
+    def port(self) -> int:
+        return int(self.listener.address.rsplit(":", 1)[1])
+
+    def client(self, host: str = "127.0.0.1", own: str | None = None) -> Client:
+        self.clients.append(Client(self.port, host, own=own))
+        return self.clients[-1]
+
+    def told(self, kind: type[Event]) -> list[Event]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+
+@asynccontextmanager
+async def house(
+    clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1"
+) -> AsyncIterator[House]:
+    home = House(ListenSettings("field", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme="udp"))
+    await home.listener.bind()
+    home.listener.start()
+    try:
+        yield home
+    finally:
+        home.listener.close()
+        for client in home.clients:
+            client.socket.close()
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Wait for something that should come."""
+    async with asyncio.timeout(PATIENCE):
+        while not condition():  # noqa: ASYNC110 - plain calls set no event
+            await asyncio.sleep(0.002)
+
+
+async def test_each_datagram_gets_its_response() -> None:
+    async with house() as home:
+        one, other = home.client(), home.client()
+        for transaction in range(100):
+            assert await one.asks(transaction=transaction) == encode(transaction, PROMPT, RESPONSE)
+            assert await other.asks(transaction=transaction) == encode(transaction, PROMPT, RESPONSE)
+        assert home.told(ListenerUp) == [ListenerUp("field", f"udp://127.0.0.1:{home.port}")]
+        assert home.told(ClientConnected) == [ClientConnected("field", each.name) for each in (one, other)]
+        assert home.listener.clients == home.listener.counts.accepted == 2
+
+
+async def test_a_response_comes_to_the_one_who_asked_and_from_where_it_was_asked() -> None:
+    """A connected socket takes datagrams from that address only; the listener is bound to all of them."""
+    async with house(host="0.0.0.0") as home:
+        for number in range(1, 6):
+            client = home.client(f"127.0.0.{number}", own=f"127.0.1.{number}")
+            assert await client.asks() == encode(1, PROMPT, RESPONSE)
+
+
+async def test_one_client_that_asks_two_of_our_addresses_is_answered_from_each() -> None:
+    async with house(host="0.0.0.0") as home:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.settimeout(PATIENCE)
+            client.bind(("127.0.0.1", 0))
+            for host in ("127.0.0.2", "127.0.0.3", "127.0.0.2"):
+                client.sendto(encode(1, PROMPT, READ), (host, home.port))
+                assert await asyncio.to_thread(client.recvfrom, 512) == (
+                    encode(1, PROMPT, RESPONSE),
+                    (host, home.port),
+                )
+
+
+MALFORMED = {
+    "empty": b"",
+    "half a header": bytes.fromhex("0001 0000 00"),
+    "no function": bytes.fromhex("0001 0000 0001 01"),
+    "another protocol": bytes.fromhex("0001 0001 0006 01 03 0000 0001"),
+    "a length too short": bytes.fromhex("0001 0000 0005 01 03 0000 0001"),
+    "a length too long": bytes.fromhex("0001 0000 0007 01 03 0000 0001"),
+    "two requests": 2 * encode(1, PROMPT, READ),
+    "too much": encode(1, PROMPT, READ) + bytes(500),
+    "an exception response": encode(1, PROMPT, b"\x83\x02"),
+    "text": b"GET / HTTP/1.1\r\n\r\n",
+    "the largest datagram": bytes(65507),
+}
+
+
+async def test_what_is_not_one_request_is_dropped_and_counted() -> None:
+    async with house() as home:
+        client = home.client()
+        for datagram in MALFORMED.values():
+            client.send(datagram)
+        assert await client.asks(transaction=9) == encode(9, PROMPT, RESPONSE)
+        assert await client.hears_nothing()
+        assert home.listener.counts.malformed == len(MALFORMED)
+        assert len(home.plant.requests) == 1
+
+
+async def test_nobody_may_write_and_an_unknown_unit_is_0a() -> None:
+    async with house() as home:
+        client = home.client()
+        assert await client.asks(pdu=WRITE) == encode(1, PROMPT, b"\x86\x01")
+        assert await client.asks(UNKNOWN) == encode(1, UNKNOWN, b"\x83\x0a")
+        assert home.told(AccessDenied) == [AccessDenied(client.name, PROMPT, 6)]
+        assert home.plant.requests == []
+
+
+async def test_a_datagram_that_is_repeated_is_executed_once() -> None:
+    async with house() as home:
+        client = home.client()
+        for _ in range(5):
+            client.ask(PATIENT)
+        assert await client.asks(transaction=2) == encode(2, PROMPT, RESPONSE)
+        [request, _] = home.plant.requests
+        request.respond(RESPONSE)
+        assert await client.hears() == encode(1, PATIENT, RESPONSE)
+        assert await client.hears_nothing()
+
+
+async def test_beyond_in_flight_the_answer_is_busy() -> None:
+    async with house(in_flight=3) as home:
+        client, other = home.client(), home.client()
+        for transaction in range(3):
+            client.ask(PATIENT, transaction)
+        assert await client.asks(PROMPT, 3) == encode(3, PROMPT, b"\x83\x06")
+        assert await other.asks() == encode(1, PROMPT, RESPONSE)
+        assert len(home.plant.requests) == 4
+
+
+async def test_many_forged_senders_leave_no_more_than_the_bound() -> None:
+    """And a peer with a request under way is not forgotten for them; nor is that of another address."""
+    async with house(clients=4) as home:
+        busy, good = home.client(own="127.0.0.2"), home.client(own="127.0.0.3")
+        busy.ask(PATIENT)
+        await good.asks()
+        for _ in range(100):
+            forged = home.client(own="127.0.0.4")
+            await forged.asks()
+        assert home.listener.clients == 4
+        assert not [event for event in home.told(ClientClosed) if event.client in (busy.name, good.name)]
+        home.plant.requests[0].respond(RESPONSE)
+        assert await busy.hears() == encode(1, PATIENT, RESPONSE)
+
+
+async def test_when_all_are_busy_the_datagram_of_another_one_is_dropped() -> None:
+    async with house(clients=1) as home:
+        busy, other = home.client(), home.client()
+        busy.ask(PATIENT)
+        other.ask()
+        assert await other.hears_nothing()
+        reason = "too many clients, and all of them have requests under way"
+        assert home.told(ClientRejected) == [ClientRejected("field", other.name, reason)]
+        assert home.listener.counts.rejected == 1
+        home.plant.requests[0].respond(RESPONSE)
+        assert await other.asks() == encode(1, PROMPT, RESPONSE)
+        assert [event.reason for event in home.told(ClientClosed)] == ["made room for another client"]
+
+
+async def test_a_peer_that_asks_nothing_is_forgotten_and_a_busy_one_is_not() -> None:
+    async with house(idle=0.1) as home:
+        busy, idle = home.client(), home.client()
+        busy.ask(PATIENT)
+        await idle.asks()
+        await until(lambda: home.told(ClientClosed))
+        await asyncio.sleep(SILENCE)
+        assert home.told(ClientClosed) == [ClientClosed("field", idle.name, "idle")]
+        assert await idle.asks() == encode(1, PROMPT, RESPONSE)
+
+
+async def test_a_defect_is_told_and_the_next_datagram_is_answered() -> None:
+    async with house() as home:
+        client = home.client()
+        client.ask(DEFECTIVE)
+        assert await client.asks(transaction=2) == encode(2, PROMPT, RESPONSE)
+        [told] = home.told(PartFailed)
+        assert told.part == f"client {client.name}"
+        assert "nobody foresaw this" in told.traceback
+
+
+async def test_a_client_that_has_gone_is_nobodys_trouble() -> None:
+    """The system hears that nobody takes the response, and may tell so at the next datagram."""
+    async with house() as home:
+        gone, client = home.client(), home.client()
+        gone.ask(PATIENT)
+        await until(lambda: home.plant.requests)
+        gone.socket.close()
+        home.plant.requests[0].respond(RESPONSE)
+        for transaction in range(3):
+            assert await client.asks(transaction=transaction) == encode(transaction, PROMPT, RESPONSE)
+
+
+async def test_a_listener_that_finishes_answers_what_is_under_way_and_takes_no_more() -> None:
+    async with house() as home:
+        client = home.client()
+        client.ask(PATIENT)
+        await until(lambda: home.plant.requests)
+        home.listener.finish()
+        assert home.listener.has_clients
+        client.ask(PROMPT, 2)
+        home.plant.requests[0].respond(RESPONSE)
+        assert await client.hears() == encode(1, PATIENT, RESPONSE)
+        assert await client.hears_nothing()
+        assert not home.listener.has_clients
+
+
+async def test_a_listener_that_closes_forgets_everybody() -> None:
+    async with house() as home:
+        client = home.client()
+        client.ask(PATIENT)
+        await until(lambda: home.plant.requests)
+        home.listener.close()
+        assert not home.plant.requests[0].origin.wants(home.plant.requests[0])
+        assert home.told(ClientClosed) == [ClientClosed("field", client.name, "the gateway ends")]
+        home.plant.requests[0].respond(RESPONSE)
+        assert home.listener.address == "udp://127.0.0.1:0"
+
+
+async def test_two_listeners_on_one_port_are_an_error_in_words_but_tcp_may_have_it() -> None:
+    async with house() as home:
+        settings = ListenSettings("second", "127.0.0.1", home.port, source="gateway.toml:7", scheme="udp")
+        second = UdpListener(settings, home.listener.router, home.events.append)
+        with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on udp://127\.0\.0\.1:\d+: another"):
+            await second.bind()
+        beside = TcpListener(ListenSettings("beside", "127.0.0.1", home.port), home.listener.router, home.events.append)
+        await beside.bind()
+        beside.close()
+
+
+def _has_ipv6() -> bool:
+    try:
+        with socket.socket(socket.AF_INET6) as sock:
+            sock.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
+async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
+    """C15."""
+    async with house(host="::") as home:
+        old, older, new = home.client("127.0.0.1"), home.client("127.0.0.9"), home.client("::1")
+        for client in (old, older, new):
+            assert await client.asks() == encode(1, PROMPT, RESPONSE)
+        assert [event.client for event in home.told(ClientConnected)] == [old.name, older.name, new.name]
