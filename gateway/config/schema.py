@@ -73,8 +73,10 @@ class Listen(Table):
 
     name: Name | None = Field(None, description="What logs and `[[access]]` call it; the address when there is none.")
     bind: ListenAddress = Field(
-        description="Where to listen: `tcp://`, `tls://` (port 802), `rtu+tcp://`, `ascii+tcp://` or `udp://`, then "
-        "host and port. Without a port it is 502. IPv6: `tcp://[::]:502`. Port 0 takes a free one.",
+        description="Where to listen, and what is spoken there: `tcp://`, `tls://`, `rtu+tcp://`, `ascii+tcp://` or "
+        "`udp://`, then host and port. Without a port it is 502, with `tls://` 802; RTU and ASCII over TCP need one. "
+        "Port 0 takes a free one. `0.0.0.0` is every IPv4 address; `[::]` is every address, but leaves IPv4 to another "
+        "listener that has an IPv4 address with the same port.",
     )
     clients: Count = Field(
         32,
@@ -82,12 +84,17 @@ class Listen(Table):
         "address that has the most.",
     )
     idle: DurationOrZero = Field(600.0, description='Close a connection that asked nothing for so long; `"0"`: never.')
-    in_flight: Count = Field(16, description="Requests under way per connection; beyond it the gateway stops reading.")
+    in_flight: Count = Field(
+        16,
+        description="Requests under way per connection; beyond it the gateway stops reading. RTU and ASCII over TCP: "
+        "one is under way, and so many may wait behind it. UDP: what is beyond it is answered 06.",
+    )
     unit0: Unit0 = Field(
         "refuse",
         description='Requests to unit 0: `"refuse"` answers 0A, a number is the unit to use instead. `"broadcast"` '
         "sends a write once to every line that accepts broadcasts, and to the images; it is never answered, so that a "
-        "client tool will show a time-out. A read is answered 01.",
+        "client tool will show a time-out. A read is answered 01. With RTU and ASCII over TCP there is no answer "
+        "from unit 0 at all, unless this is a number.",
     )
 
     @property
