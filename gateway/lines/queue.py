@@ -52,6 +52,9 @@ class _Row:
 
     def next(self, is_held: Held | None) -> Transaction | None:
         """The first one that may go: not held, and not behind a held one whose order it keeps."""
+        first = self.waiting[0]
+        if is_held is None and not first.follows:
+            return first  # as nearly always
         held: list[Addressee] = []
         for transaction in self.waiting:
             keeps_order = held and (transaction.device in held or not transaction.expects_answer)
@@ -96,7 +99,7 @@ class WaitingQueue:
             if len(self._waiting) >= self._size:
                 return False
         request = transaction.requests[0]
-        shared = self._join(transaction, request) if self._coalesce else None
+        shared = self._join(transaction, request) if self._reads else None
         if shared is None:
             self._append(transaction)
         self._waiting[request] = shared or transaction
@@ -226,15 +229,16 @@ class WaitingQueue:
             del self._waiting[request]
         transaction.waits = False
         transaction.follows = ()
-        if self._coalesce:
+        if self._reads:
             self._withdraw_offer(transaction)
+        if self._joined:
+            for request in transaction.requests:
+                self._leave(request, transaction)
 
     def _withdraw_offer(self, transaction: Transaction) -> None:
         key = (transaction.device, transaction.asked.data)
         if self._reads.get(key) is transaction:
             del self._reads[key]
-        for request in transaction.requests:
-            self._leave(request, transaction)
 
     def _leave(self, request: Request, transaction: Transaction) -> None:
         client = request.origin.client

@@ -130,7 +130,7 @@ async def test_a_defect_loses_no_request_each_gets_exactly_one_answer(where: str
     clients = await three_clients(driven)
     assert driven.port.written == [READ_FRAME]
     if where == "encode":
-        driven.line._framer.encode = defect
+        driven.line._hearing._framer.encode = defect
     elif where == "write":
         driven.line._write = defect
     elif where == "finished":
@@ -152,7 +152,7 @@ async def test_a_defect_while_a_broadcast_leaves_ends_it_once(where: str) -> Non
     driven = Driven()
     await asyncio.sleep(0.1)
     if where == "encode":
-        driven.line._framer.encode = defect
+        driven.line._hearing._framer.encode = defect
     else:
         driven.line._write = defect
     now = driven.loop.time()

@@ -189,3 +189,11 @@ def test_babble_does_not_hide_a_request() -> None:
     bench.respond(THEIR_RESPONSE)
     assert bench.client.answers == ["83 0B"]
     assert len(bench.line._hearing._heard) <= 1024 + 100
+
+
+def test_what_comes_before_the_request_has_left_is_bounded_too() -> None:
+    bench = Bench(virtual=False)
+    bench.ask()
+    for _ in range(100):
+        bench.hear("55" * 100)
+    assert len(bench.line._hearing._early) <= 1024 + 100

@@ -1,0 +1,147 @@
+"""What waits for a line, and what of it may be sent: whose turn it is, unless the time for it has not come.
+
+A request is not sent while its unit rests (`breaker`), while a late answer could be taken for its own (`late`), or when
+its answer would be a copy of it on a line that echoes.
+"""
+
+from gateway import errors
+from gateway.errors import RequestError
+from gateway.lines.hearing import Hearing
+from gateway.lines.late import WORTH_WAITING, LateWindows
+from gateway.lines.queue import WaitingQueue
+from gateway.lines.report import Report
+from gateway.lines.settings import LineSettings
+from gateway.lines.transaction import Addressee, Transaction
+from gateway.modbus.frame import Frame, ResponseFramer
+
+
+class Turns:
+    """The waiting requests of one line, its late windows and its resting units.
+
+    `expired`, `next_expiry` and `clear` are those of its queue.
+    """
+
+    def __init__(self, settings: LineSettings, hearing: Hearing, report: Report) -> None:
+        self._hearing = hearing
+        self._report = report
+        self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
+        self._late = LateWindows()
+        self._late_window = settings.late_window
+        self._resting: set[Addressee] = set()
+        self._held_until = 0.0
+        self.expired = self._queue.expired
+        self.next_expiry = self._queue.next_expiry
+        self.clear = self._queue.clear
+
+    def __len__(self) -> int:
+        """How many requests wait."""
+        return len(self._queue)
+
+    def late_windows(self, now: float) -> int:
+        """How many late answers are awaited."""
+        return self._late.count(now)
+
+    def put(self, transaction: Transaction, now: float) -> RequestError | None:
+        """Let a transaction wait for its turn; the reason if it need not even wait."""
+        refusal = self._ban(transaction, now)
+        if refusal is not None:
+            return refusal
+        if self._late.windows and self._is_overdue(transaction, now):
+            return errors.AnswerOverdue()
+        if self._queue.put(transaction, now):
+            self._held_until = 0.0
+            return None
+        self._report.queue_full(transaction)
+        return errors.QueueFull()
+
+    def next(self, now: float) -> Transaction | None:
+        """Take out the transaction whose turn it is; None if there is none, or late windows hold all of them."""
+        if not self._late.windows:
+            return self._queue.take()
+        transaction = self._queue.take(lambda waiting: self._late.forbid_until(waiting, now) is not None)
+        if transaction is None and len(self._queue):
+            self._held_until = self._late.next_end() or 0.0
+        return transaction
+
+    def is_turned_down(self, transaction: Transaction, now: float) -> bool:
+        """Finish a transaction that nobody wants any more, or that must not be sent now that its turn has come."""
+        if not transaction.is_wanted:
+            transaction.counts.unwanted += len(transaction.requests)
+            transaction.end()
+            return True
+        refusal = self._ban(transaction, now)
+        if refusal is not None:
+            transaction.fail(refusal)
+        return refusal is not None
+
+    def deadline(self, sends_at: float) -> float | None:
+        """When the next one can be sent, on a line that is free at `sends_at`, or has waited too long."""
+        expiry = self.next_expiry()
+        if expiry is None:
+            return None
+        sends_at = max(sends_at, self._held_until)
+        return min(expiry, sends_at)
+
+    def received(self, data: bytes, now: float) -> list[Frame]:
+        """Take bytes that the line delivers; those of them that are late answers."""
+        if not self._late.windows:
+            return []
+        self._held_until = 0.0
+        late = self._late.received(data, now)
+        for transaction, frame in late:
+            self._report.late_response(transaction, now)
+            self.heard(transaction.device)
+            transaction.device.finished(transaction, frame)
+        return [frame for _, frame in late]
+
+    def await_late(self, transaction: Transaction, framer: ResponseFramer, now: float, owed: int) -> list[Transaction]:
+        """So many answers to `transaction` may come late, which `framer` looks for.
+
+        Takes out all that could take one for its own and would have to wait too long for it.
+        """
+        self._late.open(transaction, framer, self._window_end(transaction, now), owed)
+        return self._queue.drop(lambda waiting: self._is_overdue(waiting, now))
+
+    def failed(self, transaction: Transaction, now: float, *, disturbed: bool) -> None:
+        """No answer has come; `disturbed` if something else did. Then two units may have spoken at once."""
+        if disturbed and self._late.any_but(transaction.unit, now):
+            return
+        device = transaction.device
+        if device.breaker.failed(transaction.limit, self._window_end(transaction, now)):
+            self._resting.add(device)
+            self._report.resting(device)
+
+    def heard(self, device: Addressee) -> None:
+        """The unit has spoken: its rest is over."""
+        if device.breaker.failures and device.breaker.heard():
+            self._resting.discard(device)
+            self._report.recovered(device)
+
+    def heard_idle(self) -> None:
+        """Something has come while nothing was asked, perhaps from a unit that rests."""
+        for device in [each for each in self._resting if self._hearing.is_idle_from(each.unit)]:
+            self.heard(device)
+
+    def end_rests(self) -> None:
+        """The port was away: whoever failed before may be fine now."""
+        for device in self._resting:
+            device.breaker.heard()
+        self._resting.clear()
+
+    def _ban(self, transaction: Transaction, now: float) -> RequestError | None:
+        """Why a transaction must not be sent, even if its turn has come."""
+        if self._resting and transaction.device.breaker.rests(now):
+            return errors.UnitResting()
+        if self._hearing.echo_suspected and transaction.expects_answer:
+            asked = transaction.asked
+            return errors.EchoSuspected() if asked.accepts(asked.data) else None
+        return None
+
+    def _is_overdue(self, transaction: Transaction, now: float) -> bool:
+        until = self._late.forbid_until(transaction, now)
+        return until is not None and until - now > WORTH_WAITING
+
+    def _window_end(self, transaction: Transaction, now: float) -> float:
+        """Until when a late answer is awaited: by default twice the limit, or the device's slowest answer."""
+        length = self._late_window
+        return now + (max(2 * transaction.limit, transaction.device.answer_time.slowest) if length is None else length)
