@@ -310,7 +310,7 @@ class Upstream(Table):
     to: ServerAddress = Field(description="Its address.")
     units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
     timeout: Duration = Field(1.0, description="How long an answer may take.")
-    in_flight: Count = Field(
+    in_flight: Annotated[int, Field(ge=1, le=64)] = Field(
         16, description="Requests under way at once; 1 for a server that can only take one after the other."
     )
 

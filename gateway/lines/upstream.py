@@ -138,6 +138,21 @@ class Upstream:
                 transaction.fail(error)
 
     @property
+    def waiting(self) -> int:
+        """How many requests wait for a place."""
+        return len(self._queue)
+
+    @property
+    def under_way(self) -> int:
+        """How many requests have been sent and may still be answered in time."""
+        return len(self._under_way)
+
+    @property
+    def overdue(self) -> int:
+        """How many answers may still come too late."""
+        return len(self._owed)
+
+    @property
     def is_spent(self) -> bool:
         """Whether it waits for a new connection, because too many answers are owed on this one."""
         return len(self._owed) >= MOST_OWED and not self._under_way
@@ -149,7 +164,6 @@ class Upstream:
         answer = Frame(frame.unit, frame.pdu)
         if asked is not None and asked.accepts(answer):
             self._finish(frame.transaction, asked)
-            self._instead.pop(frame.transaction, None)
             asked.counts.responses += 1
             self._heard_from(asked.device)
             return asked, answer.pdu
@@ -169,9 +183,8 @@ class Upstream:
 
     def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError:
         """The limit has run out. Failures of requests that were under way together count as one."""
-        self._finish(identifier, transaction)
+        instead = self._finish(identifier, transaction)
         self._owed[identifier] = transaction
-        instead = self._instead.pop(identifier, b"")
         self._report.given_up(transaction, now, heard=instead)
         device = transaction.device
         if transaction.ends_at >= self._failed_at.get(device, 0.0):
@@ -223,9 +236,11 @@ class Upstream:
                 self._last_identifier = identifier
                 return identifier
 
-    def _finish(self, identifier: int, transaction: Transaction) -> None:
+    def _finish(self, identifier: int, transaction: Transaction) -> bytes:
+        """It is under way no more; what came that was not its answer."""
         del self._under_way[identifier]
         self._asking.remove((transaction.client, transaction.device))
+        return self._instead.pop(identifier, b"")
 
     def _heard_from(self, device: Addressee) -> None:
         self._failed_at.pop(device, None)
@@ -233,5 +248,5 @@ class Upstream:
             self._report.recovered(device)
 
     def __repr__(self) -> str:
-        state = "down" if self._write is None else f"under way={len(self._under_way)}"
-        return f"<Upstream {self.settings.name} {state} waiting={len(self._queue)}>"
+        state = "down" if self._write is None else f"under way={self.under_way}"
+        return f"<Upstream {self.settings.name} {state} waiting={self.waiting}>"

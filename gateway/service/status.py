@@ -13,7 +13,7 @@ from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.lines.device import Device
 from gateway.ports.keeper import Keeper
-from gateway.service.build import Gateway, GatewayLine, Listener
+from gateway.service.build import Gateway, GatewayLine, GatewayUpstream, Listener
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +53,27 @@ class LineStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class UpstreamStatus:
+    """A connection to another server. `reason` says why there is none. `queue` requests wait, and `under_way` are sent.
+
+    `overdue` is how many late answers are awaited. `counts` are those of all its units.
+    """
+
+    name: str
+    source: str
+    to: str
+    state: Literal["up", "down", "not tried"]
+    reason: str
+    queue: int
+    under_way: int
+    overdue: int
+    unasked_frames: int
+    counts: Counts
+
+
+@dataclass(frozen=True, slots=True)
 class UnitStatus:
-    """A unit on a line: `unit` to clients, `on_the_wire` to the line.
+    """A unit on a line or behind an upstream, which `line` names: `unit` to clients, `on_the_wire` there.
 
     It is failing after `failures` in a row, and after three of them it rests: `rests_ms` are left of that.
     `exceptions` are those of the unit itself, by code. `functions` are the counts of each function that was asked, 0
@@ -119,6 +138,7 @@ class Status:
     at: float
     listeners: tuple[ListenerStatus, ...]
     lines: tuple[LineStatus, ...]
+    upstreams: tuple[UpstreamStatus, ...]
     units: tuple[UnitStatus, ...]
     images: tuple[ImageStatus, ...]
     mirrors: tuple[MirrorStatus, ...]
@@ -126,11 +146,13 @@ class Status:
 
 def status(gateway: Gateway, now: float) -> Status:
     """How `gateway` is doing at `now`."""
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     return Status(
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         lines=tuple(_line(each, now) for each in gateway.lines),
-        units=tuple(_unit(line, device, now) for line in gateway.lines for device in line.devices.values()),
+        upstreams=tuple(_upstream(each) for each in gateway.upstreams),
+        units=tuple(_unit(owner, device, now) for owner in owners for device in owner.devices.values()),
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
     )
@@ -167,16 +189,32 @@ def _line(parts: GatewayLine, now: float) -> LineStatus:
     )
 
 
+def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
+    upstream = parts.driver.upstream
+    return UpstreamStatus(
+        name=parts.name,
+        source=upstream.settings.source,
+        to=parts.keeper.port_path,
+        state=_port_state(parts.keeper),
+        reason=str(parts.keeper.error or ""),
+        queue=upstream.waiting,
+        under_way=upstream.under_way,
+        overdue=upstream.overdue,
+        unasked_frames=upstream.unasked_frames,
+        counts=_sum(device.counts for device in parts.devices.values()),
+    )
+
+
 def _port_state(keeper: Keeper) -> Literal["up", "down", "not tried"]:
     if not keeper.tried.is_set():
         return "not tried"
     return "up" if keeper.error is None else "down"
 
 
-def _unit(parts: GatewayLine, device: Device, now: float) -> UnitStatus:
+def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> UnitStatus:
     settings, breaker = device.settings, device.breaker
     return UnitStatus(
-        line=parts.plan.line.name,
+        line=parts.name,
         unit=settings.known_as,
         on_the_wire=device.unit,
         name=settings.name,

@@ -95,3 +95,8 @@ def test_the_listener_that_nobody_wrote_is_one_too():
 def test_a_line_that_leads_back_too():
     text = '[[listen]]\nbind = "tcp://127.0.0.1:4001"\n[[line]]\nport = "rtu+tcp://127.0.0.1:4001"\n'
     assert problems(text) == ["error: line[0].port: leads back to this gateway (gateway.toml:1) | name another server"]
+
+
+def test_places_on_a_connection_are_bounded():
+    text = '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ as = 1, unit = 1 }]\nin_flight = 65\n'
+    assert problems(text) == ["error: upstream[0].in_flight: must be at most 64"]

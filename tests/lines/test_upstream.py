@@ -191,6 +191,7 @@ def test_a_late_answer_is_dropped_counted_and_told_and_never_given_to_the_next_r
     (told,) = bench.told(events.LateResponse)
     assert told.elapsed_ms == 600
     assert bench.counts.late_responses == 1
+    assert bench.upstream.overdue == 0
     bench.respond("03 02 00 01", to=1)
     assert bench.client.answers == ["83 0B", "03 02 00 01"]
 
@@ -245,6 +246,7 @@ def test_the_right_answer_behind_a_wrong_one_counts() -> None:
     bench.ask()
     bench.pass_time(TIMEOUT)
     assert len(bench.told(events.RequestTimeout)) == 1
+    assert bench.told(events.BadFrame) == []
 
 
 def test_a_write_is_only_confirmed_by_its_own_echo() -> None:
@@ -479,6 +481,9 @@ def test_whatever_the_server_does_each_request_gets_one_answer_and_only_its_own(
             on_the_way.clear()
             bench.connect()
     bench.pass_time(10)
+    assert (bench.upstream.under_way, bench.upstream.waiting) == (0, 0)
+    assert not bench.upstream._instead
+    assert not bench.upstream._asking
     outcomes = [outcome for asker in askers for outcome in asker.outcomes]
     assert len(outcomes) == asked
     good = [outcome for outcome in outcomes if not outcome[2].startswith("83")]

@@ -150,6 +150,29 @@ async def test_a_unit_says_who_it_is_and_how_long_a_client_may_have_to_wait() ->
         assert silo.longest_wait_ms <= 2000 + characters * 11 / 9.6 + 200 + 5
 
 
+async def test_units_behind_another_server() -> None:
+    text = '[[upstream]]\nname = "plant-1"\nto = "tcp://10.1.0.5"\nunits = [{ as = 37, unit = 7 }]\n'
+    async with house(text) as home:
+        client = home.client()
+        client.ask(37, READ)
+        client.ask(37, READ)
+        (plant,) = snapshot(home).upstreams
+        assert (plant.name, plant.to, plant.state) == ("plant-1", "tcp://10.1.0.5:502", "up")
+        assert (plant.queue, plant.under_way, plant.overdue) == (1, 1, 0)
+        home.lines[plant.to].deliver(bytes.fromhex("7777 0000 0005 07 03 02 0007"))
+        await asyncio.sleep(5)
+        (plant,) = snapshot(home).upstreams
+        assert (plant.queue, plant.under_way, plant.overdue, plant.unasked_frames) == (0, 0, 2, 1)
+        assert plant.counts == Counts(timeout=2, sent=2)
+        behind = unit(home, 37)
+        assert (behind.line, behind.on_the_wire, behind.state) == ("plant-1", 7, "failing")
+        assert (behind.counts, behind.longest_wait_ms) == (plant.counts, 3000)
+        home.lines[plant.to].pull("it was pulled")
+        await asyncio.sleep(0.01)
+        (plant,) = snapshot(home).upstreams
+        assert (plant.state, plant.reason, plant.overdue) == ("down", "it was pulled", 0)
+
+
 async def test_listeners_and_what_they_refuse() -> None:
     async with house(CONFIG) as home:
         reader = home.client(may_write=False)
