@@ -25,7 +25,9 @@ from gateway.errors import NotModbus, RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.pdu import RequestPdu, parse_request
+from kit.asker import Asker
 from kit.noise import random_chunks
+from kit.upstream_bench import UpstreamBench
 
 #: What comes out of a decoder, in words that can be compared.
 Outcome = list[object]
@@ -96,28 +98,51 @@ class Bytes:
 
 
 def mbap_stream(data: Bytes) -> tuple[bytes, Decode]:
-    """A client's stream; what it declares is NotModbus, and nothing comes after that."""
+    """A client's or a server's stream; what it declares is NotModbus, and nothing comes after that."""
+    strict = data.dice.random() < 0.5
 
     def frame() -> bytes:
         adu = mbap.encode(data.dice.randrange(65536), data.dice.choice(UNITS), data.pdu())
         return adu if data.dice.random() < 0.9 else adu[:2] + data.dice.randbytes(4) + adu[6:]
 
     def decode(chunks: Sequence[bytes]) -> Outcome:
-        framer, outcome = mbap.MbapFramer(), Outcome()
+        framer, outcome = mbap.MbapFramer(strict=strict), Outcome()
         try:
             for chunk in chunks:
-                rest = chunk
-                while rest:
-                    room = framer.room()
-                    size = min(len(room), len(rest))
-                    room[:size] = rest[:size]
-                    framer.filled(size)
-                    rest = rest[size:]
-                    while (adu := framer.next()) is not None:
-                        outcome.append(adu)
+                outcome.extend(framer.cut(chunk))
         except NotModbus as error:
             return [*outcome, str(error)]
         return [*outcome, framer.unfinished]
+
+    return data.mixture(frame), decode
+
+
+def upstream(data: Bytes) -> tuple[bytes, Decode]:
+    """What another server says to requests that are under way; each client gets an answer to its own or none."""
+    asked = [data.dice.choice(REQUESTS) for _ in range(8)]
+
+    def frame() -> bytes:
+        number = data.dice.randrange(len(asked))
+        pdu = data.response(parse_request(asked[number])) if data.dice.random() < 0.7 else data.pdu()
+        adu = mbap.encode(1 + number, data.dice.choice((7, 7, 7, *UNITS)), pdu)
+        return adu if data.dice.random() < 0.95 else adu[:2] + data.dice.randbytes(4) + adu[6:]
+
+    def decode(chunks: Sequence[bytes]) -> Outcome:
+        bench, outcome = UpstreamBench(), Outcome()
+        clients = [Asker(str(number)) for number in range(len(asked))]
+        for client, pdu in zip(clients, asked, strict=True):
+            bench.ask(pdu.hex(), client=client)
+        try:
+            for chunk in chunks:
+                bench.hear(chunk)
+        except NotModbus as error:
+            outcome.append(str(error))
+        bench.upstream.port_down()
+        for client, pdu in zip(clients, asked, strict=True):
+            (answer,) = client.answers
+            assert parse_request(pdu).accepts(bytes.fromhex(answer))
+            outcome.append(answer)
+        return outcome
 
     return data.mixture(frame), decode
 
@@ -196,7 +221,7 @@ def request_pdu(data: Bytes) -> tuple[bytes, Decode]:
     return data.mixture(data.pdu) or b"\0", decode
 
 
-DECODERS: Final = (mbap_stream, rtu_response, rtu_request, rtu_overheard, ascii_stream, request_pdu)
+DECODERS: Final = (mbap_stream, upstream, rtu_response, rtu_request, rtu_overheard, ascii_stream, request_pdu)
 
 
 @dataclass
