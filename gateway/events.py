@@ -344,6 +344,19 @@ class UpstreamClosed(Event):
     reason: str
 
 
+@dataclass(frozen=True)
+class AnswerWithheld(Event):
+    """The client of a server line got no answer: by then it would have taken it for the answer to something else."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    function: int
+    elapsed_ms: float
+    reason: str
+    source: str
+
+
 # --- images ---
 
 

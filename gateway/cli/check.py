@@ -9,9 +9,16 @@ from typing import Any, Final
 from gateway.cli.columns import aligned
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.duration import show_duration
-from gateway.config.forecast import FunctionLimits, function_limits, longest_wait, longest_wait_behind
+from gateway.config.forecast import (
+    FunctionLimits,
+    function_limits,
+    longest_wait,
+    longest_wait_behind,
+    longest_wait_outside,
+    waits_behind,
+)
 from gateway.config.load import Loaded, load
-from gateway.config.plan import LinePlan, Plan, UpstreamPlan, resolve
+from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolve
 from gateway.config.problem import Problem, dotted
 from gateway.config.ranges import show_ranges
 from gateway.config.unitset import show_units
@@ -73,6 +80,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts.append(_listeners(plan.listeners))
     parts += [_line(line) for line in plan.lines]
     parts += [_upstream(upstream) for upstream in plan.upstreams]
+    parts += [_server(server, plan) for server in plan.servers]
     if plan.images:
         parts.append(_images(plan.images))
     if plan.lines or plan.upstreams:
@@ -117,7 +125,11 @@ def _line(plan: LinePlan) -> str:
 
 
 def _gap(plan: LinePlan) -> str:
-    return show_duration(plan.line.silence_before_request) if plan.line.silence_before_request else "none"
+    return _silence(plan.line.silence_before_request)
+
+
+def _silence(seconds: float) -> str:
+    return show_duration(seconds) if seconds else "none"
 
 
 def _latency(plan: LinePlan) -> str:
@@ -125,12 +137,27 @@ def _latency(plan: LinePlan) -> str:
 
 
 def _row(unit: _Unit) -> tuple[str, ...]:
-    wait = _rounded_up(unit.longest_wait)
-    return unit.units, unit.wire_units, unit.device_name, unit.device.profile.name, wait
+    return unit.units, unit.wire_units, unit.device_name, unit.device.profile.name, _rounded_up(unit.longest_wait)
 
 
 def _rounded_up(seconds: float) -> str:
-    return show_duration(ceil(seconds * 100) / 100)
+    return show_duration(ceil(seconds * 100) / 100) if seconds else "at once"
+
+
+def _server(server: ServerPlan, plan: Plan) -> str:
+    line, timing = server.line, server.line.timing
+    rows = [(str(unit), name, _rounded_up(wait)) for unit, (name, wait) in waits_behind(server, plan).items()]
+    silence = _silence(line.silence_before_response)
+    return "\n".join(
+        [
+            f"Server line {line.name}: {server.port.port}",
+            f"  {timing.mode} {timing.baud} {timing.format}, silence before a response {silence}",
+            aligned([("UNIT", "WHO ANSWERS", "LONGEST WAIT"), *rows], "  "),
+            f"  An answer that is not there within {show_duration(line.answer_within)} is not put on the line.",
+            f"  Broadcasts go to: {server.broadcast_to}.",
+            f"  Set the outside client's time-out above {_rounded_up(longest_wait_outside(server, plan))}.",
+        ]
+    )
 
 
 def _limits(units: list[_Unit]) -> list[str]:
@@ -200,6 +227,7 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         ]
         picture["lines"] = [_line_as_json(line) for line in plan.lines]
         picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]
+        picture["servers"] = [_server_as_json(server, plan) for server in plan.servers]
         picture["images"] = [
             {"unit": image.unit, "name": image.name, "profile": image.profile.name, "areas": image.areas}
             for image in plan.images
@@ -248,6 +276,26 @@ def _upstream_as_json(plan: UpstreamPlan) -> dict[str, Any]:
                 "longest_wait_ms": milliseconds(longest_wait_behind(plan)),
             }
             for device in plan.devices
+        ],
+    }
+
+
+def _server_as_json(server: ServerPlan, plan: Plan) -> dict[str, Any]:
+    line, timing = server.line, server.line.timing
+    return {
+        "name": line.name,
+        "port": server.port.port,
+        "mode": timing.mode,
+        "baud": timing.baud,
+        "format": str(timing.format),
+        "silence_before_response_ms": milliseconds(line.silence_before_response),
+        "on_failure": line.on_failure,
+        "answer_within_ms": milliseconds(line.answer_within),
+        "broadcast_to": server.broadcast_to,
+        "longest_wait_ms": milliseconds(longest_wait_outside(server, plan)),
+        "units": [
+            {"unit": unit, "answered_by": name, "longest_wait_ms": milliseconds(wait)}
+            for unit, (name, wait) in waits_behind(server, plan).items()
         ],
     }
 

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         return PROBLEM_FOUND
     plan = resolve(loaded.config)
     with open_log(plan.log.level, plan.log.format) as emit:
-        emit(events.ConfigLoaded(str(file), len(plan.lines), _units(plan)))
+        emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
         for problem in loaded.problems:
             emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
         with closing(StateFile(state_folder(), emit)) as memory, _open_store(plan, emit) as store:

@@ -52,6 +52,14 @@ holding = 100
 coils   = 16
 initial.holding = [{ at = 0, values = [1, 2, 3] }]
 
+[[line]]                         # an old panel asks on this line: to it, the gateway is the devices
+name    = "panel"
+port    = "/dev/ttyS2"
+mode    = "ascii"
+format  = "7E1"
+role    = "server"
+serves  = [41, 46, 200]
+
 [profile.slow-drive]             # a kind of device of your own; name it in `profile` of a line or a device
 title     = "Drive with a slow processor"
 functions = [3, 6, 16]           # anything else is refused, and the line stays free

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.config.plan import LinePlan, UpstreamPlan
+from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.lines.device import DeviceSettings
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import MAX_PDU, Area
@@ -54,6 +54,25 @@ def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
 def longest_wait_behind(plan: UpstreamPlan) -> float:
     """The longest a client may wait for a unit behind another server: for a place on the connection, and the answer."""
     return plan.upstream.max_wait + plan.upstream.timeout
+
+
+def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
+    """For each unit that a server line serves: who answers, and the longest that one may take."""
+    waits = {image.unit: (image.name, 0.0) for image in plan.images}
+    for line in plan.lines:
+        waits |= {device.known_as: (device.name, longest_wait(line, device)) for device in line.devices}
+    devices = dict(waits.values())
+    waits |= {mirror.unit: (mirror.name, devices[mirror.of]) for mirror in plan.mirrors}
+    for upstream in plan.upstreams:
+        waits |= {device.known_as: (device.name, longest_wait_behind(upstream)) for device in upstream.devices}
+    return {unit: waits[unit] for unit in sorted(server.line.serves)}
+
+
+def longest_wait_outside(server: ServerPlan, plan: Plan) -> float:
+    """The longest from the end of a request on a server line to the end of the response, if there is one."""
+    slowest = max(wait for _, wait in waits_behind(server, plan).values())
+    line = server.line
+    return min(slowest, line.answer_within) + line.silence_before_response + server.latency + line.timing.longest_frame
 
 
 def _functions(profile: Profile) -> Iterator[int]:

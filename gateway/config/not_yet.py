@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.schema import Access, Config, Control, Line, Listen, Log, Table, Upstream, Web
+from gateway.config.schema import Access, Config, Control, Listen, Log, Table, Upstream, Web
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,6 @@ class Gap:
 #: The gateway could not do what the file asks for: errors.
 REFUSED: Final = (
     Gap(Listen, "bind", lambda listen: listen.bind.scheme == "tls", "a tls:// listener"),
-    Gap(Line, "role", lambda line: line.role == "server", 'role = "server"'),
     Gap(Upstream, "to", lambda upstream: upstream.to.scheme == "tls", "an upstream over tls://", says_all=False),
     Gap(Access, "", lambda _: True, "[[access]]"),
     Gap(Web, "", lambda _: True, "[web]"),

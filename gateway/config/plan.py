@@ -1,6 +1,6 @@
 """What a config means: the settings of every part. Nothing behind this module has seen a config file."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -13,6 +13,7 @@ from gateway.images.polls import Poll
 from gateway.lines.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.lines.upstream import UpstreamSettings
+from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
@@ -53,6 +54,13 @@ class LinePlan:
         """What the port may add to an answer, as far as it is known before the port is open."""
         return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
 
+    @property
+    def broadcasts(self) -> frozenset[int]:
+        """The functions that at least one of the devices carries out as a broadcast; none if the line accepts none."""
+        if not self.line.broadcast:
+            return frozenset()
+        return frozenset().union(*(device.profile.broadcasts for device in self.devices))
+
 
 @dataclass(frozen=True, slots=True)
 class UpstreamPlan:
@@ -61,6 +69,20 @@ class UpstreamPlan:
     port: TcpSettings
     upstream: UpstreamSettings
     devices: tuple[DeviceSettings, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ServerPlan:
+    """A line on which an outside client asks us: its port, how it behaves, and who takes its broadcasts."""
+
+    port: PortSettings
+    line: ServerSettings
+    broadcast_to: Literal["images", "all", "none"]
+
+    @property
+    def latency(self) -> float:
+        """What the port may add, as far as it is known before the port is open."""
+        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +100,7 @@ class Plan:
     site: str = ""
     listeners: tuple[ListenSettings, ...] = (DEFAULT_LISTENER,)
     lines: tuple[LinePlan, ...] = ()
+    servers: tuple[ServerPlan, ...] = ()
     upstreams: tuple[UpstreamPlan, ...] = ()
     images: tuple[ImageSettings, ...] = ()
     mirrors: tuple[MirrorSettings, ...] = ()
@@ -89,15 +112,20 @@ def resolve(config: Config) -> Plan:
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
     elsewhere = {image.unit for image in config.image if image.of is None}
     elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
-    lines = tuple(_line(line, profiles, elsewhere) for line in config.line)
+    lines = tuple(_line(line, profiles, elsewhere) for line in config.line if line.role == "client")
     devices = {device.name: device for line in lines for device in line.devices}
+    images = tuple(_image(image, profiles) for image in config.image if image.of is None)
+    mirrors = tuple(_mirror(image, devices[image.of]) for image in config.image if image.of is not None)
+    behind = {device.known_as: device.profile for device in devices.values()}
+    behind |= {image.unit: image.profile for image in images} | {mirror.unit: mirror.profile for mirror in mirrors}
     return Plan(
         site=config.site,
         listeners=tuple(_listener(listen, config.listen) for listen in config.listen) or (DEFAULT_LISTENER,),
         lines=lines,
+        servers=tuple(_server_line(line, behind) for line in config.line if line.role == "server"),
         upstreams=tuple(_upstream(upstream) for upstream in config.upstream),
-        images=tuple(_image(image, profiles) for image in config.image if image.of is None),
-        mirrors=tuple(_mirror(image, devices[image.of]) for image in config.image if image.of is not None),
+        images=images,
+        mirrors=mirrors,
         log=_log(config.log),
     )
 
@@ -163,7 +191,7 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
     return LineSettings(
         name=line.label,
         timing=timing,
-        idle_chars=max([_IDLE_CHARACTERS, *(device.profile.idle_chars for device in devices)]),
+        idle_chars=_idle_characters(device.profile for device in devices),
         gap=line.gap,
         turnaround=_turnaround(devices) if line.turnaround is None else line.turnaround,
         late_window=line.late_window,
@@ -175,6 +203,28 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
         broadcast=line.broadcast,
         source=line.source,
     )
+
+
+def _server_line(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
+    timing = line_timing(line)
+    serves = frozenset(line.serves or ())
+    settings = ServerSettings(
+        name=line.label,
+        timing=timing,
+        serves=serves,
+        idle_chars=_idle_characters(profile for unit, profile in profiles.items() if unit in serves),
+        gap=line.gap,
+        echo=line.echo,
+        on_failure=line.on_failure,
+        answer_within=line.answer_within,
+        source=line.source,
+    )
+    return ServerPlan(_port(line, timing), settings, line.broadcast_to)
+
+
+def _idle_characters(profiles: Iterable[Profile]) -> float:
+    """The silence that ends a frame for all of them."""
+    return max([_IDLE_CHARACTERS, *(profile.idle_chars for profile in profiles)])
 
 
 def _turnaround(devices: Iterable[DeviceSettings]) -> float:

@@ -34,6 +34,7 @@ class AsciiFramer:
 
     def __init__(self) -> None:
         self._buffer = b""
+        self._passed_over = 0
         self._last = 0.0
         self.heard_noise = False
 
@@ -43,6 +44,11 @@ class AsciiFramer:
     def unfinished(self) -> int:
         """Characters of a frame that is not complete yet."""
         return len(self._buffer)
+
+    @property
+    def behind(self) -> int:
+        """Characters since the last frame."""
+        return self._passed_over + len(self._buffer)
 
     def expect(self, unit: int | None, asked: RequestPdu) -> None:  # noqa: ARG002 - an ASCII frame needs no foretelling
         """A request goes on the line: forget what was received."""
@@ -81,7 +87,9 @@ class AsciiFramer:
         too_long = len(start + digits + _END) > MAX_ASCII_ADU
         if not start or too_long or len(body) < _SHORTEST or lrc(body[:-1]) != body[-1]:
             self.heard_noise = True
+            self._passed_over += len(text + _END)
             return None
+        self._passed_over = 0
         self.heard_noise = self.heard_noise or bool(before)
         return Frame(body[0], body[1:-1])
 
@@ -94,4 +102,5 @@ class AsciiFramer:
     def _drop(self, count: int) -> None:
         if count:
             self._buffer = self._buffer[count:]
+            self._passed_over += count
             self.heard_noise = True

@@ -38,3 +38,26 @@ class ResponseFramer(Protocol):
 
     def conclude(self) -> list[Frame]:
         """No more is awaited in time: well-formed frames that were passed over. A late response may still complete."""
+
+
+class RequestFramer(Protocol):
+    """Finds the frames on a line on which somebody else asks."""
+
+    #: Whether something that is no frame has been heard since this was last set to False.
+    heard_noise: bool
+
+    @property
+    def behind(self) -> int:
+        """Bytes since the last frame, of a frame that is not complete or of noise."""
+
+    def encode(self, unit: int, pdu: bytes) -> bytes:
+        """The ADU as it goes on the line."""
+
+    def received(self, data: bytes, now: float) -> list[Frame]:
+        """Take bytes that became readable at `now`; frames that are complete with them, in order."""
+
+    def deadline(self) -> float | None:
+        """When `tick` wants to be called, or None."""
+
+    def tick(self, now: float) -> list[Frame]:
+        """Let time pass; frames that silence has ended."""

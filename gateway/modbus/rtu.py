@@ -10,10 +10,10 @@ lose it. As the server, `RequestFramer` foretells the size of a request from its
 once the line is silent.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 
 from gateway.modbus.checks import crc_fits, with_crc
-from gateway.modbus.codes import EXCEPTION_BIT, MAX_RTU_ADU
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, MAX_RTU_ADU
 from gateway.modbus.foretell import request_size, response_size
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
@@ -26,8 +26,13 @@ _SHORTEST = OVERHEAD + 1
 _EXCEPTION_SIZE = OVERHEAD + 2
 #: Unit identifier and function code.
 _HEAD_SIZE = 2
+#: So many bytes before a frame can be what switching an RS-485 line leaves.
+_GLITCH = 3
 #: As much of a PDU, behind the unit identifier, as foretelling its size looks at.
 _FORETOLD_BY = slice(1, 11)
+
+#: One of the functions of `foretell`.
+Foretell = Callable[[bytes], int]
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
@@ -151,12 +156,19 @@ class RequestFramer:
     """Cuts requests out of what a line delivers when we are a server on it.
 
     `silence` is the time without a byte, in seconds, after which a frame has ended (t3.5, or what the devices need).
+    `ours` are the units that we answer for; None: every one. The others on the line answer too, and a response begins
+    like a request of another size: a frame for another unit is read as both, and what fits is handed over, so that its
+    end is known and the next request begins there. What follows a request to another unit is its response.
     """
 
-    def __init__(self, silence: float) -> None:
+    def __init__(self, silence: float, ours: Container[int] | None = None) -> None:
         self._silence = silence
+        self._ours = ours
         self._buffer = bytearray()
         self._deadline: float | None = None
+        self._asked_unit: int | None = None
+        self._passed_over = 0
+        self.heard_noise = False
 
     encode = staticmethod(encode)
 
@@ -165,12 +177,18 @@ class RequestFramer:
         """Bytes that are no complete frame yet."""
         return len(self._buffer)
 
+    @property
+    def behind(self) -> int:
+        """Bytes since the last frame."""
+        return self._passed_over + len(self._buffer)
+
     def received(self, data: bytes, now: float) -> list[Frame]:
         """Take bytes that became readable at `now`; requests that are complete with them, in order."""
         self._buffer += data
         frames = self._take_complete()
         while len(self._buffer) > MAX_RTU_ADU:  # no frame is so long: it begins with noise
             del self._buffer[0]
+            self._pass_over()
             frames += self._take_complete()
         self._deadline = now + self._silence if self._buffer else None
         return frames
@@ -185,14 +203,57 @@ class RequestFramer:
             return []
         data, self._deadline = bytes(self._buffer), None
         self._buffer.clear()
-        return requests_in(data)
+        frames, at, end = [], 0, 0
+        while at < len(data):
+            frame = self._first(data[at:], is_behind_noise=at - end > _GLITCH)
+            if frame is None:
+                self._pass_over()
+                at += 1
+            else:
+                self._passed_over = 0
+                frames.append(frame)
+                at = end = at + len(frame.pdu) + OVERHEAD
+        return frames
+
+    def _pass_over(self) -> None:
+        self._passed_over += 1
+        self.heard_noise = True
 
     def _take_complete(self) -> list[Frame]:
         frames = []
-        while (size := _complete(self._buffer, request_size)) and crc_fits(adu := bytes(self._buffer[:size])):
-            frames.append(Frame(adu[0], adu[1:-2]))
+        while (size := self._complete()) > 0:
+            frames.append(Frame(self._buffer[0], bytes(self._buffer[1 : size - 2])))
             del self._buffer[:size]
+            self._passed_over = 0
         return frames
+
+    def _complete(self) -> int:
+        """Size of the frame at the start of the buffer when all of it is there, else 0."""
+        data = self._buffer
+        for foretell in self._readings(data):
+            size = _complete(data, foretell)
+            if size and crc_fits(bytes(data[:size])):
+                self._asked_unit = data[0] if foretell is request_size else None
+                return size
+        return 0
+
+    def _first(self, data: bytes, *, is_behind_noise: bool) -> Frame | None:
+        """The frame at the start of `data`, which silence has ended.
+
+        Nothing but its check sum tells a frame of an unknown function from the end of some noise.
+        """
+        for foretell in self._readings(data):
+            frame = _first(data, foretell)
+            if frame is not None and (foretell(frame.pdu) or not is_behind_noise):
+                return frame
+        return None
+
+    def _readings(self, data: bytes | bytearray) -> tuple[Foretell, ...]:
+        """How to read a frame that begins with `data`, the likelier way first."""
+        unit = data[0] if data else BROADCAST_UNIT
+        if self._ours is None or unit == BROADCAST_UNIT or unit in self._ours:
+            return (request_size,)
+        return (response_size, request_size) if unit == self._asked_unit else (request_size, response_size)
 
 
 def responses_in(data: bytes) -> list[Frame]:
@@ -215,13 +276,13 @@ def requests_in(data: bytes) -> list[Frame]:
     return list(_frames(data, request_size))
 
 
-def _complete(data: bytes | bytearray, foretell: Callable[[bytes], int]) -> int:
+def _complete(data: bytes | bytearray, foretell: Foretell) -> int:
     """Size of the ADU at the start of `data` when all of it is there, else 0."""
     size = foretell(bytes(data[_FORETOLD_BY])) + OVERHEAD
     return size if _SHORTEST <= size <= len(data) else 0
 
 
-def _frames(data: bytes, foretell: Callable[[bytes], int]) -> Iterator[Frame]:
+def _frames(data: bytes, foretell: Foretell) -> Iterator[Frame]:
     """The frames in `data`, which silence has ended, noise between them left out."""
     at = 0
     while at + _SHORTEST <= len(data):
@@ -233,7 +294,7 @@ def _frames(data: bytes, foretell: Callable[[bytes], int]) -> Iterator[Frame]:
             at += len(frame.pdu) + OVERHEAD
 
 
-def _first(data: bytes, foretell: Callable[[bytes], int]) -> Frame | None:
+def _first(data: bytes, foretell: Foretell) -> Frame | None:
     """The frame at the start of `data`, which silence has ended: of foretold size, or of unknown size up to the end."""
     size = _complete(data, foretell) if foretell(data[1:]) else len(data)
     if size < _SHORTEST or not crc_fits(data[:size]):

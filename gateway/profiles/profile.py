@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import BROADCAST_FUNCTIONS, Area
 from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.timing.table import TimingTable
 
@@ -55,6 +55,11 @@ class Profile:
     def knows(self, function: int) -> bool:
         """Whether the device has this function."""
         return self.functions is None or function in self.functions
+
+    @property
+    def broadcasts(self) -> frozenset[int]:
+        """The functions that the device carries out when they are sent to unit 0."""
+        return BROADCAST_FUNCTIONS if self.functions is None else BROADCAST_FUNCTIONS & self.functions
 
     def _check_addresses(self, asked: RequestPdu) -> None:
         for span in (asked.read, asked.write):

@@ -1,6 +1,7 @@
 """Requests to unit 0: they go once to every line and image, and nobody responds."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from gateway.errors import IllegalFunction, RequestError
 from gateway.modbus.codes import BROADCAST_FUNCTIONS, BROADCAST_UNIT
@@ -8,11 +9,18 @@ from gateway.modbus.pdu import parse_request
 from gateway.request import Request, Target
 
 
-class Broadcast:
-    """A Target that copies a write to each of `targets`. The request ends when all of them are done with it."""
+class Recipient(NamedTuple):
+    """Who takes broadcasts, and of which functions: a Mint controller, for one, knows only 05 and 16."""
 
-    def __init__(self, targets: Sequence[Target]) -> None:
-        self._targets = targets
+    target: Target
+    functions: frozenset[int] = BROADCAST_FUNCTIONS
+
+
+class Broadcast:
+    """A Target that copies a write to all recipients who know its function. It ends when they are done with it."""
+
+    def __init__(self, recipients: Sequence[Recipient]) -> None:
+        self._recipients = recipients
 
     def submit(self, request: Request, now: float) -> None:
         """Spread a write; any other function is answered 01, a malformed one 03."""
@@ -23,8 +31,9 @@ class Broadcast:
         except RequestError as error:
             request.fail(error)
             return
-        copies = _Copies(request, len(self._targets))
-        for target in self._targets:
+        targets = [target for target, functions in self._recipients if request.pdu[0] in functions]
+        copies = _Copies(request, len(targets))
+        for target in targets:
             target.submit(Request(BROADCAST_UNIT, request.pdu, copies, now), now)
         copies.one_done()
 

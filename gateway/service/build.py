@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from gateway.config.forecast import longest_wait, longest_wait_behind
-from gateway.config.plan import LinePlan, Plan, UpstreamPlan
+from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.events import Emit
 from gateway.images.image import Image, ImageSettings
 from gateway.images.mirror_driver import MirrorDriver
@@ -18,6 +18,7 @@ from gateway.lines.line import Line
 from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.lines.upstream import Upstream
 from gateway.lines.upstream_driver import UpstreamDriver
+from gateway.listeners.serial import SerialListener
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
@@ -25,7 +26,7 @@ from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, SerialSettings
 from gateway.request import Target
-from gateway.routing.broadcast import Broadcast
+from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
 from gateway.service.state import Memory
 
@@ -38,10 +39,15 @@ Opener = Callable[[PortSettings], OpenPort]
 
 @dataclass(frozen=True)
 class Gateway:
-    """All parts of a running gateway. Keepers are those of the lines and the upstreams, in the order of the config."""
+    """All parts of a running gateway, in the order of the config.
+
+    `drivers` are those of the lines on which we ask, `servers` the lines on which we are asked. `keepers` hold the
+    ports of all of them, and the connections of the upstreams.
+    """
 
     listeners: tuple[Listener, ...]
     lines: "tuple[GatewayLine, ...]"
+    servers: tuple[SerialListener, ...]
     drivers: tuple[LineDriver, ...]
     upstreams: "tuple[GatewayUpstream, ...]"
     keepers: Mapping[str, Keeper]
@@ -68,13 +74,20 @@ def build(
     for part in parts:
         routes |= part.devices
     routes |= {driver.mirror.settings.unit: driver for driver in mirrors}
-    everyone: list[Target] = [*(line.every_device for line in lines if line.plan.line.broadcast), *images]
+    everyone = [Recipient(line.every_device, line.plan.broadcasts) for line in lines]
+    everyone += [_recipient(image) for image in images]
     listeners = tuple(
         _listener(settings, Router(_with_unit0(routes, settings, everyone), emit), emit) for settings in plan.listeners
     )
+    servers = tuple(
+        SerialListener(server.line, Router(_served(routes, server, everyone), emit), loop, emit)
+        for server in plan.servers
+    )
     keepers = {part.name: part.keeper for part in parts}
+    for server, listener in zip(plan.servers, servers, strict=True):
+        keepers[server.line.name] = Keeper(server.line.name, server.port.port, opener(server.port), listener, emit)
     drivers = tuple(line.driver for line in lines)
-    return Gateway(listeners, lines, drivers, upstreams, keepers, images, mirrors)
+    return Gateway(listeners, lines, servers, drivers, upstreams, keepers, images, mirrors)
 
 
 def _image(settings: ImageSettings, store: Store | None) -> Image:
@@ -89,7 +102,19 @@ def _listener(settings: ListenSettings, router: Router, emit: Emit) -> Listener:
     return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 
 
-def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: list[Target]) -> dict[int, Target]:
+def _recipient(image: Image) -> Recipient:
+    return Recipient(image, image.settings.profile.broadcasts)
+
+
+def _served(routes: dict[int, Target], server: ServerPlan, everyone: list[Recipient]) -> dict[int, Target]:
+    """The routes of a server line: the units that it serves, and those who take its broadcasts as unit 0."""
+    served = {unit: routes[unit] for unit in server.line.serves}
+    images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
+    recipients = {"images": images, "all": everyone, "none": []}[server.broadcast_to]
+    return {**served, BROADCAST_UNIT: Broadcast(recipients)}
+
+
+def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: list[Recipient]) -> dict[int, Target]:
     """The routes of one listener: unit 0 leads nowhere, to everyone, or where another unit's requests go."""
     if settings.unit0 == "refuse":
         return routes

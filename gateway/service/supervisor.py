@@ -7,8 +7,9 @@ from contextlib import asynccontextmanager, suppress
 
 from gateway import events
 from gateway.errors import PortError
+from gateway.listeners.serial import SerialListener
 from gateway.ports.keeper import Keeper
-from gateway.service.build import Gateway
+from gateway.service.build import Gateway, Listener
 
 #: How long requests that are under way, and the clients that take their responses, may take after the order to stop,
 #: in seconds; and how long ports may take to close then. Together with the end of the process: less than 5 s.
@@ -87,6 +88,8 @@ async def _lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[None
             driver.close()
         for upstream in gateway.upstreams:
             upstream.driver.close()
+        for server in gateway.servers:
+            server.close()
 
 
 async def _tried(gateway: Gateway) -> None:
@@ -130,8 +133,9 @@ async def _drain(gateway: Gateway, stop: Stop) -> None:
     """Take no more clients and requests, let what is under way finish within `DRAIN_TIME`, and close the doors."""
     loop = asyncio.get_running_loop()
     end = loop.time() + DRAIN_TIME
-    for listener in gateway.listeners:
+    listeners: tuple[Listener | SerialListener, ...] = (*gateway.listeners, *gateway.servers)
+    for listener in listeners:
         listener.finish()
-    while loop.time() < end and not stop.at_once and any(each.has_clients for each in gateway.listeners):
+    while loop.time() < end and not stop.at_once and any(each.has_clients for each in listeners):
         await asyncio.sleep(_DRAIN_STEP)
     _close_doors(gateway)

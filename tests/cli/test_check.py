@@ -195,6 +195,61 @@ def test_the_picture_as_json(config, capsys):
     ]
 
 
+SERVED = (
+    FILE
+    + """
+[[line]]
+name = "panel"
+port = "/dev/zero"
+mode = "ascii"
+latency = "5 ms"
+role = "server"
+serves = [41, 200]
+"""
+)
+
+
+def test_a_server_line_shows_what_its_client_must_be_set_to(config, capsys):
+    assert main(["check", config(SERVED)]) == 0
+    assert (
+        dedent(
+            """\
+        Server line panel: /dev/zero
+          ascii 19200 7E1, silence before a response none
+          UNIT  WHO ANSWERS  LONGEST WAIT
+          41    silo-1       3.16 s
+          200   shift-data   at once
+          An answer that is not there within 1 s is not put on the line.
+          Broadcasts go to: images.
+          Set the outside client's time-out above 1.28 s.
+        """
+        )
+        in capsys.readouterr().out
+    )
+
+
+def test_a_server_line_as_json(config, capsys):
+    assert main(["check", "--json", config(SERVED)]) == 0
+    assert json.loads(capsys.readouterr().out)["servers"] == [
+        {
+            "name": "panel",
+            "port": "/dev/zero",
+            "mode": "ascii",
+            "baud": 19200,
+            "format": "7E1",
+            "silence_before_response_ms": 0.0,
+            "on_failure": "exception",
+            "answer_within_ms": 1000.0,
+            "broadcast_to": "images",
+            "longest_wait_ms": 1272.187,
+            "units": [
+                {"unit": 41, "answered_by": "silo-1", "longest_wait_ms": 3157.682},
+                {"unit": 200, "answered_by": "shift-data", "longest_wait_ms": 0.0},
+            ],
+        }
+    ]
+
+
 def test_problems_as_json(config, capsys):
     path = config('[[line]]\nport = "/dev/null"\nbuad = 9600\n')
     assert main(["check", "--json", path]) == 1

@@ -301,6 +301,12 @@ def test_a_server_line_stands_beside_a_line_that_passes_through():
     assert problems('[[line]]\nport = "/dev/a"\n' + SERVER + 'serves = "1-247"\n') == []
 
 
+def test_a_server_line_cannot_serve_a_device_of_its_own_port():
+    """It would ask itself: one port is on one line only."""
+    text = LINE + SERVER.replace("/dev/p", "/dev/a") + "serves = 1\n"
+    assert problems(text) == ["error: line[1].port: this port is already used in gateway.toml:1"]
+
+
 def test_two_server_lines_with_one_name_are_told_once():
     text = LINE + SERVER + "serves = 1\n" + SERVER.replace("/dev/p", "/dev/q") + "serves = 1\n"
     assert problems(text) == ['error: line[2].name: "panel" is already used in gateway.toml:5']
@@ -619,7 +625,6 @@ def test_a_right_says_in_one_way_what_it_allows(row):
     ("text", "said"),
     [
         ('[[listen]]\nbind = "tls://127.0.0.1"\n', "listen[0].bind: a tls:// listener"),
-        (SERVER + "serves = 1\n", 'line[1].role: role = "server"'),
         (
             '[[upstream]]\nto = "tls://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n',
             "upstream[0].to: an upstream over tls://",
@@ -636,7 +641,6 @@ def test_what_is_not_built_is_refused_plainly(text, said):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (SERVER + 'retries = 0\nformat = "7E1"\n', 'line[1].role: role = "server"'),
         ("[[access]]\n", "access[0]: [[access]]"),
         ('[[listen]]\nname = "control"\nbind = "tls://0.0.0.0"\n', "listen[0].bind: a tls:// listener"),
     ],

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.config.forecast import FunctionLimits, function_limits, longest_wait
+from gateway.config.forecast import FunctionLimits, function_limits, longest_wait, longest_wait_outside, waits_behind
 from gateway.config.load import builtin_profiles, parse
 from gateway.config.plan import profile_of, resolve
 from gateway.config.schema import ProfileTable
@@ -101,3 +101,52 @@ def test_the_longest_wait_is_in_the_queue_and_on_the_line_and_for_the_answer():
     (line,) = resolve(config).lines
     read_most = 8 * CHARACTER + 255 * CHARACTER + 1.0 + LATENCY
     assert longest_wait(line, line.devices[0]) == pytest.approx(3.0 + 3.5 * CHARACTER + read_most)
+
+
+SERVED = """
+[[line]]
+name = "a"
+port = "/dev/a"
+latency = "5 ms"
+devices = [{ unit = 1, as = 41, name = "silo", profile = "weigher" }]
+[[image]]
+unit = 200
+coils = 1
+[[image]]
+unit = 241
+of = "silo"
+read = [{ holding = "0-1", every = "1 s" }]
+[[line]]
+name = "panel"
+port = "/dev/p"
+role = "server"
+latency = "20 ms"
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "answer"),
+    [
+        ("serves = [41, 200]", 1.0),
+        ('serves = 41\nanswer_within = "10 s"', 2.0 + 3.5 * CHARACTER + (8 + 255) * CHARACTER + 1.0 + 0.005),
+        ("serves = 200", 0.0),
+    ],
+)
+def test_an_outside_client_waits_for_the_slowest_unit_but_not_beyond_answer_within(keys, answer):
+    config = parse(SERVED + keys, port_trouble=lambda _: None).config
+    assert config is not None
+    plan = resolve(config)
+    longest = longest_wait_outside(plan.servers[0], plan)
+    assert longest == pytest.approx(answer + 3.5 * CHARACTER + 0.020 + 256 * CHARACTER)
+
+
+def test_who_stands_behind_a_server_line():
+    config = parse(SERVED + "serves = [200, 41, 241]", port_trouble=lambda _: None).config
+    assert config is not None
+    plan = resolve(config)
+    silo = longest_wait(plan.lines[0], plan.lines[0].devices[0])
+    assert waits_behind(plan.servers[0], plan) == {
+        41: ("silo", silo),
+        200: ("image-200", 0.0),
+        241: ("image-241", silo),
+    }

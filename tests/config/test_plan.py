@@ -9,6 +9,7 @@ from gateway.config.plan import DEFAULT_LISTENER, LogSettings, Plan, resolve
 from gateway.images.image import ImageSettings
 from gateway.lines.settings import LineSettings
 from gateway.lines.upstream import UpstreamSettings
+from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area
@@ -252,6 +253,79 @@ def test_what_listeners_speak():
 def test_the_wildcard_of_ipv6_takes_ipv4_clients_unless_somebody_else_does(other, ipv6_only):
     text = f'[[listen]]\nbind = "tcp://[::]:502"\n[[listen]]\nbind = "{other}"\n'
     assert [one.ipv6_only for one in plan_of(LINE + text).listeners] == [ipv6_only, False]
+
+
+PLC_AND_MORE = LINE + 'devices = [{ unit = 6, profile = "v80" }, { unit = 7, profile = "weigher" }]\n'
+
+
+def test_all_settings_of_a_server_line():
+    plan = plan_of(
+        PLC_AND_MORE
+        + """\
+[[line]]
+name = "panel"
+port = "/dev/ttyS2"
+mode = "ascii"
+baud = 9600
+format = "7O1"
+role = "server"
+serves = [6, 7]
+gap = "2 ms"
+latency = "1 ms"
+rs485 = "kernel"
+echo = true
+on_failure = "silent"
+answer_within = "500 ms"
+broadcast_to = "all"
+"""
+    )
+    (server,) = plan.servers
+    assert [line.line.name for line in plan.lines] == ["a"]
+    assert server.port == SerialSettings("/dev/ttyS2", 9600, CharacterFormat(7, "O", 1), "kernel", 0.001)
+    assert server.line == ServerSettings(
+        name="panel",
+        timing=LineTiming("ascii", 9600, CharacterFormat(7, "O", 1)),
+        serves=frozenset({6, 7}),
+        idle_chars=4.5,
+        gap=0.002,
+        echo=True,
+        on_failure="silent",
+        answer_within=0.5,
+        source="gateway.toml:5",
+    )
+    assert server.broadcast_to == "all"
+
+
+def server_line(serves, more=""):
+    text = PLC_AND_MORE + '[[image]]\nunit = 9\nprofile = "v80"\ncoils = 1\n'
+    (server,) = plan_of(text + f'[[line]]\nport = "/dev/p"\nrole = "server"\nserves = {serves}\n{more}').servers
+    return server
+
+
+def test_the_defaults_of_a_server_line():
+    server = server_line(7)
+    assert server.line == ServerSettings("p", RTU_8E1, frozenset({7}), source="gateway.toml:9")
+    assert server.broadcast_to == "images"
+    assert server.line.silence_before_response == RTU_8E1.t35
+
+
+@pytest.mark.parametrize("serves", [6, "[6, 7]", 9])
+def test_a_v80_that_a_server_line_stands_for_is_as_slow_to_answer(serves):
+    assert server_line(serves).line.silence_before_response == RTU_8E1.silence(4.5)
+
+
+@pytest.mark.parametrize(
+    ("devices", "functions"),
+    [
+        ('{ unit = 1, profile = "mint" }', {5, 16}),
+        ('{ unit = 1, profile = "mint" }, { unit = 2, profile = "v80" }', {5, 6, 15, 16}),
+        ('{ unit = 1, profile = "weigher" }', {16}),
+        ("{ unit = 1 }", {5, 6, 15, 16, 22}),
+    ],
+)
+def test_a_line_takes_the_broadcasts_that_one_of_its_devices_knows(devices, functions):
+    assert only_line(LINE + f"devices = [{devices}]\n").broadcasts == functions
+    assert only_line(LINE + f"devices = [{devices}]\nbroadcast = false\n").broadcasts == set()
 
 
 def test_images():

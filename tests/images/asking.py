@@ -4,7 +4,7 @@ from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.profiles.profile import Profile
 from gateway.request import Request, Target
-from gateway.routing.broadcast import Broadcast
+from gateway.routing.broadcast import Broadcast, Recipient
 
 UNIT = 10
 GENERIC = Profile("generic")
@@ -56,7 +56,7 @@ def ask(image: Image, pdu: str) -> str:
 
 def broadcast(image: Image, pdu: str) -> None:
     """Ask unit 0, behind which only `image` is."""
-    exchange(Broadcast([image]), bytes.fromhex(pdu), BROADCAST_UNIT)
+    exchange(Broadcast([Recipient(image)]), bytes.fromhex(pdu), BROADCAST_UNIT)
 
 
 def contents(image: Image) -> dict[Area, list[tuple[int, ...]]]:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from gateway.images.image import Image
 from gateway.modbus.codes import MAX_PDU, Area
-from gateway.routing.broadcast import Broadcast
+from gateway.routing.broadcast import Broadcast, Recipient
 from images.asking import exchange, image
 from images.model import Model
 
@@ -113,7 +113,7 @@ def test_a_broadcast_leaves_what_the_same_request_would_leave(pdu):
     broadcasted, _ = _pair()
     untouched, _ = _pair()
     exchange(addressed, pdu)
-    exchange(Broadcast([broadcasted]), pdu, unit=0)
+    exchange(Broadcast([Recipient(broadcasted)]), pdu, unit=0)
     expected = addressed if pdu[0] in {5, 6, 15, 16, 22} else untouched
     for area, table in broadcasted.tables.items():
         for first, last in table.ranges:

@@ -31,9 +31,14 @@ class TestVectors:
         for chunks in chunkings(exchange.request.rtu):
             assert hear(RequestFramer(SILENCE), *chunks) == [(UNIT, exchange.request.pdu)]
 
-    def test_decodes_behind_noise(self, exchange):
-        for before in (b"\x00\xff", b"\xff", exchange.request.rtu[:-1], noise(100)):
+    def test_decodes_behind_what_switching_the_line_leaves(self, exchange):
+        for before in (b"\x00\xff", b"\xff", b"\x00\x00\x00"):
             assert hear(RequestFramer(SILENCE), before + exchange.request.rtu) == [(UNIT, exchange.request.pdu)]
+
+    def test_behind_more_noise_a_request_must_be_known(self, exchange):
+        for before in (b"\xff" + exchange.request.rtu[:-1], noise(100)):
+            heard = hear(RequestFramer(SILENCE), before + exchange.request.rtu)
+            assert heard == ([(UNIT, exchange.request.pdu)] if exchange.known else [])
 
     def test_a_wrong_bit_makes_it_no_request(self, exchange):
         for bit in range(8 * len(exchange.request.rtu)):

@@ -72,6 +72,11 @@ def test_a_profile_without_rules_lets_every_function_pass():
     assert ANY.check(b"\x41\x01\x02").function == 0x41
 
 
+def test_broadcasts_are_the_functions_that_can_be_broadcast_and_the_device_knows():
+    assert Profile("any").broadcasts == {5, 6, 15, 16, 22}
+    assert Profile("mint", functions=frozenset({1, 2, 3, 5, 16, 23})).broadcasts == {5, 16}
+
+
 def test_a_refusal_names_the_profile_and_the_rule():
     with pytest.raises(IllegalFunction, match="profile mint has no function 6"):
         MINT.check(bytes.fromhex("06 00 01 00 00"))

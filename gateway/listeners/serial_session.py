@@ -1,0 +1,279 @@
+"""The outside client of a line where we are a server: its requests are heard, and answered in time or not at all.
+
+    listening ──request for us──▶ asked ──answer, t3.5 of silence──▶ answering ──▶ listening
+        ▲                           │
+        └── anything else is heard, or `answer_within` has passed: nobody waits for this answer ──┘
+
+Nothing on the line ties a response to its request: the client takes the next response that fits for the answer to what
+it asked last. So an answer that may not be awaited any more is never put on the line. Other servers may be on it too:
+their frames are heard and not answered.
+
+The machine knows no clock and no descriptor, as `lines.line`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from gateway import events
+from gateway.errors import ExceptionCode
+from gateway.modbus.ascii import AsciiFramer
+from gateway.modbus.chartime import LineTiming
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.frame import Frame, RequestFramer
+from gateway.modbus.rtu import RequestFramer as RtuFramer
+from gateway.request import Request, Target
+
+#: So many bytes right behind a request are what switching an RS-485 line leaves; more are the next frame.
+_GLITCH: Final = 3
+#: The exceptions that say that no answer of the unit has come.
+_FAILURES: Final = frozenset(
+    {
+        ExceptionCode.SERVER_DEVICE_BUSY,
+        ExceptionCode.GATEWAY_PATH_UNAVAILABLE,
+        ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ServerSettings:
+    """A line where we are a server; all times in seconds.
+
+    `serves` are the units that we answer for. `idle_chars` is the silence that ends an RTU frame, in characters. `gap`
+    is the silence before each response, None for that same silence.
+    """
+
+    name: str
+    timing: LineTiming
+    serves: frozenset[int]
+    idle_chars: float = 3.5
+    gap: float | None = None
+    echo: bool = False
+    on_failure: Literal["exception", "silent"] = "exception"
+    answer_within: float = 1.0
+    source: str = ""
+
+    @property
+    def frame_end(self) -> float:
+        """The silence that ends a frame: none in ASCII, whose frames show their own ends."""
+        return 0.0 if self.timing.mode == "ascii" else self.timing.silence(self.idle_chars)
+
+    @property
+    def silence_before_response(self) -> float:
+        """How long the line is quiet before each response (S 2.5.1.1)."""
+        return self.frame_end if self.gap is None else self.gap
+
+
+@dataclass(slots=True)
+class Counts:
+    """What has happened on a server line since it was built.
+
+    Each of the `requests` to our units gets a response (some are `exceptions`), or none: it was a failure that is kept
+    `silent`, the answer came `too_late`, or was `overtaken` by what was heard next.
+    """
+
+    requests: int = 0
+    responses: int = 0
+    exceptions: int = 0
+    silent: int = 0
+    too_late: int = 0
+    overtaken: int = 0
+    broadcasts: int = 0
+    foreign_frames: int = 0
+    noise: int = 0
+    echoes: int = 0
+
+
+class SerialSession:
+    """The Origin of the outside client's requests, one at a time. `wake` is called when `tick` has something to do."""
+
+    may_write = True
+
+    def __init__(self, settings: ServerSettings, router: Target, wake: Callable[[], None], emit: events.Emit) -> None:
+        self.settings = settings
+        self.client = settings.name
+        self.counts = Counts()
+        self._router = router
+        self._wake = wake
+        self._emit = emit
+        self._write: Callable[[bytes], None] | None = None
+        self._is_virtual = True
+        self._current: Request | None = None
+        self._answer = b""
+        self._heard_at = 0.0
+        self._quiet_at = 0.0
+        self._glitch_until = 0.0
+        self._said: Frame | None = None
+        self._echo_until = 0.0
+        self._echo_told = False
+        self._is_hearing = False
+        self._is_ending = False
+        self._tune(latency=0.0)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no request of the client is under way."""
+        return self._current is None
+
+    def port_up(self, write: Callable[[bytes], None], latency: float, now: float, *, virtual: bool = True) -> None:
+        """The port is open: responses go out through `write`. What is received may be late by `latency` seconds.
+
+        A `virtual` one carries bytes at once: the next request can come before a response would have left a real line.
+        """
+        self._tune(latency)
+        self._write = write
+        self._is_virtual = virtual
+        self._quiet_at = now
+
+    def port_down(self) -> None:
+        """The port has gone: nobody waits for the answer."""
+        self._write = None
+        self._drop()
+        self._tune(self._latency)
+
+    def finish(self) -> None:
+        """Take no more requests; the one that is under way is still answered."""
+        self._is_ending = True
+
+    def received(self, data: bytes, now: float) -> None:
+        """Take bytes that became readable at `now`."""
+        self._heard_at = now
+        self._quiet_at = max(self._quiet_at, now + self.settings.silence_before_response)
+        self._hear(self._framer.received(data, now), now)
+        self._go_on(now)
+
+    def deadline(self) -> float | None:
+        """When `tick` wants to be called, or None while there is nothing to wait for."""
+        silence = self._framer.deadline()
+        if self._current is None:
+            return silence
+        due = self._expires_at(self._current)
+        if silence is not None:
+            return min(due, silence)
+        return min(due, self._quiet_at) if self._answer else due
+
+    def tick(self, now: float) -> None:
+        """Let time pass: silence may have ended a frame, an answer may be due, or too late."""
+        self._hear(self._framer.tick(now), now)
+        self._go_on(now)
+
+    def wants(self, request: Request) -> bool:
+        """Whether a request that still waits should be sent: nobody waits for the answer to a broadcast."""
+        return request is self._current or request.unit == BROADCAST_UNIT
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the answer to a request. It is put on the line when that is quiet, if the client still waits for it."""
+        if request is not self._current:
+            return
+        if pdu is None or self._is_kept_back(pdu):
+            self.counts.silent += 1
+            self._drop()
+            return
+        self._answer = pdu
+        if not self._is_hearing:
+            self._wake()
+
+    def _tune(self, latency: float) -> None:
+        """Begin to hear anew, on a port of this latency."""
+        settings = self.settings
+        self._latency = latency
+        self._framer: RequestFramer = AsciiFramer()
+        if settings.timing.mode == "rtu":  # with an echo, responses come from our own units too
+            ours: frozenset[int] = frozenset() if settings.echo else settings.serves
+            self._framer = RtuFramer(settings.frame_end + latency, ours)
+
+    def _hear(self, frames: list[Frame], now: float) -> None:
+        self._is_hearing = True
+        try:
+            for frame in frames:
+                self._take(frame, now)
+        finally:
+            self._is_hearing = False
+        self.counts.noise += self._framer.heard_noise
+        self._framer.heard_noise = False
+        if self._current is not None and self._is_followed():
+            self._overtake(self._current, now)
+
+    def _take(self, frame: Frame, now: float) -> None:
+        if self._is_echo(frame, now):
+            self.counts.echoes += 1
+            return
+        if self._current is not None:
+            self._overtake(self._current, now)
+        if self._is_ending or self._write is None:
+            return
+        request = Request(frame.unit, frame.pdu, self, now)
+        if frame.unit == BROADCAST_UNIT:
+            self.counts.broadcasts += 1
+        elif frame.unit in self.settings.serves and frame.pdu[0] < EXCEPTION_BIT:
+            self.counts.requests += 1
+            self._current = request
+            self._glitch_until = now + self.settings.timing.t35 + self._latency
+        else:
+            self.counts.foreign_frames += 1
+            return
+        self._router.submit(request, now)
+
+    def _is_followed(self) -> bool:
+        """Whether somebody has begun to send since the request: most likely the client, which asks something else."""
+        behind = self._framer.behind
+        return behind > _GLITCH or (behind > 0 and self._heard_at > self._glitch_until)
+
+    def _is_kept_back(self, pdu: bytes) -> bool:
+        """Whether it says that no answer came, and the client is not to be told."""
+        return self.settings.on_failure == "silent" and pdu[0] >= EXCEPTION_BIT and pdu[1] in _FAILURES
+
+    def _go_on(self, now: float) -> None:
+        """Put the answer on the line if the client still waits for it and everybody else is silent."""
+        if self._current is None or self._write is None:
+            return
+        if now >= self._expires_at(self._current):
+            self.counts.too_late += 1
+            self._withhold(self._current, "it was not there within answer_within", now)
+        elif self._answer and now >= self._quiet_at and self._framer.deadline() is None:
+            self._respond(Frame(self._current.unit, self._answer), self._write, now)
+
+    def _respond(self, response: Frame, write: Callable[[bytes], None], now: float) -> None:
+        self._drop()
+        self.counts.responses += 1
+        self.counts.exceptions += response.pdu[0] >= EXCEPTION_BIT
+        adu = self._framer.encode(*response)
+        leaves_at = now + self.settings.timing.frame(len(response.pdu))
+        self._quiet_at = leaves_at + self.settings.silence_before_response
+        self._said = response
+        self._echo_until = leaves_at + self.settings.timing.t35 + (leaves_at - now)  # no client can repeat it sooner
+        write(adu)
+
+    def _is_echo(self, frame: Frame, now: float) -> bool:
+        """Whether `frame` is our own response that the adapter returns: a write would be carried out for ever."""
+        said, self._said = self._said, None
+        if frame != said or self.settings.echo:
+            return frame == said
+        if self._is_virtual or now >= self._echo_until:
+            return False
+        if not self._echo_told:
+            self._echo_told = True
+            self._emit(events.EchoHeard(self.settings.name, self.settings.source))
+        return True
+
+    def _overtake(self, request: Request, now: float) -> None:
+        self.counts.overtaken += 1
+        self._withhold(request, "something else was heard before it was there", now)
+
+    def _withhold(self, request: Request, reason: str, now: float) -> None:
+        """The client does not wait for this answer any more, or would take it for another one."""
+        self._drop()
+        name, source, elapsed = self.client, self.settings.source, round((now - request.received_at) * 1000, 1)
+        self._emit(events.AnswerWithheld(name, request.unit, request.pdu[0], elapsed, reason, source))
+
+    def _drop(self) -> None:
+        self._current = None
+        self._answer = b""
+
+    def _expires_at(self, request: Request) -> float:
+        return request.received_at + self.settings.answer_within
+
+    def __repr__(self) -> str:
+        state = "down" if self._write is None else repr(self._current) if self._current else "listening"
+        return f"<SerialSession {self.client} {state}>"

@@ -1,0 +1,107 @@
+"""A server line on the clock and a port: it wakes by itself, and a defect in it stays in it."""
+
+import asyncio
+
+from gateway.errors import PortError
+from gateway.events import Event, PartFailed
+from gateway.listeners.serial import SerialListener
+from gateway.listeners.serial_session import ServerSettings
+from gateway.modbus.rtu import encode
+from gateway.request import Request
+from kit.server_bench import RTU
+
+READ = encode(41, bytes.fromhex("03 0000 0002"))
+RESPONSE = bytes.fromhex("03 04 45 9C 3D 51")
+
+
+class FakePort:
+    latency = 0.005
+    virtual = True
+
+    def __init__(self) -> None:
+        self.written: list[bytes] = []
+        self.closed = False
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Driven:
+    """A listener with an open port; `requests` are those that its client has sent."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.requests: list[Request] = []
+        settings = ServerSettings("panel", RTU, frozenset({41}))
+        self.listener = SerialListener(settings, self, asyncio.get_running_loop(), self.events.append)
+        self.port = FakePort()
+        self.listener.port_up(self.port)
+
+    def submit(self, request: Request, now: float) -> None:
+        self.requests.append(request)
+
+
+async def test_it_waits_for_the_silence_and_answers() -> None:
+    driven = Driven()
+    driven.listener.received(READ)
+    assert driven.listener.has_clients
+    driven.requests[0].respond(RESPONSE)
+    assert driven.port.written == []
+    await asyncio.sleep(0.1)
+    assert driven.port.written == [encode(41, RESPONSE)]
+    assert not driven.listener.has_clients
+    driven.listener.close()
+
+
+async def test_an_answer_that_comes_later_goes_out_at_once() -> None:
+    driven = Driven()
+    driven.listener.received(READ)
+    await asyncio.sleep(0.1)
+    driven.requests[0].respond(RESPONSE)
+    assert driven.port.written == [encode(41, RESPONSE)]
+    driven.listener.close()
+
+
+async def test_after_the_order_to_finish_it_takes_no_requests() -> None:
+    driven = Driven()
+    driven.listener.finish()
+    driven.listener.received(READ)
+    assert driven.requests == []
+    driven.listener.close()
+
+
+async def test_a_lost_port_leaves_nobody_to_answer() -> None:
+    driven = Driven()
+    driven.listener.received(READ)
+    driven.listener.port_down(PortError("pulled"))
+    driven.requests[0].respond(RESPONSE)
+    await asyncio.sleep(0.1)
+    assert driven.port.written == []
+    driven.listener.close()
+
+
+async def test_a_defect_ends_at_the_border_and_the_port_is_reopened() -> None:
+    driven = Driven()
+    driven.listener.received(READ)
+
+    def defect(*_: object) -> None:
+        raise ZeroDivisionError
+
+    driven.listener.session._write = defect
+    driven.requests[0].respond(RESPONSE)
+    await asyncio.sleep(0.1)
+    assert driven.port.closed
+    (told,) = driven.events
+    assert isinstance(told, PartFailed)
+    assert (told.part, "ZeroDivisionError" in told.traceback) == ("line panel", True)
+    assert not driven.listener.has_clients
+    driven.listener.port_down(PortError("closed"))
+    driven.listener.port_up(driven.port)
+    driven.listener.received(READ)
+    driven.requests[1].respond(RESPONSE)
+    await asyncio.sleep(0.1)
+    assert driven.port.written == [encode(41, RESPONSE)]
+    driven.listener.close()
