@@ -26,7 +26,7 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             yield from _check_local(image)
             continue
         yield from _check_mirror(image)
-        if image.of not in profiles and "line" not in failed:
+        if image.of not in profiles and not failed & {"line", "upstream"}:
             yield error((*image.path, "of"), f'there is no device "{image.of}"', did_you_mean(image.of, profiles))
         profile = config.profile.get(profiles.get(image.of, ""))
         if profile is not None:
@@ -49,12 +49,15 @@ def check_addresses(config: Config) -> Iterator[Problem]:
 
 
 def _profiles_of_devices(config: Config) -> dict[str, str]:
-    """The name of each device's profile, by the device's own name."""
+    """The name of each device's profile, by the device's own name; empty for units behind other servers."""
     profiles: dict[str, str] = {}
     for line in client_lines(config):
         profiles |= dict.fromkeys(line.all_device_names, line.profile)
         for row in line.devices or ():
             profiles |= dict.fromkeys(line.device_names(row), row.profile or line.profile)
+    for upstream in config.upstream:
+        for units in upstream.units:
+            profiles |= dict.fromkeys(upstream.unit_names(units), "")
     return profiles
 
 

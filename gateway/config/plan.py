@@ -113,7 +113,9 @@ def resolve(config: Config) -> Plan:
     elsewhere = {image.unit for image in config.image if image.of is None}
     elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
     lines = tuple(_line(line, profiles, elsewhere) for line in config.line if line.role == "client")
-    devices = {device.name: device for line in lines for device in line.devices}
+    upstreams = tuple(_upstream(upstream) for upstream in config.upstream)
+    owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
+    devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(_image(image, profiles) for image in config.image if image.of is None)
     mirrors = tuple(_mirror(image, devices[image.of]) for image in config.image if image.of is not None)
     behind = {device.known_as: device.profile for device in devices.values()}
@@ -123,7 +125,7 @@ def resolve(config: Config) -> Plan:
         listeners=tuple(_listener(listen, config.listen) for listen in config.listen) or (DEFAULT_LISTENER,),
         lines=lines,
         servers=tuple(_server_line(line, behind) for line in config.line if line.role == "server"),
-        upstreams=tuple(_upstream(upstream) for upstream in config.upstream),
+        upstreams=upstreams,
         images=images,
         mirrors=mirrors,
         log=_log(config.log),
@@ -277,8 +279,7 @@ def _behind(upstream: Upstream) -> Iterator[DeviceSettings]:
     """The units behind another server, which knows itself what they accept."""
     answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=upstream.timeout, fixed=True)
     for row in upstream.units:
-        for unit, known_as in zip(row.units, row.known_as, strict=True):
-            name = f"{upstream.label}/{known_as}"
+        for unit, known_as, name in zip(row.units, row.known_as, upstream.unit_names(row), strict=True):
             yield DeviceSettings(name, unit, known_as, Profile("upstream"), answer_time, source=row.source)
 
 

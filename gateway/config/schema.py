@@ -319,6 +319,10 @@ class Upstream(Table):
         """Its name, or what it is called without one."""
         return self.name or str(self.to)
 
+    def unit_names(self, row: UpstreamUnit) -> list[str]:
+        """What the units of a row are called, in the order of its units."""
+        return [f"{self.label}/{unit}" for unit in row.known_as]
+
 
 class TimingRow(Table):
     """A point of a timing table."""

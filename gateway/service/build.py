@@ -67,10 +67,10 @@ def build(
     lines = tuple(GatewayLine(line_plan, loop, opener, memory, emit) for line_plan in plan.lines)
     upstreams = tuple(GatewayUpstream(upstream_plan, loop, opener, emit) for upstream_plan in plan.upstreams)
     images = tuple(_image(settings, store) for settings in plan.images)
-    devices = {device.name: device for line in lines for device in line.devices.values()}
+    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*lines, *upstreams)
+    devices = {device.name: device for part in parts for device in part.devices.values()}
     mirrors = tuple(MirrorDriver(settings, devices[settings.of], loop, emit) for settings in plan.mirrors)
     routes: dict[int, Target] = {image.settings.unit: image for image in images}
-    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*lines, *upstreams)
     for part in parts:
         routes |= part.devices
     routes |= {driver.mirror.settings.unit: driver for driver in mirrors}

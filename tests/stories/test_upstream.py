@@ -70,6 +70,20 @@ async def test_a_unit_that_is_always_late_gives_nobody_anothers_value() -> None:
             assert answer in {"83 0B", f"03 02 01 {address:02X}"}
 
 
+async def test_a_unit_behind_another_server_can_be_mirrored() -> None:
+    mirror = '[[image]]\nunit = 241\nof = "plant-1/38"\nread = [{ holding = "5-5", every = "500 ms" }]\nstale = "1 s"\n'
+    async with house(CONFIG + mirror) as home:
+        server, client = Server(home), home.client()
+        await asyncio.sleep(1)
+        polls = len(server.asked)
+        for _ in range(20):
+            assert await client.asks(241, "03 00 05 00 01") == "03 02 02 05"
+        assert len(server.asked) == polls > 0
+        server.line.pull()
+        await asyncio.sleep(2)
+        assert await client.asks(241, "03 00 05 00 01") == "83 0B"
+
+
 async def test_a_read_only_client_writes_nothing_upstream() -> None:
     async with house(CONFIG) as home:
         server = Server(home)
