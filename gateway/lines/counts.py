@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Final
 
 from gateway.errors import RequestError
@@ -83,11 +84,11 @@ class UnitCounts(dict[int, Counts]):
 
 
 _NAMES: Final = tuple(field.name for field in fields(Counts))
+_VALUES: Final = attrgetter(*_NAMES)
 #: The names of the first group: what can become of a request.
 RESULTS: Final = _NAMES[: _NAMES.index("sent")]
 
 
 def total(counts: Iterable[Counts]) -> Counts:
     """All of `counts` together."""
-    several = tuple(counts)
-    return Counts(*(sum(getattr(one, name) for one in several) for name in _NAMES))
+    return Counts(*map(sum, zip(*map(_VALUES, counts), strict=True)))
