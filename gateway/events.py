@@ -281,6 +281,29 @@ class BaudChanged(Event):
 
 
 @dataclass(frozen=True)
+class AddressRemembered(Event):
+    """A device moved in an earlier run: it is asked at `unit`, and not where the config says."""
+
+    level = Level.WARNING
+    line: str
+    device: str
+    unit: int
+    configured: int
+    advice: str
+
+
+@dataclass(frozen=True)
+class BaudRemembered(Event):
+    """A line followed its device to `baud` in an earlier run, and goes on at that rate, whatever the config says."""
+
+    level = Level.WARNING
+    line: str
+    baud: int
+    configured: int
+    advice: str
+
+
+@dataclass(frozen=True)
 class LateResponse(Event):
     """A response came after its limit; it was dropped. The device needs a longer time limit."""
 
@@ -296,7 +319,10 @@ class LateResponse(Event):
 
 @dataclass(frozen=True)
 class UnitResting(Event):
-    """A unit has failed three times in a row: its requests are answered 0B at once until it is tried again."""
+    """A unit has failed three times in a row, or once more since: its requests are answered 0B at once.
+
+    `rest_s` is the time until it is tried again, from now on: the late window of the last failure and the rest itself.
+    """
 
     level = Level.WARNING
     line: str

@@ -1,5 +1,6 @@
 import dataclasses
 import logging
+from pathlib import Path
 
 import pytest
 
@@ -50,3 +51,10 @@ def test_what_needs_an_operator_is_a_warning_or_worse():
     assert events.LineLost.level == events.RequestTimeout.level == events.Level.WARNING
     assert events.PartFailed.level == events.Level.ERROR
     assert events.LineUp.level == events.Level.INFO
+
+
+@pytest.mark.parametrize("event", ALL, ids=lambda event: event.name)
+def test_the_operator_can_look_it_up(event):
+    page = (Path(__file__).parents[1] / "docs" / "operations.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    assert any(f"`{event.name}`" in row for row in rows)

@@ -2,7 +2,8 @@
 
 import argparse
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from math import ceil
 from typing import Any, Final
 
@@ -22,10 +23,14 @@ from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolv
 from gateway.config.problem import Problem, dotted
 from gateway.config.ranges import show_ranges
 from gateway.config.unitset import show_units
+from gateway.errors import StateError
+from gateway.events import AddressRemembered, BaudRemembered
 from gateway.images.image import ImageSettings
 from gateway.lines.device import DeviceSettings
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import url
+from gateway.service.remembered import in_force
+from gateway.service.state import kept_in, state_folder
 
 _ADVICE: Final = """\
 Longest wait = max_wait + gap + longest request on the wire + its time limit.
@@ -83,6 +88,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts += [_server(server, plan) for server in plan.servers]
     if plan.images:
         parts.append(_images(plan.images))
+    parts += _remembered(plan)
     if plan.lines or plan.upstreams:
         parts.append(_ADVICE)
     return "\n\n".join([*parts, _verdict(loaded.problems)])
@@ -202,6 +208,33 @@ def _upstream(plan: UpstreamPlan) -> str:
     )
 
 
+def _remembered(plan: Plan) -> list[str]:
+    """What the gateway will go by instead of the config, if it is run by the same user."""
+    try:
+        rows = [f"  {each.line}: {_remembered_value(each)}; {each.advice}" for each in _in_force(plan)]
+    except StateError as error:
+        rows = [f"  {error}"]
+    return ["\n".join(["Remembered from an earlier run", *rows])] if rows else []
+
+
+def _remembered_as_json(plan: Plan) -> list[dict[str, Any]] | None:
+    """None: the file cannot be read."""
+    try:
+        return [asdict(each) for each in _in_force(plan)]
+    except StateError:
+        return None
+
+
+def _in_force(plan: Plan) -> Iterator[AddressRemembered | BaudRemembered]:
+    return in_force(plan, kept_in(state_folder()))
+
+
+def _remembered_value(each: AddressRemembered | BaudRemembered) -> str:
+    if isinstance(each, AddressRemembered):
+        return f"{each.device} is asked at {each.unit}, the config says {each.configured}"
+    return f"{each.baud} baud, the config says {each.configured}"
+
+
 def _images(images: tuple[ImageSettings, ...]) -> str:
     rows = [(str(image.unit), image.name, image.profile.name, _areas(image)) for image in images]
     return "Images\n" + aligned([("UNIT", "NAME", "PROFILE", "ADDRESSES"), *rows], "  ")
@@ -226,6 +259,7 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
             for one in plan.listeners
         ]
         picture["lines"] = [_line_as_json(line) for line in plan.lines]
+        picture["remembered"] = _remembered_as_json(plan)
         picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]
         picture["servers"] = [_server_as_json(server, plan) for server in plan.servers]
         picture["images"] = [

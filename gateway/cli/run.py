@@ -17,6 +17,7 @@ from gateway.images.store import Store
 from gateway.observe.log import open_log
 from gateway.ports.kinds import opener
 from gateway.service.build import build
+from gateway.service.remembered import in_force
 from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
 
@@ -44,6 +45,8 @@ def run(args: argparse.Namespace) -> int:
         for problem in loaded.problems:
             emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
         with closing(StateFile(state_folder(), emit)) as memory, _open_store(plan, emit) as store:
+            for remembered in in_force(plan, memory):
+                emit(remembered)
             asyncio.run(_run(plan, file, memory, store, emit))
     return FINE
 

@@ -38,15 +38,14 @@ class Breaker:
         return self._until - now if self.rests(now) else 0.0
 
     def failed(self, limit: float, window_end: float) -> bool:
-        """A request to the unit has failed after `limit` seconds; True when its first rest begins with that."""
+        """A request to the unit has failed after `limit` seconds; True when a rest begins with that."""
         self.failures += 1
         if self.failures < FAILURES:
             return False
         least = LIMITS_PER_REST * limit
-        is_first = self.rest == 0.0
         self.rest = max(FIRST_REST, least, min(2 * self.rest, LONGEST_REST))
         self._until = window_end + self.rest
-        return is_first
+        return True
 
     def heard(self) -> bool:
         """A valid frame has come from the unit; True when that ends its rests."""

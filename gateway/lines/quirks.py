@@ -15,6 +15,7 @@ from typing import Final, Literal, Protocol, cast
 
 from gateway.errors import IllegalDataValue
 from gateway.events import AddressMoved, BaudChanged, Emit
+from gateway.lines.breaker import FAILURES
 from gateway.lines.device import Device, DeviceSettings, TakesTransactions
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT
@@ -154,7 +155,7 @@ class RestlessDevice(Device):
         self._is_alone = is_alone
         self._remember = remember
         self._emit = emit
-        #: Where it answered last, and where else it may be since a move that nobody confirmed.
+        #: Where it answered last, and where else it may be: since a move that nobody confirmed, or because it rests.
         self._known_at = settings.unit
         self._maybe_at: int | None = None
         whereabouts.place(self.name, self.unit)
@@ -184,22 +185,34 @@ class RestlessDevice(Device):
 
     def _lose_track(self, unit: int) -> None:
         """It was told to move to `unit` and nobody answered: the move may have happened or not."""
-        if unit == self._known_at:
-            return
+        if unit != self._known_at:
+            self._doubt(unit, "old or new: no answer came")
+
+    def _doubt(self, unit: int, why: str) -> None:
+        """It may be at `unit` too: both addresses are held until it answers from one of them."""
         self._maybe_at = unit
         self._whereabouts.place(self.name, self._known_at, unit)
-        advice = f"old or new: no answer came; it is at {self._known_at} or {unit}, and its next answer settles it"
+        advice = f"{why}; it is at {self._known_at} or {unit}, and its next answer settles it"
         self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
 
     def _look_elsewhere(self) -> None:
-        """It did not answer where it was asked: the next request tries the other place, if there are two."""
+        """It did not answer where it was asked: the next request tries the other place, if there are two.
+
+        If it rests, and the config names another place, that is the other one: it may have been set back by hand.
+        """
+        configured = self.settings.unit
+        may_be_back = self._maybe_at is None and self.breaker.failures >= FAILURES and configured != self._known_at
+        if may_be_back and self._whereabouts.is_free(configured, self.name):
+            self._doubt(configured, "it does not answer where it moved to")
         if self._maybe_at is not None:
             self.unit = self._maybe_at if self.unit == self._known_at else self._known_at
 
     def _found(self, unit: int) -> None:
         """It has answered from `unit`."""
         if unit != self._known_at:
-            advice = f"requests follow it; set unit = {unit} in {self.source}"
+            is_configured = unit == self.settings.unit
+            remedy = "as the config says" if is_configured else f"set unit = {unit} in {self.source}"
+            advice = f"requests follow it; {remedy}"
             self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
             self._remember(unit)
         elif self._maybe_at is None:

@@ -48,9 +48,10 @@ class Report:
         if first:
             self._emit(events.EchoHeard(self._line, self._source))
 
-    def resting(self, device: Addressee) -> None:
-        """A unit rests from now on."""
-        self._emit(events.UnitResting(self._line, device.unit, device.name, device.breaker.rest, device.source))
+    def resting(self, device: Addressee, now: float) -> None:
+        """A unit rests from now on, for the first time or again."""
+        rest = round(device.breaker.rest_left(now), 1)
+        self._emit(events.UnitResting(self._line, device.unit, device.name, rest, device.source))
 
     def recovered(self, device: Addressee) -> None:
         """A unit that rested has been heard."""

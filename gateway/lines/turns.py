@@ -109,7 +109,7 @@ class Turns:
         device = transaction.device
         if device.breaker.failed(transaction.limit, self._window_end(transaction, now)):
             self._resting.add(device)
-            self._report.resting(device)
+            self._report.resting(device, now)
 
     def heard(self, device: Addressee) -> None:
         """The unit has spoken: its rest is over."""

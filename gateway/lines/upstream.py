@@ -190,7 +190,7 @@ class Upstream:
         if transaction.ends_at >= self._failed_at.get(device, 0.0):
             self._failed_at[device] = now
             if device.breaker.failed(transaction.limit, now):
-                self._report.resting(device)
+                self._report.resting(device, now)
         error = errors.BrokenResponse() if instead else errors.ResponseTimeout()
         device.counts.last_error = error.result
         return error

@@ -28,6 +28,7 @@ from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, SerialSet
 from gateway.request import Target
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
+from gateway.service import remembered
 from gateway.service.state import Memory
 
 #: Where clients connect, whatever they speak.
@@ -135,11 +136,12 @@ class GatewayLine:
         self._whereabouts = Whereabouts()
         self.name = name = plan.line.name
         timing = plan.line.timing
-        self._port = _RememberedPort(name, plan.port, timing.baud, opener, memory)
+        self._port = _RememberedPort(plan, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
         self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
         self.keeper = Keeper(name, plan.port.port, self._port.open, self.driver, emit)
         self.every_device = EveryDevice(self.driver)
+        self._addresses = remembered.addresses(plan, memory)
         self.devices: dict[int, Device] = {each.known_as: self._device(each) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait(plan, each) for each in plan.devices}
 
@@ -152,7 +154,7 @@ class GatewayLine:
         return self._restless_device(settings)
 
     def _restless_device(self, settings: DeviceSettings) -> Device:
-        line, key = self.plan.line, f"{self.plan.line.name}/{settings.name}"
+        line, key = self.plan.line, remembered.address_key(self.plan, settings)
         device = RestlessDevice(
             settings,
             self.driver,
@@ -163,7 +165,7 @@ class GatewayLine:
             remember=partial(self._memory.remember, key, settings.unit),
             emit=self._emit,
         )
-        device.begin_at(self._memory.recall(key, settings.unit))
+        device.begin_at(self._addresses[settings.name])
         return device
 
 
@@ -182,25 +184,23 @@ class GatewayUpstream:
 class _RememberedPort:
     """A line's port, opened at the rate that the line has changed to, if it has. A device server keeps its own."""
 
-    def __init__(self, line: str, settings: PortSettings, baud: int, opener: Opener, memory: Memory) -> None:
-        self._key = line
-        self._settings = settings
-        self._configured = baud
+    def __init__(self, plan: LinePlan, opener: Opener, memory: Memory) -> None:
+        self._plan = plan
         self._opener = opener
         self._memory = memory
 
     @property
     def baud(self) -> int:
         """The rate at the moment."""
-        return self._memory.recall(self._key, self._configured)
+        return remembered.rate(self._plan, self._memory)
 
     def rate_changed(self, baud: int) -> None:
         """The line goes on at another rate."""
-        self._memory.remember(self._key, self._configured, baud)
+        self._memory.remember(remembered.rate_key(self._plan), self._plan.line.timing.baud, baud)
 
     async def open(self, user: PortUser) -> Port:
         """Open the port. Raises PortError."""
-        settings = self._settings
+        settings = self._plan.port
         if isinstance(settings, SerialSettings):
             settings = replace(settings, baud=self.baud)
         return await self._opener(settings)(user)

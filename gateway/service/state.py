@@ -1,6 +1,6 @@
 """What the gateway must not forget over a restart: devices that moved, and lines that changed their rate.
 
-    {"hall-a/silo-1": {"configured": 1, "now": 5}, "hall-a": {"configured": 9600, "now": 19200}}
+    {"/dev/ttyS1 silo-1": {"configured": 1, "now": 5}, "/dev/ttyS1": {"configured": 9600, "now": 19200}}
 
 An entry holds as long as the config says what it said then: who edits the config knows better.
 """
@@ -17,6 +17,8 @@ from gateway.events import Emit, StateNotKept
 
 FILE_NAME: Final = "whereabouts.json"
 
+Entries = dict[str, dict[str, int]]
+
 
 def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0) -> Path:
     """Where state is kept: where systemd says, in /var/lib as root, else in the user's own state folder."""
@@ -29,10 +31,11 @@ def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool =
 
 
 class Memory:
-    """Remembered values, one integer a key."""
+    """Remembered values, one integer a key. `file` is where they come from."""
 
-    def __init__(self) -> None:
-        self._entries: dict[str, dict[str, int]] = {}
+    def __init__(self, file: str = "", entries: Entries | None = None) -> None:
+        self.file = file
+        self._entries = entries or {}
 
     def recall(self, key: str, configured: int) -> int:
         """The value of `key` now: the remembered one, unless the config has changed since."""
@@ -49,6 +52,16 @@ class Memory:
         """Nothing more is remembered."""
 
 
+def kept_in(folder: Path) -> Memory:
+    """What is remembered in `folder`, to look at.
+
+    Raises:
+        StateError: the file is there and cannot be read.
+    """
+    file = folder / FILE_NAME
+    return Memory(str(file), _read(file))
+
+
 class StateFile(Memory):
     """A memory in a file, which is written anew by a thread with each change. A failure is told, and serving goes on.
 
@@ -57,11 +70,10 @@ class StateFile(Memory):
     """
 
     def __init__(self, folder: Path, emit: Emit) -> None:
-        super().__init__()
         self._file = folder / FILE_NAME
+        super().__init__(str(self._file), _read(self._file))
         self._emit = emit
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="state")
-        self._entries = _read(self._file)
 
     def remember(self, key: str, configured: int, now: int) -> None:
         """See Memory; the file follows."""
@@ -79,7 +91,7 @@ class StateFile(Memory):
             self._emit(StateNotKept(str(self._file), error.strerror or str(error)))
 
 
-def _read(file: Path) -> dict[str, dict[str, int]]:
+def _read(file: Path) -> Entries:
     try:
         entries = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

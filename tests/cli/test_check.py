@@ -318,3 +318,27 @@ def test_units_behind_servers_as_json(config, capsys):
             ],
         }
     ]
+
+
+REMEMBERED = '{"/dev/null silo-1": {"configured": 1, "now": 5}, "/dev/null": {"configured": 19200, "now": 9600}}'
+
+
+def test_what_was_remembered_is_shown_with_how_to_forget_it(config, capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    (tmp_path / "whereabouts.json").write_text(REMEMBERED)
+    assert main(["check", config(FILE)]) == 0
+    shown = capsys.readouterr().out
+    assert "Remembered from an earlier run\n  hall-a: 9600 baud, the config says 19200; " in shown
+    assert "  hall-a: silo-1 is asked at 5, the config says 1; it moved in an earlier run; set unit = 5 in" in shown
+    main(["check", config(FILE), "--json"])
+    rate, address = json.loads(capsys.readouterr().out)["remembered"]
+    assert (rate["baud"], address["device"], address["unit"], address["configured"]) == (9600, "silo-1", 5, 1)
+
+
+def test_a_state_file_that_cannot_be_read_is_said_too(config, capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    (tmp_path / "whereabouts.json").write_text("{")
+    assert main(["check", config(FILE)]) == 0
+    assert "move it away to start without it" in capsys.readouterr().out
+    main(["check", config(FILE), "--json"])
+    assert json.loads(capsys.readouterr().out)["remembered"] is None

@@ -1,6 +1,8 @@
 """`run` as a process, as far as its own output is concerned."""
 
 import fcntl
+import json
+import os
 import signal
 import socket
 import subprocess
@@ -40,5 +42,27 @@ def test_a_log_that_nobody_reads_stops_neither_the_gateway_nor_its_end(tmp_path:
                 assert exchange(free_port).hex() == "000100000005c8030200" + "00", turn
             process.send_signal(signal.SIGTERM)
             assert process.wait(PATIENCE) == 0
+        finally:
+            process.kill()
+
+
+def test_it_says_at_the_start_that_a_device_is_asked_elsewhere_than_the_config_says(
+    tmp_path: Path, free_port: int
+) -> None:
+    config = tmp_path / "gateway.toml"
+    config.write_text(
+        f'[[listen]]\nbind = "tcp://127.0.0.1:{free_port}"\n[log]\nformat = "json"\n'
+        f'[[line]]\nport = "{tmp_path}/hall"\ndevices = [{{ unit = 1, name = "silo-1", profile = "weigher" }}]\n'
+    )
+    (tmp_path / "whereabouts.json").write_text(f'{{"{tmp_path}/hall silo-1": {{"configured": 1, "now": 5}}}}')
+    environment = {**os.environ, "STATE_DIRECTORY": str(tmp_path)}
+    with subprocess.Popen([*COMMAND, "run", str(config)], stderr=subprocess.PIPE, env=environment) as process:
+        try:
+            assert process.stderr is not None
+            told: dict[str, object] = {}
+            while told.get("event") not in {"address_remembered", "ready"}:
+                told = json.loads(process.stderr.readline())
+            assert (told.get("device"), told.get("unit"), told.get("configured")) == ("silo-1", 5, 1)
+            assert f"delete its entry in {tmp_path}/whereabouts.json" in str(told["advice"])
         finally:
             process.kill()

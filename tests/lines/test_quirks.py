@@ -188,6 +188,33 @@ def test_a_device_begins_where_it_moved_to_in_an_earlier_run(hall: Hall) -> None
     assert hall.written == [frame(5, READ)]
 
 
+def test_a_device_that_rests_where_it_moved_to_is_looked_for_where_the_config_says_too(hall: Hall) -> None:
+    hall.silo.begin_at(5)
+    for _ in range(4):
+        hall.ask_silo(READ)
+        hall.pass_time(20)
+    assert hall.written == [frame(5, READ)] * 3 + [frame(1, READ)]
+    (told,) = hall.told(AddressMoved)
+    assert told.advice == "it does not answer where it moved to; it is at 5 or 1, and its next answer settles it"
+    hall.ask_silo(READ)
+    hall.pass_time(60)
+    hall.ask_silo(READ)
+    hall.hear(frame(1, WEIGHT))
+    assert hall.written[4:] == [frame(5, READ), frame(1, READ)]
+    assert hall.remembered == [1]
+    assert hall.told(AddressMoved)[1].advice == "requests follow it; as the config says"
+
+
+def test_a_device_that_rests_is_not_looked_for_where_its_neighbour_has_moved_to(hall: Hall) -> None:
+    hall.silo.begin_at(5)
+    hall.whereabouts.place("silo-2", 1)
+    for _ in range(4):
+        hall.ask_silo(READ)
+        hall.pass_time(20)
+    assert hall.written == [frame(5, READ)] * 4
+    assert hall.told(AddressMoved) == []
+
+
 def test_a_read_of_the_address_register_is_no_move(hall: Hall) -> None:
     hall.ask_silo("03 01 00 00 01")
     hall.hear(frame(1, RESPONSE))

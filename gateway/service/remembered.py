@@ -1,0 +1,48 @@
+"""What an earlier run has left behind: devices that moved, and lines that changed their rate."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+from gateway.config.plan import LinePlan, Plan
+from gateway.events import AddressRemembered, BaudRemembered
+from gateway.lines.device import DeviceSettings
+from gateway.service.state import Memory
+
+
+def rate_key(line: LinePlan) -> str:
+    """What a line's rate is remembered by: its port, so that no other config's line is meant."""
+    return line.port.port
+
+
+def address_key(line: LinePlan, device: DeviceSettings) -> str:
+    """What a device's address is remembered by."""
+    return f"{line.port.port} {device.name}"
+
+
+def rate(line: LinePlan, memory: Memory) -> int:
+    """The rate that the line was left at."""
+    return memory.recall(rate_key(line), line.line.timing.baud)
+
+
+def addresses(line: LinePlan, memory: Memory) -> Mapping[str, int]:
+    """The address of each device of the line, by name: where it moved to, unless another device is there now."""
+    now = {each.name: memory.recall(address_key(line, each), each.unit) for each in line.devices}
+    taken = Counter(now.values())
+    return {each.name: now[each.name] if taken[now[each.name]] == 1 else each.unit for each in line.devices}
+
+
+def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
+    """Every remembered value that the gateway goes by instead of what the config says."""
+    to_forget = f"to forget it, stop the gateway and delete its entry in {memory.file}, or the file"
+    for line in plan.lines:
+        name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)
+        if now != configured:
+            advice = (
+                f"its device changed the rate in an earlier run; set baud = {now} in {line.line.source}; {to_forget}"
+            )
+            yield BaudRemembered(name, now, configured, advice)
+        at = addresses(line, memory)
+        for device in line.devices:
+            if at[device.name] != device.unit:
+                advice = f"it moved in an earlier run; set unit = {at[device.name]} in {device.source}; {to_forget}"
+                yield AddressRemembered(name, device.name, at[device.name], device.unit, advice)

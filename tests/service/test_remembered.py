@@ -1,0 +1,73 @@
+"""What an earlier run has left behind, and when it counts for nothing."""
+
+from gateway.config.load import parse
+from gateway.config.plan import Plan, resolve
+from gateway.events import AddressRemembered, BaudRemembered
+from gateway.service.remembered import address_key, addresses, in_force, rate_key
+from gateway.service.state import Memory
+
+HALL = """
+[[line]]
+name    = "hall-a"
+port    = "/dev/hall-a"
+baud    = 9600
+devices = [
+  { unit = 1, as = 41, name = "silo-1", profile = "weigher" },
+  { unit = 2, as = 42, name = "silo-2", profile = "weigher" },
+]
+"""
+
+
+def plan(config: str = HALL) -> Plan:
+    loaded = parse(config, port_trouble=lambda _: None, real_path=str)
+    assert loaded.config is not None
+    return resolve(loaded.config)
+
+
+def left_behind(*moves: tuple[str, int, int], baud: int = 9600) -> Memory:
+    """Devices of HALL that have moved, by name, and the rate that its line has changed to."""
+    memory, (line,) = Memory("/var/lib/x/whereabouts.json"), plan().lines
+    devices = {device.name: device for device in line.devices}
+    for name, configured, now in moves:
+        memory.remember(address_key(line, devices[name]), configured, now)
+    memory.remember(rate_key(line), 9600, baud)
+    return memory
+
+
+def test_nothing_is_in_force_as_long_as_nothing_has_changed() -> None:
+    assert list(in_force(plan(), left_behind())) == []
+
+
+def test_each_value_is_told_with_what_the_config_says_and_how_to_be_rid_of_it() -> None:
+    to_forget = "to forget it, stop the gateway and delete its entry in /var/lib/x/whereabouts.json, or the file"
+    assert list(in_force(plan(), left_behind(("silo-2", 2, 5), baud=19200))) == [
+        BaudRemembered(
+            "hall-a",
+            19200,
+            9600,
+            f"its device changed the rate in an earlier run; set baud = 19200 in gateway.toml:2; {to_forget}",
+        ),
+        AddressRemembered(
+            "hall-a",
+            "silo-2",
+            5,
+            2,
+            f"it moved in an earlier run; set unit = 5 in gateway.toml:8; {to_forget}",
+        ),
+    ]
+
+
+def test_a_config_with_the_same_names_on_another_port_knows_nothing_of_it() -> None:
+    elsewhere = plan(HALL.replace("/dev/hall-a", "/dev/hall-b"))
+    assert list(in_force(elsewhere, left_behind(("silo-1", 1, 5), baud=19200))) == []
+
+
+def test_two_devices_can_have_changed_places() -> None:
+    memory = left_behind(("silo-1", 1, 2), ("silo-2", 2, 1))
+    assert addresses(plan().lines[0], memory) == {"silo-1": 2, "silo-2": 1}
+
+
+def test_a_device_is_not_asked_where_the_config_has_another_one_by_now() -> None:
+    memory = left_behind(("silo-1", 1, 5))
+    (line,) = plan(HALL.replace("unit = 2,", "unit = 5,")).lines
+    assert addresses(line, memory) == {"silo-1": 1, "silo-2": 5}
