@@ -37,7 +37,7 @@ class OverTcpSession(Session):
     """
 
     __slots__ = (
-        "_answers_unit0", "_awaited", "_behind", "_buffer", "_framer", "_frames", "_noise", "_stopped_at",
+        "_answers_unit0", "_awaited", "_behind", "_buffer", "_framer", "_frames", "_heard_at", "_noise", "_stopped_at",
         "_together_until", "_waiting",
     )  # fmt: skip
 
@@ -62,6 +62,8 @@ class OverTcpSession(Session):
         self._frames: deque[Frame] = deque()
         self._waiting: deque[Request] = deque()
         self._awaited: Request | None = None
+        #: When bytes have arrived; until when requests were sent together with the one before.
+        self._heard_at = now
         self._together_until = now
         #: Since when nothing is read; and how far the framer's time is behind because of that.
         self._stopped_at: float | None = None
@@ -79,6 +81,7 @@ class OverTcpSession(Session):
     def received(self, count: int, now: float) -> None:
         """`count` bytes have arrived in `room()`."""
         self._noise += count
+        self._heard_at = now
         self._found(self._framer.tick(now - self._behind))
         self._found(self._framer.received(bytes(self._buffer[:count]), now - self._behind))
         self.proceed(now)
@@ -142,9 +145,9 @@ class OverTcpSession(Session):
             self._noise = 0
 
     def _take(self, unit: int, pdu: bytes, now: float) -> None:
-        if self._awaited is not None and now > self._together_until:
+        if self._awaited is not None and self._heard_at > self._together_until:
             self._give_up()
-        self._together_until = now + TOGETHER
+        self._together_until = max(self._together_until, self._heard_at + TOGETHER)
         self.last_asked = now
         self._in_flight += 1
         self._waiting.append(Request(unit, pdu, self, now))

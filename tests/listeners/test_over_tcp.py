@@ -165,9 +165,10 @@ def test_requests_that_come_together_wait_for_one_another(client: Client) -> Non
 
 
 @pytest.mark.parametrize("in_flight", [1, 2, 16])
-def test_a_thousand_requests_in_one_piece_get_a_thousand_responses(client: Client, in_flight: int) -> None:
+@pytest.mark.parametrize("scheme", ENCODE)
+def test_a_thousand_requests_in_one_piece_get_a_thousand_responses(scheme: str, in_flight: int) -> None:
     """However slowly they are answered: beyond `in_flight` nothing is read, and what is not read is not late."""
-    client.session._limit = in_flight + 1
+    client = Client(scheme, in_flight=in_flight)
     pdus = [bytes.fromhex("10 00 00 00 01 02") + number.to_bytes(2) for number in range(1000)]
     client.ask(*pdus)
     for number, pdu in enumerate(pdus):
@@ -202,9 +203,10 @@ def test_what_has_been_given_up_need_not_be_sent_any_more(client: Client) -> Non
     assert [client.session.wants(request) for request in client.target.requests] == [False, True]
 
 
-def test_a_client_that_never_waits_long_enough_gets_the_last_response_only(client: Client) -> None:
+@pytest.mark.parametrize("scheme", ENCODE)
+def test_a_client_that_never_waits_long_enough_gets_the_last_response_only(scheme: str) -> None:
     """Also when it may have one request under way: the gateway goes on reading, or it would not notice."""
-    client.session._limit = 2
+    client = Client(scheme, in_flight=1)
     for _ in range(50):
         client.ask(READ)
         client.wait(TIME_OUT)
@@ -245,8 +247,9 @@ def test_together_ends_with_a_pause_between_two_requests(client: Client) -> None
     assert client.target.asked == [READ, OTHER_READ]
 
 
-def test_a_client_that_once_sent_too_much_at_a_time_gives_up_as_others_do(client: Client) -> None:
-    client.session._limit = 2
+@pytest.mark.parametrize("scheme", ENCODE)
+def test_a_client_that_once_sent_too_much_at_a_time_gives_up_as_others_do(scheme: str) -> None:
+    client = Client(scheme, in_flight=1)
     client.ask(READ, READ)
     assert client.connection.is_paused
     client.respond(0)
@@ -309,6 +312,15 @@ def test_silence_ends_a_frame_of_unknown_size(rtu_client: Client) -> None:
     assert rtu_client.target.asked == []
     rtu_client.wait(SILENCE)
     assert rtu_client.target.asked == [UNKNOWN]
+
+
+def test_one_of_unknown_size_may_come_together_with_others(rtu_client: Client) -> None:
+    """Its end is noticed later than it has come."""
+    rtu_client.ask(READ, UNKNOWN)
+    rtu_client.wait(SILENCE)
+    rtu_client.respond(0)
+    rtu_client.respond(1, UNKNOWN)
+    assert rtu_client.heard(RESPONSE, UNKNOWN)
 
 
 def test_a_request_behind_one_of_unknown_size_is_found_though_nobody_looked_in_time(rtu_client: Client) -> None:

@@ -547,6 +547,7 @@ async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
         assert await new.is_open()
         assert [event.client for event in home.told(ClientConnected)] == [old.name, new.name]
         assert all(each.session.may_write for each in home.listener.connections)
+        assert {each.host for each in home.listener.connections} == {"127.0.0.1", "::1"}
 
 
 @pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")

@@ -168,6 +168,7 @@ MALFORMED = {
     "a length too long": bytes.fromhex("0001 0000 0007 01 03 0000 0001"),
     "two requests": 2 * encode(1, PROMPT, READ),
     "too much": encode(1, PROMPT, READ) + bytes(500),
+    "one byte behind the largest": encode(1, PROMPT, READ + bytes(248)) + b"\0",
     "an exception response": encode(1, PROMPT, b"\x83\x02"),
     "text": b"GET / HTTP/1.1\r\n\r\n",
     "the largest datagram": bytes(65507),
