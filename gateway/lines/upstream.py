@@ -48,7 +48,8 @@ class UpstreamSettings:
 class Upstream:
     """One connection to another server and its transactions.
 
-    One client's requests to one unit are sent one after the other, so that none overtakes another.
+    One client's requests to one unit are sent one after the other, so that none overtakes another. A unit that has
+    failed is asked one at a time until it answers, so that it does not take the places of others.
     """
 
     def __init__(self, settings: UpstreamSettings, emit: Emit) -> None:
@@ -200,7 +201,7 @@ class Upstream:
         late = self._queue.expired(now)
         try:
             while self._write is not None and len(self._under_way) < self.settings.in_flight:
-                transaction = None if len(self._owed) >= MOST_OWED else self._queue.take(self._must_follow)
+                transaction = None if len(self._owed) >= MOST_OWED else self._queue.take(self._must_wait)
                 if transaction is None:
                     break
                 self._send(transaction, self._write, now)
@@ -208,8 +209,11 @@ class Upstream:
             for request in late:
                 request.fail(errors.WaitedTooLong())
 
-    def _must_follow(self, transaction: Transaction) -> bool:
-        return (transaction.client, transaction.device) in self._asking
+    def _must_wait(self, transaction: Transaction) -> bool:
+        device = transaction.device
+        if (transaction.client, device) in self._asking:
+            return True
+        return device.breaker.failures > 0 and any(one.device is device for one in self._under_way.values())
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         if not transaction.is_wanted:

@@ -417,6 +417,28 @@ def test_failures_of_requests_that_were_under_way_together_count_once() -> None:
     assert bench.device(37).breaker.failures == 1
 
 
+def test_a_unit_that_has_failed_is_asked_one_at_a_time_until_it_answers() -> None:
+    bench = UpstreamBench()
+    fail(bench, 1)
+    for asker in clients(4):
+        bench.ask(client=asker)
+    bench.ask(unit=38)
+    assert [sent.unit for sent in bench.sent] == [7, 7, 8]
+    bench.respond(to=1)
+    assert [sent.unit for sent in bench.sent] == [7, 7, 8, 7, 7, 7]
+
+
+def test_what_waits_for_a_unit_that_begins_to_rest_is_0b_at_once() -> None:
+    bench = UpstreamBench()
+    fail(bench, FAILURES - 1)
+    askers = clients(4)
+    for asker in askers:
+        bench.ask(client=asker)
+    bench.pass_time(TIMEOUT)
+    assert [asker.answers for asker in askers] == [["83 0B"]] * 4
+    assert len(bench.sent) == FAILURES
+
+
 def test_a_late_answer_ends_the_rest() -> None:
     bench = UpstreamBench()
     fail(bench, FAILURES)

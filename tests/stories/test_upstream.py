@@ -61,6 +61,29 @@ async def test_a_slow_unit_holds_up_no_other() -> None:
         assert await client.answer() == "03 02 01 01"
 
 
+async def test_a_dead_unit_that_many_clients_ask_takes_the_places_of_others_for_one_limit_only() -> None:
+    async with house(CONFIG) as home:
+        server = Server(home)
+        server.delays[1] = 1e6
+
+        async def ask_in_vain(number: int) -> None:
+            client = home.client(f"10.0.1.{number}:1")
+            while True:
+                assert (await client.asks(37, "03 00 01 00 01"))[:2] == "83"
+                await asyncio.sleep(0.1)
+
+        crowd = [asyncio.create_task(ask_in_vain(number)) for number in range(20)]
+        await asyncio.sleep(1.1)
+        client = home.client()
+        for address in range(250):
+            began = client.now()
+            assert await client.asks(38, f"03 00 {address:02X} 00 01") == f"03 02 02 {address:02X}"
+            assert client.now() - began < 0.05
+            await asyncio.sleep(0.1)
+        for task in crowd:
+            task.cancel()
+
+
 async def test_a_unit_that_is_always_late_gives_nobody_anothers_value() -> None:
     async with house(CONFIG) as home:
         server, client = Server(home), home.client()
