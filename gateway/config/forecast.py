@@ -8,7 +8,7 @@ from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.lines.device import DeviceSettings
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import MAX_PDU, Area
-from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
+from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime, Budget
 
@@ -21,12 +21,26 @@ _AREAS: Final = {1: Area.COILS, 2: Area.DISCRETE, 4: Area.INPUT, 5: Area.COILS, 
 #: Stands for all functions that are not known here.
 _UNKNOWN_FUNCTION: Final = 65
 
+#: The longest requests of functions that have no such items, or those with the longest responses (A 6).
+_WITHOUT_ITEMS: Final = {
+    7: b"\x07",
+    8: b"\x08" + bytes(MAX_PDU - 1),
+    11: b"\x0b",
+    12: b"\x0c",
+    17: b"\x11",
+    20: bytes((20, 7, 6, 0, 1, 0, 0, 0, 124)),
+    21: bytes((21, 245, 6, 0, 1, 0, 0, 0, 119)) + bytes(2 * 119),
+    24: bytes((24, 0, 0)),
+    43: bytes((43, 14, 1, 0)),
+    _UNKNOWN_FUNCTION: bytes((_UNKNOWN_FUNCTION,)) + bytes(MAX_PDU - 1),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class FunctionLimits:
     """Time limits of one function in seconds: for `one` item, and for the `most` items a device takes.
 
-    `function` None means every function that is not known here, and `most` is 0 for those. `request` is the largest
+    `function` None means every function without such items, and `most` is 0 for those. `request` is the largest
     request on the wire.
     """
 
@@ -77,17 +91,18 @@ def longest_wait_outside(server: ServerPlan, plan: Plan) -> float:
 
 def _functions(profile: Profile) -> Iterator[int]:
     if profile.functions is None:
-        yield from (*sorted(KNOWN_FUNCTIONS), _UNKNOWN_FUNCTION)
+        yield from (*_MOST_ITEMS, _UNKNOWN_FUNCTION)
     else:
         yield from sorted(profile.functions)
 
 
 def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: AnswerTime) -> FunctionLimits:
-    if function not in KNOWN_FUNCTIONS:
-        asked = parse_request(bytes((function, *bytes(MAX_PDU - 1))))
-        limit = budget.limit(asked, answer_time)
+    if function not in _MOST_ITEMS:
         named = None if profile.functions is None else function
-        return FunctionLimits(named, 0, limit, limit, budget.request_wire_time(asked))
+        pdus = _WITHOUT_ITEMS.values() if named is None else (_longest_request(function),)
+        longest = [parse_request(pdu) for pdu in pdus]
+        limit = max(budget.limit(asked, answer_time) for asked in longest)
+        return FunctionLimits(named, 0, limit, limit, max(map(budget.request_wire_time, longest)))
     most = _most_items(function, profile)
     largest = _request(function, most)
     return FunctionLimits(
@@ -97,6 +112,10 @@ def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: Ans
         budget.limit(largest, answer_time),
         budget.request_wire_time(largest),
     )
+
+
+def _longest_request(function: int) -> bytes:
+    return _WITHOUT_ITEMS.get(function, bytes((function,)) + bytes(MAX_PDU - 1))
 
 
 def _most_items(function: int, profile: Profile) -> int:

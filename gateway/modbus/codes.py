@@ -13,10 +13,19 @@ class FunctionCode(IntEnum):
     READ_INPUT_REGISTERS = 4
     WRITE_SINGLE_COIL = 5
     WRITE_SINGLE_REGISTER = 6
+    READ_EXCEPTION_STATUS = 7
+    DIAGNOSTICS = 8
+    GET_COMM_EVENT_COUNTER = 11
+    GET_COMM_EVENT_LOG = 12
     WRITE_MULTIPLE_COILS = 15
     WRITE_MULTIPLE_REGISTERS = 16
+    REPORT_SERVER_ID = 17
+    READ_FILE_RECORD = 20
+    WRITE_FILE_RECORD = 21
     MASK_WRITE_REGISTER = 22
     READ_WRITE_MULTIPLE_REGISTERS = 23
+    READ_FIFO_QUEUE = 24
+    ENCAPSULATED_INTERFACE = 43
 
 
 class Area(StrEnum):
@@ -31,9 +40,14 @@ class Area(StrEnum):
 #: Set in the function code of an exception response (A 4.1).
 EXCEPTION_BIT: Final = 0x80
 
-#: Functions that cannot change a device: all that a read-only client may use. Whatever is not known to only read is
-#: a write.
+#: The MEI type of function 43 that reads what a device is (A 6.21).
+DEVICE_IDENTIFICATION: Final = 14
+
+#: Functions that cannot change a device. Whatever is not known to only read is a write.
 READING_FUNCTIONS: Final = frozenset({1, 2, 3, 4, 7, 11, 12, 17, 20, 24})
+
+#: How a request begins that reads what a device is: the one use of function 43 that is known to only read.
+READING_IDENTIFICATION: Final = bytes((FunctionCode.ENCAPSULATED_INTERFACE, DEVICE_IDENTIFICATION))
 
 #: Functions that may go to unit 0: every device acts, none responds (S 2.1).
 BROADCAST_FUNCTIONS: Final = frozenset({5, 6, 15, 16, 22})

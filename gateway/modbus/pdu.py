@@ -1,17 +1,26 @@
 """Protocol data units: what a request asks for, and which response belongs to it.
 
 A request is read once into a `RequestPdu`. It says which items are read and written, and foretells the response: its
-size and the bytes it must begin with. Those two are all that is needed to find the response on a line and to refuse any
-other:
+size and the bytes it must begin with. Those two are nearly all that is needed to find the response on a line and to
+refuse any other:
 
-| function       | the response begins with    | its size       |
-|----------------|-----------------------------|----------------|
-| 01, 02         | function, byte count        | 2 + ceil(n/8)  |
-| 03, 04, 23     | function, byte count        | 2 + 2n         |
-| 05, 06, 22     | the whole request           | as the request |
-| 15, 16         | function, address, quantity | 5              |
-| others         | function                    | not foretold   |
-| any, exception | function OR 80h             | 2              |
+| function               | the response begins with       | its size                        |
+|------------------------|--------------------------------|---------------------------------|
+| 01, 02                 | function, byte count           | 2 + ceil(n/8)                   |
+| 03, 04, 23             | function, byte count           | 2 + 2n                          |
+| 05, 06, 21, 22         | the whole request              | as the request                  |
+| 15, 16                 | function, address, quantity    | 5                               |
+| 07                     | function                       | 2                               |
+| 08 (A 6.8.1)           | function, sub-function, echoes | as the request                  |
+| 11                     | function                       | 5                               |
+| 12, 17, 24             | function                       | told by its byte count          |
+| 20                     | function, its sizes            | 2 + 2 for each record + 2n      |
+| 43, MEI type 14        | function, type, code           | told by its number of objects   |
+| 08 and 43, others      | function, sub-function or type | not foretold                    |
+| others                 | function                       | not foretold                    |
+| any, exception         | function OR 80h                | 2                               |
+
+What else the response of a function without items must keep to is in `services`.
 """
 
 from collections.abc import Callable
@@ -19,8 +28,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from struct import Struct
 
-from gateway.errors import IllegalDataValue, IllegalFunction
+from gateway.errors import IllegalFunction
+from gateway.modbus import services
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area, FunctionCode
+from gateway.modbus.structure import need
 
 COIL_ON = 0xFF00
 COIL_OFF = 0x0000
@@ -48,8 +59,10 @@ class Span:
 class RequestPdu:
     """A request PDU whose structure has been checked.
 
-    `read` and `write` are the items it reads and changes; both are None for a function that is not known here.
-    A normal response begins with `response_head` and has `response_size` bytes, None when only silence ends it.
+    `read` and `write` are the items it reads and changes; both are None for a function that has none or is not known
+    here. `records` is the number of registers that it reads or writes in files or reads from a queue.
+    A normal response begins with `response_head` and has `response_size` bytes. Where that is None, the response's own
+    first bytes tell its size, at most `response_limit`; if that is 0 too, only silence ends it.
     """
 
     data: bytes
@@ -58,17 +71,26 @@ class RequestPdu:
     write: Span | None
     response_head: bytes
     response_size: int | None
+    response_limit: int = 0
+    records: int = 0
 
     @property
     def items(self) -> int:
-        """The larger of the two quantities, 0 for an unknown function."""
-        return max(span.count if span else 0 for span in (self.read, self.write))
+        """The larger of the two quantities, or the records; 0 for a function that counts nothing."""
+        return max(self.records, *(span.count if span else 0 for span in (self.read, self.write)))
+
+    @property
+    def longest_response(self) -> int:
+        """The most bytes that a normal response can have; 0 when that is not known."""
+        return self.response_limit if self.response_size is None else self.response_size
 
     def accepts(self, response: bytes) -> bool:
         """Whether `response` can be the answer: function, size and echoed fields fit, or it is an exception."""
         if len(response) == 2 and response[0] == self.function | EXCEPTION_BIT:
             return True
-        return response.startswith(self.response_head) and self.response_size in (None, len(response))
+        if not response.startswith(self.response_head) or self.response_size not in (None, len(response)):
+            return False
+        return services.fits(self.data, response)
 
     def __repr__(self) -> str:
         return f"<RequestPdu {self.data.hex(' ').upper()}>"
@@ -84,6 +106,7 @@ def parse_request(pdu: bytes) -> RequestPdu:
     Raises:
         IllegalFunction: the function code is 0 or above 127.
         IllegalDataValue: length, quantity, byte count or the value of a coil is against the specification (A 6).
+        IllegalDataAddress: a file record has another reference type than 6.
     """
     function = pdu[0]
     if not 0 < function < EXCEPTION_BIT:
@@ -114,9 +137,9 @@ _AS_BIT = bytes.maketrans(b"01", b"\0\1")
 
 def _reader(area: Area, most: int, bits_per_item: int) -> Callable[[bytes], RequestPdu]:
     def parse(pdu: bytes) -> RequestPdu:
-        _need(len(pdu) == 5, pdu, "the length must be 5 bytes")
+        need(len(pdu) == 5, pdu, "the length must be 5 bytes")
         start, count = _TWO_WORDS.unpack(pdu)
-        _need(1 <= count <= most, pdu, f"the quantity must be 1 to {most}")
+        need(1 <= count <= most, pdu, f"the quantity must be 1 to {most}")
         byte_count = (count * bits_per_item + 7) // 8
         head = bytes((pdu[0], byte_count))
         return RequestPdu(pdu, pdu[0], Span(area, start, count), None, head, 2 + byte_count)
@@ -126,9 +149,9 @@ def _reader(area: Area, most: int, bits_per_item: int) -> Callable[[bytes], Requ
 
 def _single_writer(area: Area) -> Callable[[bytes], RequestPdu]:
     def parse(pdu: bytes) -> RequestPdu:
-        _need(len(pdu) == 5, pdu, "the length must be 5 bytes")
+        need(len(pdu) == 5, pdu, "the length must be 5 bytes")
         start, value = _TWO_WORDS.unpack(pdu)
-        _need(area is not Area.COILS or value in (COIL_ON, COIL_OFF), pdu, "a coil is FF00 or 0000")
+        need(area is not Area.COILS or value in (COIL_ON, COIL_OFF), pdu, "a coil is FF00 or 0000")
         return RequestPdu(pdu, pdu[0], None, Span(area, start, 1), pdu, len(pdu))
 
     return parse
@@ -136,30 +159,30 @@ def _single_writer(area: Area) -> Callable[[bytes], RequestPdu]:
 
 def _multiple_writer(area: Area, most: int, bits_per_item: int) -> Callable[[bytes], RequestPdu]:
     def parse(pdu: bytes) -> RequestPdu:
-        _need(len(pdu) >= 6, pdu, "the length must be 6 bytes and the values")
+        need(len(pdu) >= 6, pdu, "the length must be 6 bytes and the values")
         start, count = _TWO_WORDS.unpack_from(pdu)
         byte_count = (count * bits_per_item + 7) // 8
-        _need(1 <= count <= most, pdu, f"the quantity must be 1 to {most}")
-        _need(pdu[5] == byte_count, pdu, f"the byte count must be {byte_count}")
-        _need(len(pdu) == 6 + byte_count, pdu, f"the length must be {6 + byte_count} bytes")
+        need(1 <= count <= most, pdu, f"the quantity must be 1 to {most}")
+        need(pdu[5] == byte_count, pdu, f"the byte count must be {byte_count}")
+        need(len(pdu) == 6 + byte_count, pdu, f"the length must be {6 + byte_count} bytes")
         return RequestPdu(pdu, pdu[0], None, Span(area, start, count), pdu[:5], 5)
 
     return parse
 
 
 def _mask_write(pdu: bytes) -> RequestPdu:
-    _need(len(pdu) == 7, pdu, "the length must be 7 bytes")
+    need(len(pdu) == 7, pdu, "the length must be 7 bytes")
     start, _and_mask, _or_mask = _THREE_WORDS.unpack(pdu)
     return RequestPdu(pdu, pdu[0], None, Span(Area.HOLDING, start, 1), pdu, len(pdu))
 
 
 def _read_write(pdu: bytes) -> RequestPdu:
-    _need(len(pdu) >= 10, pdu, "the length must be 10 bytes and the values")
+    need(len(pdu) >= 10, pdu, "the length must be 10 bytes and the values")
     read_start, read_count, write_start, write_count = _FOUR_WORDS.unpack_from(pdu)
-    _need(1 <= read_count <= 125, pdu, "the quantity to read must be 1 to 125")
-    _need(1 <= write_count <= 121, pdu, "the quantity to write must be 1 to 121")
-    _need(pdu[9] == 2 * write_count, pdu, f"the byte count must be {2 * write_count}")
-    _need(len(pdu) == 10 + pdu[9], pdu, f"the length must be {10 + pdu[9]} bytes")
+    need(1 <= read_count <= 125, pdu, "the quantity to read must be 1 to 125")
+    need(1 <= write_count <= 121, pdu, "the quantity to write must be 1 to 121")
+    need(pdu[9] == 2 * write_count, pdu, f"the byte count must be {2 * write_count}")
+    need(len(pdu) == 10 + pdu[9], pdu, f"the length must be {10 + pdu[9]} bytes")
     read = Span(Area.HOLDING, read_start, read_count)
     write = Span(Area.HOLDING, write_start, write_count)
     head = bytes((pdu[0], 2 * read_count))
@@ -167,13 +190,12 @@ def _read_write(pdu: bytes) -> RequestPdu:
 
 
 def _unknown(pdu: bytes) -> RequestPdu:
-    _need(len(pdu) <= MAX_PDU, pdu, f"a PDU has at most {MAX_PDU} bytes")
+    need(len(pdu) <= MAX_PDU, pdu, f"a PDU has at most {MAX_PDU} bytes")
     return RequestPdu(pdu, pdu[0], None, None, pdu[:1], None)
 
 
-def _need(fits: bool, pdu: bytes, rule: str) -> None:  # noqa: FBT001 - reads as the rule it states
-    if not fits:
-        raise IllegalDataValue(f"function {pdu[0]:02d}: {rule}: {pdu.hex(' ').upper()}")
+def _service(pdu: bytes) -> RequestPdu:
+    return RequestPdu(pdu, pdu[0], None, None, *services.expected(pdu))
 
 
 #: Limits of each function: A 6.1-6.6, 6.11, 6.12, 6.16, 6.17.
@@ -188,7 +210,8 @@ _PARSERS: dict[int, Callable[[bytes], RequestPdu]] = {
     FunctionCode.WRITE_MULTIPLE_REGISTERS: _multiple_writer(Area.HOLDING, 123, 16),
     FunctionCode.MASK_WRITE_REGISTER: _mask_write,
     FunctionCode.READ_WRITE_MULTIPLE_REGISTERS: _read_write,
+    **dict.fromkeys(services.FUNCTIONS, _service),
 }
 
-#: The functions whose structure is checked and whose response is foretold.
+#: The functions whose structure is checked.
 KNOWN_FUNCTIONS = frozenset(_PARSERS)

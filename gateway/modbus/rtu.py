@@ -1,9 +1,10 @@
 """RTU framing (S 2.5.1): unit identifier, PDU, CRC; frames are parted by silence.
 
 Who ends a frame. Silence is the rule of the specification, but behind a USB adapter or a scheduler it cannot be
-measured: bytes of one frame arrive with holes, and two frames arrive glued. So a frame whose size can be foretold ends
-on its last byte, and holes do not matter. Only a frame of an unknown function ends by silence. A CRC that fits is never
-a sign that a frame is complete: one frame in 256 has a prefix with a fitting CRC.
+measured: bytes of one frame arrive with holes, and two frames arrive glued. So a frame whose size can be foretold, by
+the request or by its own first bytes, ends on its last byte, and holes do not matter. Only a frame of an unknown
+function ends by silence. A CRC that fits is never a sign that a frame is complete: one frame in 256 has a prefix with a
+fitting CRC.
 
 As the client, `ResponseFramer` knows what it asked and searches for exactly that, so noise around a response does not
 lose it. As the server, `RequestFramer` foretells the size of a request from its first bytes, and looks behind noise
@@ -13,7 +14,7 @@ once the line is silent.
 from collections.abc import Callable, Container, Iterator
 
 from gateway.modbus.checks import crc_fits, with_crc
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, MAX_RTU_ADU
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.foretell import request_size, response_size
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
@@ -28,8 +29,8 @@ _EXCEPTION_SIZE = OVERHEAD + 2
 _HEAD_SIZE = 2
 #: So many bytes before a frame can be what switching an RS-485 line leaves.
 _GLITCH = 3
-#: As much of a PDU, behind the unit identifier, as foretelling its size looks at.
-_FORETOLD_BY = slice(1, 11)
+#: As much of a frame as foretelling its size looks at.
+_FORETOLD_BY = slice(1, MAX_PDU + 1)
 
 #: One of the functions of `foretell`.
 Foretell = Callable[[bytes], int]
@@ -44,6 +45,7 @@ class ResponseFramer:
     """Finds the response to one request in what a line delivers.
 
     `silence` is how long the line must be quiet, in seconds, before a response of unknown size counts as complete.
+    Noise may look like the beginning of a response that tells its own size: what is behind it counts after a silence.
     """
 
     def __init__(self, silence: float) -> None:
@@ -53,6 +55,7 @@ class ResponseFramer:
         self._refusal = b""
         self._unknown = 0
         self._size = 0
+        self._longest = 0
         self._deadline: float | None = None
         self.heard_noise = False
 
@@ -68,6 +71,7 @@ class ResponseFramer:
         self._head = known + asked.response_head
         self._refusal = known + bytes((asked.function | EXCEPTION_BIT,))
         self._size = 0 if asked.response_size is None else asked.response_size + OVERHEAD
+        self._longest = asked.longest_response + OVERHEAD if asked.longest_response else 0
 
     def received(self, data: bytes, now: float) -> list[Frame]:
         """Take bytes that became readable at `now`; what looks like the response, if it is complete with them."""
@@ -76,32 +80,29 @@ class ResponseFramer:
         if len(buffer) == self._size and buffer.startswith(self._head, self._unknown) and crc_fits(bytes(buffer)):
             return [self._cut(0, self._size)]  # as nearly always
         frames = []
-        while buffer and (frame := self._find_response()) is not None:
-            frames.append(frame)
+        while buffer and (place := self._find()) is not None:
+            frames.append(self._cut(*place))
+        self._deadline = None
         if frames:
-            self._deadline = None
             return frames
         if len(buffer) > MAX_RTU_ADU:  # the response begins later
             del buffer[:-MAX_RTU_ADU]
             self.heard_noise = True
-        if not self._size:
+        if not self._size and (not self._longest or self._find(patient=False) is not None):
             self._deadline = now + self._silence
         return []
 
     def deadline(self) -> float | None:
-        """When silence ends a response of unknown size, or None."""
+        """When silence ends a response of unknown size, or tells noise from one that tells its own; else None."""
         return self._deadline
 
     def tick(self, now: float) -> list[Frame]:
-        """Let time pass; the response, if it is of unknown size and silence has ended it."""
+        """Let time pass; the response, if silence has shown what it is."""
         if self._deadline is None or now < self._deadline:
             return []
         self._deadline = None
-        at = self._search(self._head, 0)
-        if at >= 0:
-            return [self._cut(at, len(self._buffer) - at)]
-        at = self._search(self._refusal, _EXCEPTION_SIZE)
-        return [self._cut(at, _EXCEPTION_SIZE)] if at >= 0 else []
+        place = self._find(patient=False)
+        return [] if place is None else [self._cut(*place)]
 
     def conclude(self) -> list[Frame]:
         """No more is awaited: well-formed frames of other units or functions that were passed over. Changes nothing."""
@@ -110,38 +111,53 @@ class ResponseFramer:
         self.heard_noise = self.heard_noise or heard < len(self._buffer)
         return frames
 
-    def _find_response(self) -> Frame | None:
-        """The first frame that may be the response, normal or exception."""
-        response = self._search(self._head, self._size) if self._size else -1
-        if 0 <= response < _EXCEPTION_SIZE:
-            return self._cut(response, self._size)
-        end = response - _EXCEPTION_SIZE + _HEAD_SIZE if response > 0 else self._coming()
-        refusal = self._search(self._refusal, _EXCEPTION_SIZE, end)
-        if refusal >= 0:
-            return self._cut(refusal, _EXCEPTION_SIZE)
-        return self._cut(response, self._size) if response > 0 else None
+    def _find(self, *, patient: bool = True) -> tuple[int, int] | None:
+        """Place and size of the first frame that may be the response, normal or exception.
 
-    def _coming(self) -> int | None:
-        """Where a response begins that is still coming: what looks like an exception behind that may be its data."""
-        begin = max(0, len(self._buffer) - self._size + 1) if self._size else 0
-        found = self._buffer.find(self._head, begin + self._unknown)
-        return None if found < 0 else found
-
-    def _search(self, head: bytes, size: int, end: int | None = None) -> int:
-        """Where the first frame of `size` bytes begins whose `head` stands before `end`, or -1.
-
-        With a size of 0 the frame ends with the buffer.
+        Who is patient looks at nothing behind the beginning of a response that is still coming: it may be its data.
         """
+        response, size, coming = self._find_response(patient=patient)
+        if 0 <= response < _EXCEPTION_SIZE:
+            return response, size
+        refusal = self._find_refusal(response - _EXCEPTION_SIZE + _HEAD_SIZE if response > 0 else coming)
+        if refusal >= 0:
+            return refusal, _EXCEPTION_SIZE
+        return (response, size) if response > 0 else None
+
+    def _find_response(self, *, patient: bool) -> tuple[int, int, int | None]:
+        """Place and size of the first normal response, -1 if there is none; where one begins that is still coming."""
         buffer = self._buffer
-        found = buffer.find(head, self._unknown, end)
+        found = buffer.find(self._head, self._unknown)
         while found >= 0:
             at = found - self._unknown
-            adu = bytes(buffer[at : at + size] if size else buffer[at:])
-            if len(adu) < size:
-                return -1
-            if len(adu) >= _SHORTEST and crc_fits(adu):
+            size = self._size_of(at, patient=patient)
+            if at + size > len(buffer):
+                if patient:
+                    return -1, 0, found
+            elif size >= _SHORTEST and crc_fits(bytes(buffer[at : at + size])):
+                return at, size, None
+            found = buffer.find(self._head, found + 1)
+        return -1, 0, None
+
+    def _size_of(self, at: int, *, patient: bool) -> int:
+        """Size of the response that begins at `at`, or how much of it must be there to tell; 0 if there can be none."""
+        if self._size:
+            return self._size
+        if self._longest:
+            size = response_size(bytes(self._buffer[at + 1 : at + self._longest])) + OVERHEAD
+            return size if size <= self._longest else 0
+        return len(self._buffer) - at + patient  # while it is not silent, there may be more
+
+    def _find_refusal(self, end: int | None) -> int:
+        """Where the first exception begins whose head stands before `end`, or -1."""
+        buffer = self._buffer
+        found = buffer.find(self._refusal, self._unknown, end)
+        while found >= 0:
+            at = found - self._unknown
+            adu = bytes(buffer[at : at + _EXCEPTION_SIZE])
+            if len(adu) == _EXCEPTION_SIZE and crc_fits(adu):
                 return at
-            found = buffer.find(head, found + 1, end)
+            found = buffer.find(self._refusal, found + 1, end)
         return -1
 
     def _cut(self, at: int, size: int) -> Frame:
@@ -279,7 +295,7 @@ def requests_in(data: bytes) -> list[Frame]:
 def _complete(data: bytes | bytearray, foretell: Foretell) -> int:
     """Size of the ADU at the start of `data` when all of it is there, else 0."""
     size = foretell(bytes(data[_FORETOLD_BY])) + OVERHEAD
-    return size if _SHORTEST <= size <= len(data) else 0
+    return size if _SHORTEST <= size <= min(len(data), MAX_RTU_ADU) else 0
 
 
 def _frames(data: bytes, foretell: Foretell) -> Iterator[Frame]:

@@ -2,7 +2,7 @@
 
 from ipaddress import IPv6Address, ip_address
 
-from gateway.modbus.codes import READING_FUNCTIONS
+from gateway.modbus.codes import READING_FUNCTIONS, READING_IDENTIFICATION
 
 
 def may_write(host: str) -> bool:
@@ -13,6 +13,6 @@ def may_write(host: str) -> bool:
     return address.is_loopback
 
 
-def allows(may_write: bool, function: int) -> bool:  # noqa: FBT001 - a right is a truth value
-    """Whether `function` is within the client's rights; whatever is not known to only read is a write."""
-    return may_write or function in READING_FUNCTIONS
+def allows(may_write: bool, pdu: bytes) -> bool:  # noqa: FBT001 - a right is a truth value
+    """Whether the request is within the client's rights; whatever is not known to only read is a write."""
+    return may_write or pdu[0] in READING_FUNCTIONS or pdu.startswith(READING_IDENTIFICATION)

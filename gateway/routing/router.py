@@ -30,7 +30,7 @@ class Router:
         if target is None:
             self.counts.no_route += 1
             request.fail(errors.NoRoute())
-        elif not allows(request.origin.may_write, request.pdu[0]):
+        elif not allows(request.origin.may_write, request.pdu):
             self.counts.denied += 1
             self._emit(events.AccessDenied(request.origin.client, request.unit, request.pdu[0]))
             request.fail(errors.AccessDenied())

@@ -3,7 +3,7 @@
     limit = longest expected response on the wire + margin x table(function, items) + latency
 
 A device's own `timeout`, or that of its profile for a function without a row in the table, stands in place of
-`margin x table`. A function whose response is not foretold has no response time on the wire; silence ends it.
+`margin x table`. A function whose response may have any size has no response time on the wire; silence ends it.
 """
 
 from dataclasses import dataclass
@@ -51,10 +51,9 @@ class Budget:
         return self.response_wire_time(asked) + answer_time.allowed(asked) + self.latency
 
     def response_wire_time(self, asked: RequestPdu) -> float:
-        """The longest expected response on the wire, 0 when its size is not foretold."""
-        if asked.response_size is None:
-            return 0.0
-        return self.line.frame(max(asked.response_size, _EXCEPTION_SIZE))
+        """The longest expected response on the wire, 0 when it may have any size."""
+        longest = asked.longest_response
+        return self.line.frame(max(longest, _EXCEPTION_SIZE)) if longest else 0.0
 
     def request_wire_time(self, asked: RequestPdu) -> float:
         """The request on the wire."""

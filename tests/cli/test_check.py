@@ -59,8 +59,8 @@ def test_the_picture_of_a_file(config, capsys):
           rtu 19200 8E1, gap 2.01 ms, latency 5 ms
           UNIT  ON THE WIRE  DEVICE     PROFILE  LONGEST WAIT
           41    1            silo-1     weigher  3.16 s
-          110   10           drive-110  generic  2.7 s
-          111   11           drive-111  generic  2.7 s
+          110   10           drive-110  generic  2.71 s
+          111   11           drive-111  generic  2.71 s
           Time limits of weigher, unit 41
             FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
             3         1.01 s            125         1.15 s
@@ -77,7 +77,7 @@ def test_the_picture_of_a_file(config, capsys):
             16        410 ms            123         410 ms
             22        411 ms            1           411 ms
             23        409 ms            125         551 ms
-            others    405 ms            -           405 ms
+            others    552 ms            -           552 ms
 
         Images
           UNIT  NAME        PROFILE  ADDRESSES
@@ -94,7 +94,7 @@ def test_the_picture_of_a_file(config, capsys):
 def test_a_line_that_passes_through_is_one_row(config, capsys):
     assert main(["check", config('[[line]]\nname = "a"\nport = "/dev/null"\n')]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert "  1-247  same         (each)  generic  3.3 s" in said
+    assert "  1-247  same         (each)  generic  3.31 s" in said
     assert "  Time limits of generic, units 1-247" in said
     assert "  rtu 19200 8E1, gap 2.01 ms, latency 5 ms (some USB adapters: 20 ms)" in said
 

@@ -61,11 +61,33 @@ def test_the_largest_request_of_each_function(function, most, response, request_
     assert limits.most_items == pytest.approx(response * CHARACTER + 1.0 + LATENCY)
 
 
-def test_functions_that_are_not_known_have_no_response_on_the_wire():
+def test_functions_without_items_are_one_row_with_the_longest_of_them():
+    """An echo of 250 bytes is as long as a frame can be, both ways."""
     limits = limits_of(builtin("generic"))[None]
-    assert (limits.most, limits.one_item) == (0, pytest.approx(1.0 + LATENCY))
+    assert (limits.most, limits.one_item) == (0, pytest.approx(256 * CHARACTER + 1.0 + LATENCY))
     assert limits.most_items == limits.one_item
     assert limits.request == pytest.approx(256 * CHARACTER)
+
+
+@pytest.mark.parametrize(
+    ("function", "request_size", "response"),
+    [
+        (7, 4, 5),
+        (8, 256, 256),
+        (11, 4, 8),
+        (12, 4, 75),
+        (17, 4, 256),
+        (20, 12, 255),
+        (21, 250, 250),
+        (24, 6, 70),
+        (43, 7, 256),
+        (100, 256, 0),
+    ],
+)
+def test_the_longest_of_each_function_without_items(function, request_size, response):
+    limits = limits_of(own(functions=[function]))[function]
+    assert limits.request == pytest.approx(request_size * CHARACTER)
+    assert limits.most_items == pytest.approx(response * CHARACTER + 1.0 + LATENCY)
 
 
 def test_a_profile_may_name_a_function_that_is_not_known():

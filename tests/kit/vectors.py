@@ -24,17 +24,18 @@ class Wire(NamedTuple):
 
 
 class Exchange(NamedTuple):
-    """A request, what it reads and writes, and a response to it."""
+    """A request, what it reads and writes, and a response to it.
+
+    `request_tells_size`: its own first bytes do. `response_tells_size`: the request's or its own first bytes do.
+    """
 
     meaning: str
     request: Wire
     response: Wire
     reads: Span | None
     writes: Span | None
-
-    @property
-    def known(self) -> bool:
-        return bool(self.reads or self.writes)
+    request_tells_size: bool
+    response_tells_size: bool
 
 
 class Broken(NamedTuple):
@@ -63,7 +64,13 @@ ANSWER = bytes.fromhex("03 06 02 2B 00 00 00 64")
 def exchanges() -> list[Exchange]:
     return [
         Exchange(
-            row["meaning"], _wire(row["request"]), _wire(row["response"]), _span(row, "reads"), _span(row, "writes")
+            row["meaning"],
+            _wire(row["request"]),
+            _wire(row["response"]),
+            _span(row, "reads"),
+            _span(row, "writes"),
+            "request" not in row.get("silence", ()),
+            "response" not in row.get("silence", ()),
         )
         for row in _table("exchanges")["exchange"]
     ]

@@ -15,8 +15,8 @@ from kit.vectors import UNIT, exchanges, meaning, seed_frames
 SILENCE = 0.002
 READ = bytes.fromhex("03 00 6B 00 03")
 LONGEST = bytes.fromhex("10 00 00 00 7B F6") + bytes(range(246))
-KNOWN = [exchange for exchange in exchanges() if exchange.known]
-UNKNOWN = [exchange for exchange in exchanges() if not exchange.known]
+KNOWN = [exchange for exchange in exchanges() if exchange.request_tells_size]
+UNKNOWN = [exchange for exchange in exchanges() if not exchange.request_tells_size]
 
 
 def hear(framer: RequestFramer, *chunks: bytes, at: float = 0.0) -> list[Frame]:

@@ -55,7 +55,7 @@ class TestVectors:
             assert framer.heard_noise
 
 
-@pytest.mark.parametrize("exchange", [exchange for exchange in exchanges() if exchange.known], ids=meaning)
+@pytest.mark.parametrize("exchange", [each for each in exchanges() if each.response_tells_size], ids=meaning)
 def test_a_response_of_foretold_size_is_found_with_noise_behind(exchange):
     for behind in (b"\x00", noise(3), noise(300)):
         framer = asked(exchange.request.pdu)
@@ -300,3 +300,71 @@ def test_a_response_of_an_unknown_function_reaches_to_the_end():
     odd = encode(UNIT, b"\x41\x01\x02")
     assert list(responses_from(UNIT, b"\x55" + odd)) == [(UNIT, b"\x41\x01\x02")]
     assert list(responses_from(UNIT, odd + b"\x55")) == []
+
+
+# --- responses that tell their own size ---
+
+OWN_SIZE = [each for each in exchanges() if parse_request(each.request.pdu).response_limit]
+
+
+def test_the_functions_whose_responses_tell_their_own_size():
+    assert {each.request.pdu[0] for each in OWN_SIZE} == {12, 17, 24, 43}
+
+
+@pytest.mark.parametrize("exchange", [each for each in exchanges() if each.response_tells_size], ids=meaning)
+def test_a_response_ends_on_its_last_byte(exchange):
+    framer = asked(exchange.request.pdu)
+    for byte in exchange.response.rtu[:-1]:
+        assert framer.received(bytes((byte,)), 0.0) == []
+        assert framer.deadline() is None
+    assert framer.received(exchange.response.rtu[-1:], 9.0) == [(UNIT, exchange.response.pdu)]
+
+
+@given(st.sampled_from(OWN_SIZE), st.binary(max_size=300), st.binary(max_size=300), st.lists(st.integers(0, 700)))
+def test_noise_around_and_cuts_change_nothing(exchange, before, behind, cuts):
+    data = before + exchange.response.rtu + behind
+    chunks = [data[one:two] for one, two in pairwise([0, *sorted(cuts), len(data)])]
+    assert hear(asked(exchange.request.pdu), *chunks) == [(UNIT, exchange.response.pdu)]
+
+
+@given(st.sampled_from(OWN_SIZE), st.lists(st.integers(0, 3), max_size=6), st.data())
+def test_beginnings_of_responses_before_a_response_do_not_hide_it(exchange, kinds, data):
+    """What noise may look like at worst. Behind such a beginning, only silence shows that it was one."""
+    head, response = bytes((UNIT,)) + parse_request(exchange.request.pdu).response_head, exchange.response.rtu
+    parts = [[head, response[:-1], exchange.request.rtu, head + b"\xff"][kind] for kind in kinds]
+    stream = b"".join(parts) + response
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)))))
+    heard = hear(asked(exchange.request.pdu), *(stream[one:two] for one, two in pairwise([0, *cuts, len(stream)])))
+    assert heard[-1:] == [(UNIT, exchange.response.pdu)]
+
+
+@pytest.mark.parametrize("exchange", OWN_SIZE, ids=meaning)
+def test_an_exception_ends_at_once(exchange):
+    refused = exception_response(exchange.request.pdu[0], 1)
+    assert asked(exchange.request.pdu).received(encode(UNIT, refused), 0.0) == [(UNIT, refused)]
+
+
+def test_a_frame_inside_a_response_that_tells_its_own_size_is_data():
+    inside = encode(UNIT, b"\x11\x01\xff") + encode(UNIT, b"\x91\x01")
+    whole = encode(UNIT, b"\x11" + bytes((len(inside) + 1,)) + inside + b"\xff")
+    for chunks in chunkings(whole):
+        assert hear(asked(b"\x11"), *chunks) == [(UNIT, whole[1:-2])]
+
+
+def test_a_response_behind_an_echo_that_looks_like_a_beginning_is_found_after_a_silence():
+    """The CRC of the request 11 to unit 17 stands where its response has the byte count, and promises CD more bytes."""
+    framer = asked(b"\x11")
+    request, response = encode(UNIT, b"\x11"), encode(UNIT, b"\x11\x02\x2a\xff")
+    assert framer.received(request + response, 1.0) == []
+    assert framer.deadline() == 1.0 + SILENCE
+    assert framer.tick(1.0) == []
+    assert framer.tick(1.0 + SILENCE) == [(UNIT, b"\x11\x02\x2a\xff")]
+    assert framer.heard_noise
+    assert framer.deadline() is None
+
+
+def test_a_beginning_that_is_too_long_to_be_one_is_passed_over_at_once():
+    for beginning in (b"\x11\x0c\x47", b"\x11\x0c\xff", b"\x11\x0c\x48"):
+        framer = asked(b"\x0c")
+        log = encode(UNIT, bytes.fromhex("0C 06 0000 0000 0001"))
+        assert framer.received(beginning + log, 0.0) == [(UNIT, log[1:-2])]

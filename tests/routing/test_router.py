@@ -33,10 +33,22 @@ def test_a_unit_without_a_route_is_answered_0a_whatever_the_function(pdu: str, u
     assert ask(pdu, unit) == ([f"{int(pdu[:2], 16) | 0x80:02X} 0A"], [])
 
 
-@pytest.mark.parametrize("function", [1, 2, 3, 4])
+@pytest.mark.parametrize("function", [1, 2, 3, 4, 7, 11, 12, 17, 20, 24])
 def test_a_reader_may_read(function: int) -> None:
     pdu = f"{function:02X} 00 00 00 01"
     assert ask(pdu, writes=False) == ([pdu], [])
+
+
+@pytest.mark.parametrize("pdu", ["2B 0E 01 00", "2B 0E 04 02", "2B 0E"])
+def test_a_reader_may_ask_what_a_device_is(pdu: str) -> None:
+    assert ask(pdu, writes=False) == ([pdu], [])
+
+
+@pytest.mark.parametrize("pdu", ["2B", "2B 0D 01 00", "2B 00 0E 00", "2B FF", "AB 0E 01 00"])
+def test_function_43_is_a_write_for_whatever_else_it_carries(pdu: str) -> None:
+    answers, events = ask(pdu, writes=False)
+    assert answers == [f"{int(pdu[:2], 16) | 0x80:02X} 01"]
+    assert [type(event) for event in events] == [AccessDenied]
 
 
 @pytest.mark.parametrize("function", [5, 6, 8, 15, 16, 21, 22, 23, 43, 65, 100])
