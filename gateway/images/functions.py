@@ -1,4 +1,4 @@
-"""What each function code means (A 6): the change it makes to the tables, and the response.
+"""What each function code means that is about the tables (A 6): the change it makes to them, and the response.
 
 All of them have one shape. Once structure and addresses are checked, items are written if the function writes, **then**
 items are read if it reads (function 23 does both, in this order: A 6.17). The response is the head that the request
@@ -71,5 +71,5 @@ _WRITERS: Final[dict[int, Callable[[Table, Span, bytes], None]]] = {
     FunctionCode.READ_WRITE_MULTIPLE_REGISTERS: _write_before_reading,
 }
 
-#: The functions that an image has, unless its profile knows fewer.
+#: The functions that are about the tables.
 FUNCTIONS: Final[frozenset[int]] = _READING | _WRITERS.keys()

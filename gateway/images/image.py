@@ -1,13 +1,15 @@
 """A local register image: a unit that the gateway itself answers for."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
+from gateway.images.diagnostics import Diagnostics
 from gateway.images.functions import FUNCTIONS, perform
+from gateway.images.identity import Identity
 from gateway.images.tables import make_tables
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
@@ -42,25 +44,57 @@ class Image:
     """Four tables behind the rules of a profile; a Target that finishes every request before `submit` returns.
 
     The profile narrows what an image can do (functions, limits, addresses), so that an image with a device's profile
-    answers as the device would. `tables` holds the values, by area.
+    answers as the device would. `tables` holds the values, by area. `diagnostics` are the counters and the event log
+    that clients may ask for and clear, `counts` those of the operator.
     """
 
     def __init__(self, settings: ImageSettings) -> None:
         self.settings = settings
         self.tables = make_tables(settings.areas, settings.initial)
         self.counts = Counts()
+        self.diagnostics = Diagnostics()
         self._profile = settings.profile
+        identity = Identity(settings.name)
+        self._services: Mapping[int, Callable[[bytes], bytes]] = {
+            FunctionCode.DIAGNOSTICS: self.diagnostics.perform,
+            FunctionCode.GET_COMM_EVENT_COUNTER: self.diagnostics.event_counter,
+            FunctionCode.GET_COMM_EVENT_LOG: self.diagnostics.event_log,
+            FunctionCode.REPORT_SERVER_ID: identity.report,
+            FunctionCode.ENCAPSULATED_INTERFACE: identity.identify,
+        }
 
     def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image acts at once, whenever that is
         """Answer `request`."""
-        self.counts.requests += 1
+        self._begin(request)
         try:
-            response = perform(self.tables, self._check(request.pdu))
+            outcome: bytes | RequestError = self._perform(self._check(request.pdu))
         except RequestError as error:
-            self.counts.exceptions += 1
-            request.fail(error)
+            outcome = error
+        self._finish(request, outcome)
+
+    def _begin(self, request: Request) -> None:
+        """Count a request, before anything is done about it."""
+        self.counts.requests += 1
+        self.diagnostics.received(request)
+
+    def _perform(self, asked: RequestPdu) -> bytes:
+        """Do what a checked request asks for, and give the response PDU.
+
+        Raises:
+            RequestError: a part of the function is not there (01), or what it asks for (02, 03).
+        """
+        service = self._services.get(asked.function)
+        return perform(self.tables, asked) if service is None else service(asked.data)
+
+    def _finish(self, request: Request, outcome: bytes | RequestError) -> None:
+        """Answer a request, and count what became of it."""
+        if isinstance(outcome, bytes):
+            self.diagnostics.done(request)
+            request.respond(outcome)
         else:
-            request.respond(response)
+            self.counts.exceptions += 1
+            self.diagnostics.refused(request, outcome.code)
+            request.fail(outcome)
 
     def _check(self, pdu: bytes) -> RequestPdu:
         """What `pdu` asks for; nothing was changed yet. The order is that of the specification (A 7).
@@ -68,7 +102,7 @@ class Image:
         Raises:
             RequestError: the function (01), the structure or a limit (03), or an address (02) does not fit.
         """
-        if pdu[0] not in FUNCTIONS:
+        if pdu[0] not in FUNCTIONS and pdu[0] not in self._services:
             raise IllegalFunction(f"an image has no function {pdu[0]}")
         asked = self._profile.check(pdu)
         for span in (asked.read, asked.write):

@@ -2,10 +2,8 @@
 
 import pytest
 
-from gateway.images.functions import FUNCTIONS
 from gateway.images.image import Counts
 from gateway.modbus.codes import Area
-from gateway.modbus.pdu import KNOWN_FUNCTIONS
 from gateway.profiles.profile import Profile
 from images.asking import GENERIC, MINT, ask, broadcast, contents, exchange, image
 
@@ -17,8 +15,9 @@ def full():
     return image(coils=everything, discrete=everything, input=everything, holding=everything)
 
 
-def test_an_image_has_exactly_the_functions_whose_structure_is_checked():
-    assert FUNCTIONS == KNOWN_FUNCTIONS
+def test_the_functions_of_an_image(full):
+    answered = {function for function in range(1, 128) if exchange(full, bytes((function,)))[-1] != 1}
+    assert answered == {1, 2, 3, 4, 5, 6, 8, 11, 12, 15, 16, 17, 22, 23, 43}
 
 
 @pytest.mark.parametrize(
@@ -122,7 +121,8 @@ def test_mint_has_its_six_functions_only(mint):
     assert ask(mint, "06 0001 0001") == "86 01"
     assert ask(mint, "0F 0000 0001 01 01") == "8F 01"
     assert ask(mint, "16 0001 0000 0000") == "96 01"
-    assert ask(mint, "08 0000 0000") == "88 01"
+    for pdu in ("08 0000 0000", "0B", "0C", "11", "2B 0E 01 00"):
+        assert ask(mint, pdu) == f"{int(pdu[:2], 16) | 0x80:02X} 01"
 
 
 def test_mint_has_registers_1_to_99(mint):
@@ -170,7 +170,16 @@ def test_an_address_must_exist_in_the_profile_and_in_the_image():
 
 
 def test_a_profile_cannot_add_functions():
-    assert ask(image(Profile("chatty", functions=frozenset({3, 8})), holding=((0, 0),)), "08 0000 A537") == "88 01"
+    chatty = image(Profile("chatty", functions=frozenset({3, 7, 65})), holding=((0, 0),))
+    assert ask(chatty, "07") == "87 01"
+    assert ask(chatty, "41") == "C1 01"
+
+
+def test_a_profile_rules_over_the_functions_without_items_too():
+    quiet = image(Profile("quiet", functions=frozenset({3, 43})))
+    assert ask(quiet, "2B 0E 04 00").startswith("2B 0E 04")
+    for pdu in ("08 0000 A537", "0B", "0C", "11"):
+        assert ask(quiet, pdu).endswith(" 01")
 
 
 # --- broadcasts -----------------------------------------------------------------------------------

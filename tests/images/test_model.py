@@ -3,6 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway import __version__
 from gateway.images.image import Image
 from gateway.modbus.codes import MAX_PDU, Area
 from gateway.routing.broadcast import Broadcast, Recipient
@@ -31,7 +32,8 @@ def _pair() -> tuple[Image, Model]:
     items = {
         area: {at + i: value for at, values in run for i, value in enumerate(values)} for area, run in runs.items()
     }
-    return image(initial=runs, **_RANGES), Model(items)
+    objects = {0: b"modbus-gateway", 1: b"register image", 2: __version__.encode(), 6: b"shift-data"}
+    return image(initial=runs, **_RANGES), Model(items, b"shift-data", objects)
 
 
 _edges = st.sampled_from([0, 1, 3, 40, 41, 98, 99, 100, 101, 200, 300, 2100, 2200, 65530, 65534, 65535])
@@ -71,13 +73,21 @@ def _almost_valid(draw: st.DrawFn) -> bytes:
     return head + _pack(count) + bytes((size,)) + (seed * size)[:size]
 
 
+_no_items = st.one_of(
+    st.sampled_from([b"\x07", b"\x0b", b"\x0c", b"\x11", b"\x18\x04\xde"]),
+    st.builds(lambda sub, data: b"\x08" + _pack(sub, *data), st.integers(0, 24), st.lists(_words, max_size=3)),
+    st.builds(lambda sub: b"\x08" + _pack(sub, 0), st.integers(0, 24)),
+    st.builds(lambda code, number: bytes((43, 14, code, number)), st.integers(0, 5), st.integers(0, 8)),
+)
+
+
 @st.composite
 def _spoilt(draw: st.DrawFn) -> bytes:
     """An almost valid request that was cut, lengthened, or changed in one byte."""
-    pdu = bytearray(draw(_almost_valid()))
+    pdu = bytearray(draw(_almost_valid() | _no_items))
     match draw(st.sampled_from(["cut", "lengthened", "changed"])):
         case "cut":
-            del pdu[draw(st.integers(1, len(pdu) - 1)) :]
+            del pdu[draw(st.integers(1, max(1, len(pdu) - 1))) :]
         case "lengthened":
             pdu += draw(st.binary(min_size=1, max_size=4))
         case _:
@@ -88,7 +98,7 @@ def _spoilt(draw: st.DrawFn) -> bytes:
 _garbage = st.binary(min_size=1, max_size=MAX_PDU)
 
 
-@given(st.lists(_almost_valid() | _spoilt() | _garbage, min_size=1, max_size=12))
+@given(st.lists(_almost_valid() | _no_items | _spoilt() | _garbage, min_size=1, max_size=12))
 def test_an_image_and_the_model_of_a_unit_agree(pdus):
     image, model = _pair()
     for pdu in pdus:

@@ -1,0 +1,117 @@
+"""Functions 08, 11 and 12 of an image: an echo, counters, and a log of the last events (A 6.8, 6.9, 6.10).
+
+They were made for a unit on a serial line. An image has no line: a request reaches it whole or not at all. So what
+counts are the requests that were handed to it, and whatever is about characters, busy units or negative acknowledgement
+stays 0. Nothing can silence an image: it has no restart and no listen-only mode.
+"""
+
+from collections import deque
+from struct import Struct
+from typing import Final
+
+from gateway.errors import ExceptionCode, IllegalFunction
+from gateway.modbus.codes import BROADCAST_UNIT, FunctionCode
+from gateway.modbus.services import (
+    CLEAR_COUNTERS,
+    CLEAR_OVERRUN_COUNTER,
+    COUNTERS,
+    MOST_EVENTS,
+    RETURN_QUERY_DATA,
+    sub_function,
+)
+from gateway.modbus.structure import need
+from gateway.request import Request
+
+#: Sub-functions of the counters that an image keeps; the others of 0B-12 are 0.
+BUS_MESSAGES: Final = 0x0B
+EXCEPTIONS: Final = 0x0D
+SERVER_MESSAGES: Final = 0x0E
+NO_RESPONSES: Final = 0x0F
+
+_WORD: Final = Struct(">H")
+_COUNTER: Final = Struct(">BHH")
+_LOG: Final = Struct(">BBHHH")
+
+#: No program command is ever being processed (A 6.9).
+_READY: Final = 0x0000
+
+#: Asking for the event counter is no event (A 6.9).
+_NO_EVENTS: Final = frozenset({FunctionCode.GET_COMM_EVENT_COUNTER, FunctionCode.GET_COMM_EVENT_LOG})
+
+#: Bits of the event bytes (A 6.10): a request was received, perhaps as a broadcast; it was processed.
+_RECEIVED: Final = 0x80
+_AS_BROADCAST: Final = 0x40
+_PROCESSED: Final = 0x40
+_EXCEPTION_BITS: Final = {1: 0x01, 2: 0x01, 3: 0x01, 4: 0x02, 5: 0x04, 6: 0x04}
+
+
+class Diagnostics:
+    """Counters of an image, which wrap round at 65536, and its log."""
+
+    def __init__(self) -> None:
+        self._log: deque[int] = deque(maxlen=MOST_EVENTS)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._messages = 0
+        self._exceptions = 0
+        self._unanswered = 0
+        self._events = 0
+
+    def received(self, request: Request) -> None:
+        """A request has come."""
+        self._messages += 1
+        is_broadcast = request.unit == BROADCAST_UNIT
+        self._unanswered += is_broadcast
+        self._log.appendleft(_RECEIVED | _AS_BROADCAST if is_broadcast else _RECEIVED)
+
+    def done(self, request: Request) -> None:
+        """The request has been performed."""
+        self._events += request.pdu[0] not in _NO_EVENTS
+        self._log.appendleft(_PROCESSED)
+
+    def refused(self, request: Request, code: ExceptionCode) -> None:
+        """The request gets an exception, which nobody is sent after a broadcast."""
+        if request.unit == BROADCAST_UNIT:
+            self._log.appendleft(_PROCESSED)
+        else:
+            self._exceptions += 1
+            self._log.appendleft(_PROCESSED | _EXCEPTION_BITS.get(code, 0))
+
+    def perform(self, pdu: bytes) -> bytes:
+        """Function 08: echo, clear, or a counter.
+
+        Raises:
+            IllegalFunction: another sub-function.
+            IllegalDataValue: the data is not 0000.
+        """
+        asked = sub_function(pdu)
+        if asked == RETURN_QUERY_DATA:
+            return pdu
+        if asked not in (CLEAR_COUNTERS, *COUNTERS, CLEAR_OVERRUN_COUNTER):
+            raise IllegalFunction(f"an image has no sub-function {asked} of function 8")
+        need(pdu[3:] == b"\0\0", pdu, "the data must be 0000")
+        if asked in COUNTERS:
+            return pdu[:3] + _WORD.pack(self.counter(asked))
+        if asked == CLEAR_COUNTERS:
+            self._clear()
+        return pdu
+
+    def counter(self, asked: int) -> int:
+        """The counter that sub-function `asked` of 08 returns. The request that asks for it is counted."""
+        counters = {
+            BUS_MESSAGES: self._messages,
+            EXCEPTIONS: self._exceptions,
+            SERVER_MESSAGES: self._messages,
+            NO_RESPONSES: self._unanswered,
+        }
+        return counters.get(asked, 0) & 0xFFFF
+
+    def event_counter(self, pdu: bytes) -> bytes:
+        """Function 11: requests that were performed."""
+        return _COUNTER.pack(pdu[0], _READY, self._events & 0xFFFF)
+
+    def event_log(self, pdu: bytes) -> bytes:
+        """Function 12: the same, messages, and what happened last, the latest first."""
+        size = _LOG.size - 2 + len(self._log)
+        return _LOG.pack(pdu[0], size, _READY, self._events & 0xFFFF, self.counter(BUS_MESSAGES)) + bytes(self._log)
