@@ -38,7 +38,7 @@ class TestVectors:
     def test_behind_more_noise_a_request_must_be_known(self, exchange):
         for before in (b"\xff" + exchange.request.rtu[:-1], noise(100)):
             heard = hear(RequestFramer(SILENCE), before + exchange.request.rtu)
-            assert heard == ([(UNIT, exchange.request.pdu)] if exchange.known else [])
+            assert heard == ([(UNIT, exchange.request.pdu)] if exchange.request_tells_size else [])
 
     def test_a_wrong_bit_makes_it_no_request(self, exchange):
         for bit in range(8 * len(exchange.request.rtu)):

@@ -145,7 +145,7 @@ async def test_a_unit_says_who_it_is_and_how_long_a_client_may_have_to_wait() ->
     async with house(CONFIG) as home:
         silo = unit(home)
         assert (silo.line, silo.on_the_wire, silo.name, silo.profile) == ("hall-a", 1, "silo", "generic")
-        characters = 4.5 + 256 + 255  # the V80 on the line needs a silence of 4.5
+        characters = 4.5 + 256 + 256  # the V80 on the line needs a silence of 4.5
         assert silo.longest_wait_ms >= 2000 + 200 + 5
         assert silo.longest_wait_ms <= 2000 + characters * 11 / 9.6 + 200 + 5
 
