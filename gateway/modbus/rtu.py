@@ -79,30 +79,23 @@ class ResponseFramer:
         buffer += data
         if len(buffer) == self._size and buffer.startswith(self._head, self._unknown) and crc_fits(bytes(buffer)):
             return [self._cut(0, self._size)]  # as nearly always
-        frames = []
-        while buffer and (place := self._find()) is not None:
-            frames.append(self._cut(*place))
-        self._deadline = None
-        if frames:
-            return frames
+        frames = self._take()
         if len(buffer) > MAX_RTU_ADU:  # the response begins later
             del buffer[:-MAX_RTU_ADU]
             self.heard_noise = True
-        if not self._size and (not self._longest or self._find(patient=False) is not None):
-            self._deadline = now + self._silence
-        return []
+        self._deadline = now + self._silence if self._is_undecided() else None
+        return frames
 
     def deadline(self) -> float | None:
         """When silence ends a response of unknown size, or tells noise from one that tells its own; else None."""
         return self._deadline
 
     def tick(self, now: float) -> list[Frame]:
-        """Let time pass; the response, if silence has shown what it is."""
+        """Let time pass; what looks like the response, if silence has shown that it is complete."""
         if self._deadline is None or now < self._deadline:
             return []
         self._deadline = None
-        place = self._find(patient=False)
-        return [] if place is None else [self._cut(*place)]
+        return self._take(patient=False)
 
     def conclude(self) -> list[Frame]:
         """No more is awaited: well-formed frames of other units or functions that were passed over. Changes nothing."""
@@ -111,7 +104,20 @@ class ResponseFramer:
         self.heard_noise = self.heard_noise or heard < len(self._buffer)
         return frames
 
-    def _find(self, *, patient: bool = True) -> tuple[int, int] | None:
+    def _is_undecided(self) -> bool:
+        """Whether silence will show more: there is the beginning of a response of unknown size, or of a doubtful one."""
+        if self._size or not self._buffer:
+            return False
+        return not self._longest or self._find(patient=False) is not None
+
+    def _take(self, *, patient: bool = True) -> list[Frame]:
+        """Cut out all frames that may be the response."""
+        frames = []
+        while self._buffer and (place := self._find(patient=patient)) is not None:
+            frames.append(self._cut(*place))
+        return frames
+
+    def _find(self, *, patient: bool) -> tuple[int, int] | None:
         """Place and size of the first frame that may be the response, normal or exception.
 
         Who is patient looks at nothing behind the beginning of a response that is still coming: it may be its data.
@@ -146,7 +152,8 @@ class ResponseFramer:
         if self._longest:
             size = response_size(bytes(self._buffer[at + 1 : at + self._longest])) + OVERHEAD
             return size if size <= self._longest else 0
-        return len(self._buffer) - at + patient  # while it is not silent, there may be more
+        rest = len(self._buffer) - at
+        return rest + patient if rest <= MAX_RTU_ADU else 0  # while it is not silent, there may be more
 
     def _find_refusal(self, end: int | None) -> int:
         """Where the first exception begins whose head stands before `end`, or -1."""

@@ -43,7 +43,8 @@ REQUESTS: Final = [
     for pdu in (
         "01 0000 0010", "02 0013 0001", "03 0010 0001", "03 0000 007D", "04 0008 0002", "05 00AC FF00", "06 0001 0003",
         "0F 0013 000A 02 CD01", "10 0001 0002 04 000A 0102", "16 0004 00F2 0025", "17 0003 0002 000E 0001 02 00FF",
-        "41 01 02 03", "2B 0E 01 00", "11", "08 0000 A537",
+        "41 01 02 03", "2B 0E 01 00", "2B 0E 04 02", "11", "0C", "18 04DE", "08 0000 A537", "08 000B 0000", "07", "0B",
+        "14 0E 06 0004 0001 0002 06 0003 0009 0001", "15 09 06 0004 0007 0001 06AF", "08 0015 0001", "2B 0D 01",
     )
 ]  # fmt: skip
 
@@ -72,8 +73,19 @@ class Bytes:
     def response(self, asked: RequestPdu) -> bytes:
         """An answer to `asked` as it should be."""
         if asked.response_size is None:
-            return asked.response_head + self.dice.randbytes(self.dice.randint(0, 20))
+            return asked.response_head + self.rest_of_response(asked)
         return asked.response_head + self.dice.randbytes(asked.response_size - len(asked.response_head))
+
+    def rest_of_response(self, asked: RequestPdu) -> bytes:
+        """Behind its head; most of those that tell their own size tell the right one."""
+        data = self.dice.randbytes(self.dice.choice((0, 1, 2, 6, 20, 64)))
+        if asked.function in {12, 17}:
+            return bytes((len(data),)) + data
+        if asked.function == 24:
+            return (2 + len(data)).to_bytes(2, "big") + (len(data) // 2).to_bytes(2, "big") + data
+        if asked.data[:2] == b"\x2b\x0e":
+            return bytes((1, 0, 0, 2, 0, len(data))) + data + bytes((asked.data[3], 1, 65))
+        return data
 
     def mixture(self, frame: Callable[[], bytes]) -> bytes:
         """Some frames with noise around them, some of them cut, doubled or damaged."""
