@@ -12,7 +12,6 @@ from functools import partial
 from typing import NamedTuple
 
 from gateway.errors import RequestError, ServerDeviceFailure
-from gateway.images.functions import perform
 from gateway.images.image import Image, ImageSettings
 from gateway.images.tables import Table, Values
 from gateway.modbus.codes import Area
@@ -71,16 +70,16 @@ class PersistentImage(Image):
 
     def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image acts at once, whenever that is
         """Act on `request`, and answer it as soon as all that its client wrote before is kept."""
-        self.counts.requests += 1
+        self._begin(request)
         self._act(request)
 
     def _act(self, request: Request) -> None:
         try:
             asked = self._check(request.pdu)
             if asked.write is not None:
-                self._write(request, asked.write, partial(perform, self.tables, asked))
+                self._write(request, asked.write, partial(self._perform, asked))
                 return
-            outcome: bytes | RequestError = perform(self.tables, asked)
+            outcome: bytes | RequestError = self._perform(asked)
         except RequestError as error:
             outcome = error
         waiting = _Waiting(request, outcome)
@@ -88,7 +87,7 @@ class PersistentImage(Image):
         if any(other.request.origin.client == client for other in self._waiting):
             self._waiting.append(waiting)
         else:
-            self._answer(waiting)
+            self._finish(waiting.request, waiting.outcome)
 
     def _write(self, request: Request, span: Span, act: Callable[[], bytes]) -> None:
         table = self.tables[span.area]
@@ -104,9 +103,13 @@ class PersistentImage(Image):
         if not is_kept:
             self._undo()
             return
-        self._answer(self._waiting.popleft())
+        self._finish_next()
         while self._waiting and not isinstance(self._waiting[0], _Write):
-            self._answer(self._waiting.popleft())
+            self._finish_next()
+
+    def _finish_next(self) -> None:
+        waiting = self._waiting.popleft()
+        self._finish(waiting.request, waiting.outcome)
 
     def _undo(self) -> None:
         undone = list(self._waiting)
@@ -117,16 +120,9 @@ class PersistentImage(Image):
         for waiting in undone:
             if isinstance(waiting, _Write):
                 waiting.outcome = ServerDeviceFailure(f"{self.settings.name}: the write could not be kept")
-                self._answer(waiting)
+                self._finish(waiting.request, waiting.outcome)
             else:
                 self._act(waiting.request)
-
-    def _answer(self, waiting: _Waiting) -> None:
-        if isinstance(waiting.outcome, bytes):
-            waiting.request.respond(waiting.outcome)
-        else:
-            self.counts.exceptions += 1
-            waiting.request.fail(waiting.outcome)
 
     def _restore(self, table: Table, start: int, values: Iterable[int]) -> None:
         for address, value in enumerate(values, start):

@@ -105,7 +105,7 @@ class ResponseFramer:
         return frames
 
     def _is_undecided(self) -> bool:
-        """Whether silence will show more: there is the beginning of a response of unknown size, or of a doubtful one."""
+        """Whether silence will show more: there is a response of unknown size, or something behind a beginning."""
         if self._size or not self._buffer:
             return False
         return not self._longest or self._find(patient=False) is not None

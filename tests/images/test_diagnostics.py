@@ -4,6 +4,7 @@ import pytest
 
 from gateway.errors import Busy, NoRoute, RequestError, ServerDeviceFailure
 from gateway.images.diagnostics import Diagnostics
+from gateway.images.persistent import PersistentImage
 from gateway.request import Request
 from images.asking import Answers, ask, broadcast, image
 
@@ -79,3 +80,17 @@ def test_each_image_has_its_own():
     one, other = image(), image()
     ask(one, "41")
     assert ask(other, "08 000D 0000") == "08 00 0D 00 00"
+
+
+def test_an_image_that_keeps_its_values_counts_like_any_other():
+    """Its write is answered later, and the log says so."""
+    later = []
+    settings = image(holding=((0, 3),)).settings
+    kept = PersistentImage(settings, (), lambda change, done: later.append(done))
+    answers = Answers()
+    for pdu in ("06 0000 0001", "0B"):
+        kept.submit(Request(10, bytes.fromhex(pdu), answers, received_at=0.0), 0.0)
+    assert answers.came == []
+    later.pop()(True)
+    assert answers.came == [bytes.fromhex("06 0000 0001"), bytes.fromhex("0B 0000 0000")]
+    assert ask(kept, "0C") == "0C 0B 00 00 00 01 00 03 80 40 40 80 80"
