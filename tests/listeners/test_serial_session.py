@@ -284,11 +284,12 @@ def test_an_ascii_response_needs_none() -> None:
 def test_an_answer_waits_until_what_is_heard_has_ended() -> None:
     """It could be the next request of the client."""
     bench = ServerBench()
-    bench.at_once = RESPONSE
     asked_at = bench.now
-    bench.ask(READ)
+    request = bench.ask(READ)
     bench.pass_time(0.001)
     bench.hear(b"\x00")
+    bench.pass_time(0.004)
+    request.respond(RESPONSE)
     bench.pass_time(1.0)
     assert bench.last_written_at == pytest.approx(asked_at + 0.001 + RTU.t35 + LATENCY)
 
