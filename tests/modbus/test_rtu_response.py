@@ -368,3 +368,11 @@ def test_a_beginning_that_is_too_long_to_be_one_is_passed_over_at_once():
         framer = asked(b"\x0c")
         log = encode(UNIT, bytes.fromhex("0C 06 0000 0000 0001"))
         assert framer.received(beginning + log, 0.0) == [(UNIT, log[1:-2])]
+
+
+def test_an_exception_further_behind_a_beginning_than_a_frame_is_long_is_found_at_once_however_it_is_cut():
+    refused = encode(UNIT, exception_response(UNKNOWN[0], 2))
+    data = bytes((UNIT, UNKNOWN[0])) + bytes(256) + refused
+    for chunks in chunkings(data):
+        framer = asked(UNKNOWN)
+        assert [frame for chunk in chunks for frame in framer.received(chunk, 0.0)] == [(UNIT, refused[1:-2])]
