@@ -60,7 +60,7 @@ class Upstream:
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
         self._write: Callable[[bytes], None] | None = None
         self._framer = MbapFramer(strict=True)
-        #: What is under way, by identifier, the oldest first; what came instead of an answer; what is answered no more.
+        #: By identifier: what is under way, the oldest first; what came instead of its answer; what may come late.
         self._under_way: dict[int, Transaction] = {}
         self._instead: dict[int, bytes] = {}
         self._owed: dict[int, Transaction] = {}

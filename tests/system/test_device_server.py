@@ -109,7 +109,7 @@ async def why_not(settings, user):
 
 
 def descriptors():
-    return sorted(Path("/proc/self/fd").iterdir())
+    return set(Path("/proc/self/fd").iterdir())
 
 
 def free_number():
@@ -190,10 +190,9 @@ async def test_a_resolver_that_hangs_holds_up_nobody(user, monkeypatch):
     release = threading.Event()
     monkeypatch.setattr(tcp_module, "LOOKING_UP_DEADLINE", 0.1)
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: release.wait(PATIENCE) and [])
-    threads = threading.active_count()
     for _ in range(3):
         assert "no name server answers" in await why_not(settings(502, "nport.example"), user)
-    assert threading.active_count() == threads + 1
+    assert [thread.name for thread in threading.enumerate()].count("look up nport.example") == 1
     release.set()
     await until(lambda: not tcp_module._being_looked_up)
 
@@ -219,7 +218,7 @@ async def test_an_attempt_that_is_given_up_leaves_nothing_open(server, user):
         await asyncio.wait([opening])
         assert await asyncio.wait_for(asyncio.get_running_loop().sock_recv(far_end, 1), PATIENCE) == b""
     assert opening.cancelled()
-    await until(lambda: descriptors() == before)
+    await until(lambda: descriptors() <= before)
     assert user.losses == []
 
 
@@ -302,7 +301,7 @@ bind = "tcp://127.0.0.1:0"
 [[line]]
 name = "hall-a"
 port = "{scheme}+tcp://127.0.0.1:{number}"
-timeout = "500 ms"
+timeout = "1500 ms"
 """
 
 

@@ -138,12 +138,12 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
     one, other = tmp_path / "one", tmp_path / "other"
     one.mkdir()
     other.mkdir()
-    line = f'[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[line]]\nport = "{tmp_path / "line"}"\ntimeout = "200 ms"\n'
+    line = f'[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[line]]\nport = "{tmp_path / "line"}"\ntimeout = "1 s"\n'
     with (
         VirtualPort(tmp_path / "line") as port,
         SerialDevices({port: SimulatedLine("rtu", device)}),
         GatewayProcess(one, line) as behind,
-        GatewayProcess(other, config(behind.port)) as gateway,
+        GatewayProcess(other, config(behind.port, "5 s")) as gateway,
         closing(Client(gateway)) as client,
     ):
         assert client.read(37, 5) == "03 02 00 07"
