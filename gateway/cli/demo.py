@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
-from gateway.cli.demo_script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, DemoLine
+from gateway.cli.demo_script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, PANEL, PANEL_LINE, DemoLine
 from gateway.cli.demo_stage import Stage
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.load import load
@@ -22,6 +22,7 @@ from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
 from gateway.service.state import Memory
 from gateway.service.supervisor import Stop, serve
+from gateway.simulator.panel import Panel
 
 #: Where users expect the demo; any other port when somebody is there already.
 _PORT: Final = 5020
@@ -64,22 +65,23 @@ async def _demo(*, once: bool) -> int:
     async with AsyncExitStack() as parts:
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
         await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in LINES))
+        panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         config = _write_config(folder)
         plan = _plan(config)
         stage = Stage(config, plan)
         gateway = await parts.enter_async_context(_gateway(plan, stage))
         await parts.enter_async_context(stage.connected(gateway))
-        wrong = await _play(stage)
+        wrong = await _play(stage, panel)
         if not once:
             stage.invite()
             await asyncio.Event().wait()
     return PROBLEM_FOUND if wrong else FINE
 
 
-async def _play(stage: Stage) -> int:
+async def _play(stage: Stage, panel: Panel) -> int:
     """Ask everything; how many answers were wrong."""
     stage.introduce()
-    right = [await stage.first(FIRST_QUESTION)]
+    right = [await stage.first(FIRST_QUESTION), await stage.panel_asks(panel, FIRST_QUESTION)]
     for chapter in CHAPTERS:
         print(f"\n{chapter.heading}\n")
         right += [await stage.ask(question) for question in chapter.questions]
@@ -113,7 +115,8 @@ def _write_config(folder: Path) -> Path:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         free = probe.connect_ex(("127.0.0.1", _PORT)) != 0
     parts = [f'[[listen]]\nbind = "tcp://127.0.0.1:{_PORT if free else 0}"\n']
-    parts += [f'[[line]]\nname = "{line.name}"\nport = "{folder / line.name}"\n{line.config}\n' for line in LINES]
+    lines = [*((line.name, line.config) for line in LINES), (PANEL, PANEL_LINE)]
+    parts += [f'[[line]]\nname = "{name}"\nport = "{folder / name}"\n{config}\n' for name, config in lines]
     file = folder / "gateway.toml"
     file.write_text("\n".join([*parts, IMAGE]), encoding="utf-8")
     return file

@@ -71,6 +71,12 @@ LINES: Final = (
     ),
 )
 
+#: Where an operator panel asks: here the gateway is the server.
+PANEL: Final = "panel"
+PANEL_LINE: Final = (
+    'mode = "ascii"\nbaud = 19200\nformat = "7E1"\nrole = "server"\nserves = [41, 46]\nanswer_within = "5 s"\n'
+)
+
 IMAGE: Final = '[[image]]\nunit = 200\nname = "shift-data"\nholding = 100\n'
 
 

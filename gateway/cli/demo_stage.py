@@ -17,6 +17,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.frame import Frame
 from gateway.service.build import Gateway
+from gateway.simulator.panel import Panel
 
 #: How long an answer may take, in seconds: longer than any limit of the demo.
 _PATIENCE: Final = 10.0
@@ -74,6 +75,9 @@ class Stage:
             timing = line.line.timing
             devices = ", ".join(f"{device.known_as} {device.name}" for device in line.devices)
             print(f"  {line.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   {devices}")
+        for server in self._plan.servers:
+            timing, units = server.line.timing, ", ".join(map(str, sorted(server.line.serves)))
+            print(f"  {server.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   asks for {units}")
         for image in self._plan.images:
             print(f"  {'(image)':28} {image.unit} {image.name}")
         print(f"  config    {self._config}")
@@ -90,6 +94,19 @@ class Stage:
         value = reading(question.shows, answer[7:])
         print(f"\n  {value}, {hop.elapsed:.1f} ms after the request had left; the limit was {hop.limit:.0f} ms")
         return right
+
+    async def panel_asks(self, panel: Panel, question: Question) -> bool:
+        """Let the outside client of the server line ask the same, and show every hop."""
+        print("\nAn old panel asks the same over a serial line, in ASCII\n")
+        request = Frame(question.unit, bytes.fromhex(question.request))
+        self._hops.clear()
+        answer = await panel.ask(request, _PATIENCE)
+        self._hop("panel", "gateway", _frame("ascii", *request))
+        for hop in self._hops:
+            self._hop("gateway", hop.line, hop.request)
+            self._hop(hop.line, "gateway", hop.response)
+        self._hop("gateway", "panel", _frame("ascii", *answer) if answer is not None else "(silence)")
+        return answer == Frame(question.unit, bytes.fromhex(question.answer))
 
     async def ask(self, question: Question) -> bool:
         """Ask, and show the frames on the line."""

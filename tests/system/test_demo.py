@@ -30,6 +30,11 @@ def test_it_shows_the_weight_of_the_document(shown: subprocess.CompletedProcess[
     assert "4999.66" in shown.stdout
 
 
+def test_a_panel_asks_the_same_over_a_serial_line(shown: subprocess.CompletedProcess[str]) -> None:
+    hops = ["> gateway  :290300000002D2", "> silo     01 03 00 00 00 02 C4 0B", "> panel    :290304459C3D5161"]
+    assert all(hop in shown.stdout for hop in hops)
+
+
 @pytest.mark.parametrize("frame", PRINTED, ids=meaning)
 def test_it_shows_every_printed_frame(shown: subprocess.CompletedProcess[str], frame: SeedFrame) -> None:
     assert frame.data.hex(" ").upper() in shown.stdout

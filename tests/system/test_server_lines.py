@@ -174,13 +174,13 @@ class TestAMintControllerAsTheDocumentDescribesIt:
 
     def test_a_pause_of_more_than_a_second_drops_the_frame(self, running: Running) -> None:
         running.say(":0203001D")
-        time.sleep(1.3)
+        time.sleep(1.2)
         running.say("0002DC\r\n")
         assert running.silent()
 
     def test_a_pause_of_less_than_a_second_does_not(self, running: Running) -> None:
         running.say(":0203001D")
-        time.sleep(0.6)
+        time.sleep(0.3)
         running.say("0002DC\r\n")
         assert running.answer() == ":02030401020304ED"
 
