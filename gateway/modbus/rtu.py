@@ -263,13 +263,15 @@ class RequestFramer:
     def _first(self, data: bytes, *, is_behind_noise: bool) -> Frame | None:
         """The frame at the start of `data`, which silence has ended.
 
-        Nothing but its check sum tells a frame of an unknown function from the end of some noise.
+        All of `data` can be one, of an unknown function or of a size that its function does not have. Nothing but the
+        check sum tells that from the end of some noise.
         """
         for foretell in self._readings(data):
-            frame = _first(data, foretell)
-            if frame is not None and (foretell(frame.pdu) or not is_behind_noise):
+            frame = _first(data, foretell) if foretell(data[1:]) else None
+            if frame is not None:
                 return frame
-        return None
+        is_whole = not is_behind_noise and len(data) >= _SHORTEST and crc_fits(data)
+        return Frame(data[0], data[1:-2]) if is_whole else None
 
     def _readings(self, data: bytes | bytearray) -> tuple[Foretell, ...]:
         """How to read a frame that begins with `data`, the likelier way first."""

@@ -8,7 +8,7 @@
     client << 01 83 0B                   the client gets: unit, PDU
     rtu    silent                        nothing else was put on the line
 
-Frames of ASCII lines are written as text, without their CR LF; `\\r` and `\\n` stand for themselves in longer ones.
+Frames of ASCII lines are written as text, without their CR LF; `\\r`, `\\n` and `\\x00` stand for themselves in others.
 """
 
 import asyncio
@@ -80,7 +80,7 @@ class Stage:
 
 
 def _frame(text: str) -> bytes:
-    if ":" in text:
+    if ":" in text or "\\" in text:
         text = text if "\\" in text else text + "\\r\\n"
         return text.encode().decode("unicode_escape").encode("latin-1")
     return bytes.fromhex(text)

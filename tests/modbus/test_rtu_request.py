@@ -141,6 +141,12 @@ def test_whatever_is_encoded_is_decoded(unit, pdu):
     assert hear(RequestFramer(SILENCE), encode(unit, pdu)) == [(unit, pdu)]
 
 
+@pytest.mark.parametrize("pdu", ["03 00 00 00", "03 00 00 00 01 00", "0F 00 00 00 09 01 FF 01", "10 00 00 00 02 04 00"])
+def test_a_request_of_a_wrong_size_ends_by_silence(pdu):
+    """It is a whole frame with a fitting check sum, so it can be answered 03."""
+    assert hear(RequestFramer(SILENCE), encode(UNIT, bytes.fromhex(pdu))) == [(UNIT, bytes.fromhex(pdu))]
+
+
 @given(st.lists(st.binary(max_size=300)))
 def test_garbage_raises_nothing(chunks):
     for frame in hear(RequestFramer(SILENCE), *chunks):
