@@ -45,12 +45,12 @@ class Address:
 
     def is_reached_by(self, other: "Address") -> bool:
         """Whether who connects to `other` comes to a listener at this address, as far as the two can tell."""
-        if not self.collides_with(other):
+        if not self.collides_with(other) and not self.takes_ipv4_of(other):
             return False
         return not self.is_wildcard or other.is_wildcard or other.is_loopback
 
-    def leaves_ipv4_to(self, other: "Address") -> bool:
-        """Whether it is [::], which takes IPv4 clients too, and `other` is there for IPv4 clients of the same port."""
+    def takes_ipv4_of(self, other: "Address") -> bool:
+        """Whether it is [::], which takes IPv4 clients too, and `other` an IPv4 address with the same port."""
         mine, others = _ip(self.host), _ip(other.host)
         if mine is None or others is None or not self._has_port_of(other):
             return False

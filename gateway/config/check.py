@@ -110,7 +110,7 @@ def _check_binds(config: Config) -> Iterator[Problem]:
 
 def _check_ipv6(config: Config) -> Iterator[Problem]:
     for listen in config.listen:
-        ipv4 = next((other for other in config.listen if listen.bind.leaves_ipv4_to(other.bind)), None)
+        ipv4 = next((other for other in config.listen if listen.bind.takes_ipv4_of(other.bind)), None)
         if ipv4 is not None and not ipv4.bind.is_wildcard:
             remedy = f'to serve every IPv4 address, write "{replace(ipv4.bind, host="0.0.0.0")}" in {ipv4.source}'  # noqa: S104 - advice
             what = f"takes IPv6 clients only, because {ipv4.source} has an IPv4 address with the same port"

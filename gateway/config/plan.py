@@ -169,7 +169,7 @@ def _listener(listen: Listen, everyone: Iterable[Listen]) -> ListenSettings:
         unit0=listen.unit0,
         source=listen.source,
         scheme=bind.scheme,
-        ipv6_only=any(bind.leaves_ipv4_to(other.bind) for other in everyone),
+        ipv6_only=any(bind.takes_ipv4_of(other.bind) for other in everyone),
     )
 
 

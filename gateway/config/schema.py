@@ -80,10 +80,12 @@ class Listen(Table):
     )
     clients: Count = Field(
         32,
-        description="Connections at once. When full, the oldest idle one without a request under way is closed, of the "
-        "address that has the most.",
+        description="Connections at once; with `udp://` clients that are known at once. When full, the oldest idle one "
+        "without a request under way is closed, of the address that has the most.",
     )
-    idle: DurationOrZero = Field(600.0, description='Close a connection that asked nothing for so long; `"0"`: never.')
+    idle: DurationOrZero = Field(
+        600.0, description='Close a connection, or forget a UDP client, that asked nothing for so long; `"0"`: never.'
+    )
     in_flight: Count = Field(
         16,
         description="Requests under way per connection; beyond it the gateway stops reading. RTU and ASCII over TCP: "

@@ -21,7 +21,10 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 class GatewayProcess:
-    """`modbus-gateway run` with a config; in its context it is ready. `log` holds its events, `rest` other lines."""
+    """`modbus-gateway run` with a config; in its context it is ready. `log` holds its events, `rest` other lines.
+
+    `port` is that of the first listener, `ports` are those of all by what is spoken there: `rtu+tcp`.
+    """
 
     def __init__(self, folder: Path, config: str, *, level: str = "debug") -> None:
         self.config = folder / "gateway.toml"
