@@ -84,7 +84,7 @@ class Listen(Table):
         "without a request under way is closed, of the address that has the most.",
     )
     idle: DurationOrZero = Field(
-        600.0, description='Close a connection, or forget a UDP client, that asked nothing for so long; `"0"`: never.'
+        600.0, description='Close, or with UDP forget, who asked nothing for so long; `"0"`: never.'
     )
     in_flight: Count = Field(
         16,
