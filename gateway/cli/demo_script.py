@@ -131,8 +131,9 @@ CHAPTERS: Final = (
     Chapter(
         "A controller that is switched off: each question has its own time limit",
         (
-            Question(53, "1 register", "03 00 01 00 01", "83 0B"),
+            Question(53, "1 output", "01 00 00 00 01", "81 0B"),
             Question(53, "99 registers", "03 00 01 00 63", "83 0B"),
+            Question(53, "1 register, the 99 may still come", "03 00 01 00 01", "83 0B"),
         ),
     ),
     Chapter(

@@ -142,11 +142,11 @@ class Stage:
     def invite(self) -> None:
         """What to try next."""
         port = self._address.rsplit(":", 1)[1]
-        mbpoll = f"mbpoll -m tcp -p {port}"
+        mbpoll = f"mbpoll -p {port}"
         print("\nThe lines stay. From another terminal, for example:\n")
-        print(f"  {mbpoll} -a 41 -t 4:float -B -0 -r 0 127.0.0.1      the weight on silo-1")
-        print(f"  {mbpoll} -a 46 -t 4 -r 108 -c 3 127.0.0.1           the press")
-        print(f"  {mbpoll} -a 52 -t 4 -r 31 127.0.0.1 1234            write Comms 30 of axis-1")
+        print(f"  {mbpoll} -a 41 -t 4:float -B -0 -r 0 -1 127.0.0.1 # silo-1: weight")
+        print(f"  {mbpoll} -a 46 -t 4 -0 -r 107 -c 3 -1 127.0.0.1   # press: 40108-40110")
+        print(f"  {mbpoll} -a 52 -t 4 -0 -r 30 127.0.0.1 1234 5678  # axis-1: Comms 30-31")
         print("\nCtrl-C ends everything.", flush=True)
 
     async def _exchange(self, question: Question) -> tuple[bytes, bytes, bool]:

@@ -1,6 +1,8 @@
 """The demo, as somebody sees it who has just cloned the project."""
 
 import os
+import re
+import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -56,6 +58,29 @@ def test_it_stays_until_it_is_interrupted_and_leaves_nothing_behind() -> None:
         assert demo.wait(PATIENCE) == 0
     assert not Path(config).parent.exists()
     assert not _simulators_in(Path(config).parent)
+
+
+@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
+def test_the_commands_that_it_and_the_devices_page_print_work_as_they_stand() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    with subprocess.Popen([*COMMAND, "demo"], stdout=subprocess.PIPE, text=True) as demo:
+        shown = "".join(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
+        port = re.search(r"clients +tcp://127\.0\.0\.1:(\d+)", shown)[1]
+        printed = re.findall(r"^  mbpoll .*", shown, re.MULTILINE)
+        documented = re.findall(r"^    (?:mbpoll|python3) .*", page, re.MULTILINE)
+        said = [_sh(line) for line in (*printed, *(line.replace("5020", port) for line in documented))]
+        demo.send_signal(signal.SIGINT)
+    assert (len(printed), len(documented)) == (3, 4)
+    assert "4999.66" in said[0]
+    assert "[107]: \t99" in said[1]
+    assert all("Written" in text for text in said[2:-1])
+    assert said[-1] == "00 01 00 00 00 06 2a 10 01 00 00 01\n"
+
+
+def _sh(line: str) -> str:
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, (line, done.stdout, done.stderr)
+    return done.stdout
 
 
 def _simulators_in(folder: Path) -> list[str]:
