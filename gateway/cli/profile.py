@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", help="the profile; without it all are listed")
     parser.add_argument("--baud", type=_baud, default=19200, metavar="N", help="rate of the line (default 19200)")
     parser.add_argument("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
-    parser.add_argument("--mode", choices=("rtu", "ascii"), default="rtu", help="what is spoken (default rtu)")
+    parser.add_argument("--mode", choices=("rtu", "ascii"), help="what is spoken (default rtu, mint ascii)")
     parser.add_argument("--config", metavar="FILE", help="a config file that has profiles of its own")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
@@ -42,11 +42,12 @@ def run(args: argparse.Namespace) -> int:
         return FINE
     if args.name not in tables:
         return _wrong_usage(f'there is no profile "{args.name}"; {did_you_mean(args.name, tables)}')
-    format_: CharacterFormat = args.format or DEFAULT_FORMATS[args.mode]
-    if not fits_mode(format_, args.mode):
+    mode = args.mode or tables[args.name].mode or "rtu"
+    format_: CharacterFormat = args.format or DEFAULT_FORMATS[mode]
+    if not fits_mode(format_, mode):
         return _wrong_usage(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}; is it --mode ascii?")
     profile = profile_of(args.name, tables[args.name])
-    timing = LineTiming(args.mode, args.baud, format_)
+    timing = LineTiming(mode, args.baud, format_)
     answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
     limits = function_limits(profile, answer_time, timing, ASSUMED_LATENCY)
     print(_as_json(profile, timing, limits) if args.json else _as_text(profile, timing, limits))

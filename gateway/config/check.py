@@ -15,7 +15,7 @@ from gateway.config.check_units import (
 )
 from gateway.config.check_upstreams import check_upstreams
 from gateway.config.not_yet import check_built, is_refused, unbuilt_tables
-from gateway.config.problem import Path, Problem, did_you_mean, error, warning
+from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
 from gateway.config.schema import Access, Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
 from gateway.config.values import fits_mode
 
@@ -66,6 +66,7 @@ def _misfits(
         yield from _check_format(line)
         yield from _check_role(line)
     yield from _check_profiles(config, failed)
+    yield from _check_spoken(config)
     yield from _check_access(config, failed)
     yield from check_device_rows(config)
     yield from check_overlaps(config)
@@ -169,7 +170,8 @@ def _check_format(line: Line) -> Iterator[Problem]:
 
 
 def _other_mode(line: Line) -> str:
-    return "ascii+tcp:// in port" if isinstance(line.port, Address) else 'mode = "ascii"'
+    other = "rtu" if line.spoken == "ascii" else "ascii"
+    return f"{other}+tcp:// in port" if isinstance(line.port, Address) else f'mode = "{other}"'
 
 
 def _check_role(line: Line) -> Iterator[Problem]:
@@ -194,6 +196,17 @@ def _check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]
         if table.profile is not None and table.profile not in config.profile:
             remedy = did_you_mean(table.profile, config.profile)
             yield error((*table.path, "profile"), f'there is no profile "{table.profile}"', remedy)
+
+
+def _check_spoken(config: Config) -> Iterator[Problem]:
+    """Devices are on a line that speaks what they do."""
+    for line in config.line:
+        tables: tuple[Line | Device, ...] = (line, *(line.devices or ()))
+        for table in tables:
+            profile = config.profile.get(table.profile or "")
+            if line.role == "client" and profile is not None and profile.mode not in (None, line.spoken):
+                what = f"{profile.path[-1]} devices speak {profile.mode.upper()}, and this line {line.spoken.upper()}"
+                yield warning((*table.path, "profile"), what, f"set {_other_mode(line)} for the line")
 
 
 def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
@@ -224,7 +237,8 @@ def _repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}
     for value, table in uses:
         first = taken.setdefault(value, table)
         if first is not table:
-            yield error((*table.path, key), f"{what.format(value)} is already used in {first.source}")
+            place = f"{first.source}, {dotted(first.path)}" if isinstance(first, Device) else first.source
+            yield error((*table.path, key), f"{what.format(value)} is already used in {place}")
 
 
 def _real(line: Line, real_path: Callable[[str], str]) -> Hashable:

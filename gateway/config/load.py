@@ -3,6 +3,7 @@
 import os
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path as FilePath
@@ -11,6 +12,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from gateway.config.check import PortTrouble, check
+from gateway.config.not_yet import refusal
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
 from gateway.config.problem import Path, Problem, error
@@ -40,6 +42,14 @@ _LISTS: Final[Mapping[str, type[Table]]] = {
 }
 _SINGLES: Final[Mapping[str, type[Table]]] = {"web": Web, "control": Control, "log": Log}
 _PROFILE: Final = "profile"
+
+#: Keys that nothing else in a file refers to. A table of which only these are wrong is still compared with the others.
+_OF_NO_CONCERN: Final = frozenset(
+    {
+        *("baud", "format", "rs485", "echo", "latency", "timeout", "gap", "turnaround", "late_window", "queue"),
+        *("max_wait", "retries", "coalesce", "broadcast", "priority", "clients", "idle", "in_flight"),
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +94,7 @@ def parse(
     reader = _Reader(document, positions, FilePath(file).name)
     config = reader.config()
     found = [*reader.problems, *check(config, frozenset(reader.failed), port_trouble, real_path)]
-    problems = [_located(one, positions, file) for one in dict.fromkeys(found)]
+    problems = [_located(one, positions, file, document) for one in dict.fromkeys(found)]
     problems.sort(key=lambda one: (one.line, one.column))
     has_error = any(one.severity == "error" for one in problems)
     return Loaded(None if has_error else config, tuple(problems))
@@ -169,8 +179,12 @@ class _Reader:
             table = model.model_validate(raw)
         except ValidationError as wrong:
             self.failed.add(str(path[0]))
-            self.problems += value_problems(wrong, model, path, self._positions.written)
-            return None
+            refused = refusal(model, path)
+            self.problems += [refused] if refused else value_problems(wrong, model, path, self._positions.written)
+            rest = _without(wrong, raw, model)
+            if rest is None:
+                return None
+            table = rest
         self._place(table, path)
         return table
 
@@ -193,9 +207,33 @@ class _Reader:
         self.problems.append(error(path, what, remedy))
 
 
-def _located(problem: Problem, positions: Positions, file: str) -> Problem:
+def _without(wrong: ValidationError, raw: object, model: type[Table]) -> Table | None:
+    """The table without what is wrong in it, as far as that is of no concern to others."""
+    found = wrong.errors(include_url=False)
+    if not isinstance(raw, dict) or any(one["loc"][-1:] and one["loc"][-1] not in _OF_NO_CONCERN for one in found):
+        return None
+    rest = deepcopy(raw)
+    for one in found:
+        *parents, last = one["loc"]
+        table = rest
+        for part in parents:
+            table = table[part]
+        table.pop(last, None)
+    return model.model_validate(rest)
+
+
+def _located(problem: Problem, positions: Positions, file: str, document: dict[str, Any]) -> Problem:
     place = positions.key(problem.path) if problem.on_key else positions.value(problem.path)
-    return problem.located(file, *place)
+    return problem.located(file, *place, _name(problem.path, document))
+
+
+def _name(path: Path, document: dict[str, Any]) -> str:
+    """What the table at the beginning of `path` is called, if it is one of several."""
+    if len(path) < 2 or not isinstance(path[1], int):
+        return ""
+    row = document[str(path[0])][path[1]]
+    name = row.get("name") if isinstance(row, dict) else None
+    return name if isinstance(name, str) else ""
 
 
 def _hopeless(problem: Problem, file: str, line: int = 1, column: int = 1) -> Loaded:

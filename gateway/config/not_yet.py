@@ -60,6 +60,12 @@ def unbuilt_tables(config: Config) -> frozenset[Path]:
     return frozenset(table.path for table in _tables(config) if any(gap.found_at(table) is not None for gap in kinds))
 
 
+def refusal(kind: type[Table], path: Path) -> Problem | None:
+    """What is said of a table that cannot even be read, if every table of this kind is refused."""
+    gap = next((gap for gap in REFUSED if gap.kind is kind and not gap.key), None)
+    return None if gap is None else error(path, f"{gap.what} is not built yet in this version")
+
+
 def is_refused(kind: type[Table]) -> bool:
     """Whether every table of this kind is refused."""
     return any(gap.kind is kind and not gap.key for gap in REFUSED)

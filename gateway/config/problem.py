@@ -33,8 +33,8 @@ class NotText(WrongValue):
 class Problem:
     """One thing that is wrong, or deserves a second look, at `path`.
 
-    With `on_key` the key itself is meant, not its value. Who knows the text fills in `file`, `line` and `column`; they
-    are 0 when the file has no text.
+    With `on_key` the key itself is meant, not its value. Who knows the text fills in `file`, `line` and `column`, which
+    are 0 when the file has no text, and `name`: what the table at the beginning of `path` is called.
     """
 
     severity: Severity
@@ -45,17 +45,19 @@ class Problem:
     file: str = ""
     line: int = 1
     column: int = 1
+    name: str = ""
 
-    def located(self, file: str, line: int, column: int) -> Self:
+    def located(self, file: str, line: int, column: int, name: str = "") -> Self:
         """The same problem at its place in a file."""
-        return replace(self, file=file, line=line, column=column)
+        return replace(self, file=file, line=line, column=column, name=name)
 
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
         where = f"{place}: {self.severity}: "
         subject = f"{dotted(self.path)}: " if self.path else ""
         remedy = f"\n  help: {self.remedy}" if self.remedy else ""
-        return where + subject + self.what + remedy
+        table = f' ({self.path[0]} "{self.name}")' if self.name else ""
+        return where + subject + self.what + table + remedy
 
 
 def error(path: Path, what: str, remedy: str = "") -> Problem:

@@ -338,6 +338,9 @@ class ProfileTable(Table):
     """What a kind of device accepts, and how fast it answers."""
 
     title: str = Field("", description="What kind of device it is, for people.")
+    mode: Literal["rtu", "ascii"] | None = Field(
+        None, description="What these devices speak, if it is one of both only: `check` warns of a line with the other."
+    )
     functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
         None, description="Others get exception 01, and nothing goes on the line. Default: all."
     )

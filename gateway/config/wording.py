@@ -14,6 +14,14 @@ from gateway.config.schema import Table
 #: A key and a value without quotes, in a line that is not TOML.
 _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
 
+#: A key and a value with a colon between them, as YAML and JSON have it.
+_COLON = re.compile(r"\s*([\w.-]+)\s*:\s*(.+?)\s*")
+
+#: How tomllib says that text does not end where it should.
+_NO_CLOSING_QUOTE = ("Illegal character '\\n'", "Found invalid character '\\n'", "Unterminated string", 'Expected "\'"')
+
+_NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
+
 _SYNTAX_ERROR = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
 _DECLARED_TWICE = re.compile(r"Cannot declare \('([^']+)',\) twice")
 
@@ -103,10 +111,14 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
     if isinstance(wrong, WrongValue):
         return error(path, str(wrong), wrong.remedy)
     if kind == "literal_error":
-        return error(path, f"must be {str(context['expected']).replace(chr(39), chr(34))}")
+        choices = str(context["expected"]).replace("'", '"')
+        meant = f'"{found["input"]}"'.lower()
+        return error(path, f"must be {choices}", f"did you mean {meant}?" if meant in choices else "")
     if kind in _LIMITS:
         return error(path, _LIMITS[kind].format(**context))
-    return error(path, _TYPES.get(kind, f"cannot be used: {found['msg']}"))
+    is_quoted = kind in {"int_type", "float_type"} and _NUMBER.fullmatch(str(found["input"]))
+    remedy = f"write it without quotes: {path[-1]} = {found['input']}" if is_quoted else ""
+    return error(path, _TYPES.get(kind, f"cannot be used: {found['msg']}"), remedy)
 
 
 def _model_at(model: type[Table], loc: Path) -> type[Table]:
@@ -124,6 +136,11 @@ def _in_words(what: str, line: str) -> Problem:
         return error((), f"[{twice[1]}] is there twice", f"write [[{twice[1]}]] if there are several")
     if what == "Cannot overwrite a value":
         return error((), "this key is there twice")
+    if what.startswith(_NO_CLOSING_QUOTE):
+        return error((), "the text has no closing quote", "put the quote that it begins with at its end too")
+    colon = _COLON.fullmatch(line)
+    if colon is not None and what.startswith("Expected '='"):
+        return error((), "a key and its value have = between them", f"write {colon[1]} = {colon[2].rstrip(',')}")
     return error((), what[:1].lower() + what[1:], _missing_quotes(line))
 
 

@@ -126,7 +126,9 @@ def test_errors_are_all_that_is_shown_and_make_the_status_1(config, capsys):
     assert main(["check", path]) == 1
     assert capsys.readouterr().out == (
         f"{path}:3:8: error: line[0].baud: must be a whole number\n"
+        "  help: write it without quotes: baud = 9600\n"
         f'{path}:4:8: error: line[0].mode: must be "rtu" or "ascii"\n'
+        '  help: did you mean "rtu"?\n'
         "2 errors, no warnings\n"
     )
 

@@ -64,7 +64,9 @@ def test_two_lines_that_are_called_after_ports_of_one_name():
 
 def test_two_devices_with_one_name():
     text = LINE.replace("}]", '},\n  { unit = 2, name = "one" }]')
-    assert problems(text) == ['error: line[0].devices[1].name: "one" is already used in gateway.toml:4']
+    assert problems(text) == [
+        'error: line[0].devices[1].name: "one" is already used in gateway.toml:4, line[0].devices[0]'
+    ]
 
 
 def test_two_images_with_one_name():
@@ -681,3 +683,32 @@ def test_the_name_of_the_plant_is_accepted_and_has_no_effect():
 def test_what_is_off_needs_no_warning():
     text = LINE + '[[image]]\nunit = 2\ncoils = 1\npersist = "never"\n'
     assert problems(text, built=False) == []
+
+
+# What devices speak
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            'port = "/dev/a"\ndevices = [{ unit = 1, profile = "mint" }]',
+            'line[0].devices[0].profile: mint devices speak ASCII, and this line RTU | set mode = "ascii" for the line',
+        ),
+        (
+            'port = "/dev/a"\nmode = "ascii"\nprofile = "weigher"',
+            'line[0].profile: weigher devices speak RTU, and this line ASCII | set mode = "rtu" for the line',
+        ),
+        (
+            'port = "rtu+tcp://10.1.0.9:4001"\nprofile = "mint"',
+            "line[0].profile: mint devices speak ASCII, and this line RTU | set ascii+tcp:// in port for the line",
+        ),
+    ],
+)
+def test_a_line_that_its_devices_do_not_speak(line, said):
+    assert problems(f"[[line]]\n{line}") == [f"warning: {said}"]
+
+
+@pytest.mark.parametrize("mode", ["rtu", "ascii"])
+def test_devices_that_speak_both(mode):
+    assert problems(f'[[line]]\nport = "/dev/a"\nmode = "{mode}"\nprofile = "v80"') == []

@@ -7,16 +7,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config.load import builtin_profiles, load, parse
+from gateway.config.not_yet import Gap
 from gateway.config.plan import resolve
-from gateway.config.schema import Config, Table
+from gateway.config.schema import Config, Table, Web
 from gateway.config.wording import keys_of, row_model
 
 SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'
 
+NO_QUOTE = "error: the text has no closing quote\n  help: put the quote that it begins with at its end too"
 
-def problems(text):
-    """What is said about `text`, on a machine where every port exists."""
-    loaded = parse(dedent(text), "gateway.toml", port_trouble=lambda _: None, real_path=str)
+
+def problems(text, *, built=True):
+    """What is said about `text` where every port exists; unless told otherwise, as if everything was built."""
+    with pytest.MonkeyPatch.context() as patch:
+        if built:
+            patch.setattr("gateway.config.not_yet.REFUSED", ())
+        loaded = parse(dedent(text), "gateway.toml", port_trouble=lambda _: None, real_path=str)
     assert (loaded.config is None) == any(problem.severity == "error" for problem in loaded.problems)
     return [str(problem) for problem in loaded.problems]
 
@@ -86,7 +92,13 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
             "[line]\n[line]\n",
             "gateway.toml:2:6: error: [line] is there twice\n  help: write [[line]] if there are several",
         ),
-        ('site = "a', "gateway.toml:1:10: error: unterminated string"),
+        ('site = "a', f"gateway.toml:1:10: {NO_QUOTE}"),
+        ('site = "a\n[[line]]\n', f"gateway.toml:1:10: {NO_QUOTE}"),
+        ("site = 'a\n[log]\nlevel = 'info'\n", f"gateway.toml:1:10: {NO_QUOTE}"),
+        (
+            '[[line]]\nport: "/dev/ttyUSB0"\n',
+            ('gateway.toml:2:5: error: a key and its value have = between them\n  help: write port = "/dev/ttyUSB0"'),
+        ),
         ("site = [1,\n", "gateway.toml:2:1: error: invalid value"),
     ],
 )
@@ -125,7 +137,18 @@ def test_a_file_that_is_nested_too_deeply_is_a_problem_too():
         ("[profile.x]\nidle_chars = 0", "gateway.toml:2:14: error: profile.x.idle_chars: must be more than 0"),
         ("[profile.x]\nfunctions = 3", "gateway.toml:2:13: error: profile.x.functions: must be a list"),
         ("[profile.x]\ntitle = ['a']", "gateway.toml:2:9: error: profile.x.title: must be text"),
-        ("[[image]]\nunit = '5'", "gateway.toml:2:8: error: image[0].unit: must be a whole number"),
+        (
+            "[[image]]\nunit = '5'",
+            "gateway.toml:2:8: error: image[0].unit: must be a whole number\n  help: write it without quotes: unit = 5",
+        ),
+        ("[[image]]\nunit = 'x'", "gateway.toml:2:8: error: image[0].unit: must be a whole number"),
+        (
+            "[[line]]\nname = 'motion'\nport = '/dev/x'\nmode = 'ASCII'",
+            (
+                'gateway.toml:4:8: error: line[0].mode: must be "rtu" or "ascii" (line "motion")\n'
+                '  help: did you mean "ascii"?'
+            ),
+        ),
         (
             "[[line]]\nport = '/dev/x'\necho = 'yes'",
             "gateway.toml:3:8: error: line[0].echo: must be true or false, without quotes",
@@ -312,3 +335,36 @@ def test_whatever_a_file_says_it_can_be_used_or_the_errors_are_told(text):
     assert (loaded.config is None) == any(problem.severity == "error" for problem in loaded.problems)
     if loaded.config is not None:
         resolve(loaded.config)
+
+
+def test_what_a_wrong_table_refers_to_is_looked_at_together_with_what_is_wrong_in_it():
+    assert problems(
+        """\
+        [[line]]
+        port = "/dev/x"
+        baud = "fast"
+        profile = "mnt"
+        devices = [{ unit = 1, timeout = 5 }, { unit = 1 }]
+        """
+    ) == [
+        "gateway.toml:3:8: error: line[0].baud: must be a whole number",
+        'gateway.toml:4:11: error: line[0].profile: there is no profile "mnt"\n  help: did you mean "mint"?',
+        (
+            "gateway.toml:5:34: error: line[0].devices[0].timeout: a duration needs a unit\n"
+            '  help: put it in quotes with a unit: "5 ms" or "5 s"'
+        ),
+        (
+            'gateway.toml:5:48: error: line[0].devices[1].unit: 1 is already a unit of line "x" (gateway.toml:5)\n'
+            '  help: give clients other units with "as"'
+        ),
+    ]
+
+
+def test_a_row_that_is_no_table_has_no_name():
+    assert problems("line = [5]") == ["gateway.toml:1:9: error: line[0]: must be a table"]
+
+
+def test_no_advice_is_given_for_a_table_that_is_not_built(monkeypatch):
+    monkeypatch.setattr("gateway.config.not_yet.REFUSED", (Gap(Web, "", lambda _: True, "[web]"),))
+    said = "gateway.toml:1:1: error: web: [web] is not built yet in this version"
+    assert said in problems('[web]\nbind = "tcp://0.0.0.0:80"\n', built=False)
