@@ -7,7 +7,10 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import ClassVar
+from typing import ClassVar, Self
+
+from gateway.errors import RequestError
+from gateway.request import Request
 
 
 class Level(IntEnum):
@@ -37,6 +40,10 @@ class Event:
 
 #: Where parts tell their events. It never raises and never blocks.
 Emit = Callable[[Event], None]
+
+
+def tell_nobody(event: Event) -> None:
+    """Where nobody wants to know."""
 
 
 # --- the service ---
@@ -163,6 +170,22 @@ class ClientRejected(Event):
     listener: str
     client: str
     reason: str
+
+
+@dataclass(frozen=True)
+class RequestRefused(Event):
+    """A client asked for what the `unit` it named does not have: it got exception `code`, and nothing was sent."""
+
+    client: str
+    unit: int
+    function: int
+    code: str
+    why: str
+
+    @classmethod
+    def of(cls, request: Request, error: RequestError) -> Self:
+        """The refusal of `request` with `error`."""
+        return cls(request.origin.client, request.unit, request.pdu[0], f"{error.code:02X}", str(error))
 
 
 @dataclass(frozen=True)

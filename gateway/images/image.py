@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
+from gateway.events import Emit, RequestRefused, tell_nobody
 from gateway.images.diagnostics import Diagnostics
 from gateway.images.functions import FUNCTIONS, perform
 from gateway.images.identity import Identity
@@ -48,12 +49,13 @@ class Image:
     that clients may ask for and clear, `counts` those of the operator.
     """
 
-    def __init__(self, settings: ImageSettings) -> None:
+    def __init__(self, settings: ImageSettings, emit: Emit = tell_nobody) -> None:
         self.settings = settings
         self.tables = make_tables(settings.areas, settings.initial)
         self.counts = Counts()
         self.diagnostics = Diagnostics()
         self._profile = settings.profile
+        self._emit = emit
         identity = Identity(settings.name)
         self._services: Mapping[int, Callable[[bytes], bytes]] = {
             FunctionCode.DIAGNOSTICS: self.diagnostics.perform,
@@ -94,6 +96,7 @@ class Image:
         else:
             self.counts.exceptions += 1
             self.diagnostics.refused(request, outcome.code)
+            self._emit(RequestRefused.of(request, outcome))
             request.fail(outcome)
 
     def _check(self, pdu: bytes) -> RequestPdu:

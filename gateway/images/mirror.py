@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol, cast
 
 from gateway.errors import IllegalDataAddress, RequestError, StaleValue
-from gateway.events import Emit, PollRefused
+from gateway.events import Emit, PollRefused, RequestRefused
 from gateway.images.polled_range import PolledRange
 from gateway.images.polls import POLLING_FUNCTIONS, Poll, joined
 from gateway.images.tables import make_tables
@@ -107,6 +107,7 @@ class Mirror:
         try:
             self._read(request, self._check(request.pdu), now)
         except RequestError as error:
+            self._emit(RequestRefused.of(request, error))
             self._fail(request, error)
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:

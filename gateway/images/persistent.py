@@ -12,6 +12,7 @@ from functools import partial
 from typing import NamedTuple
 
 from gateway.errors import RequestError, ServerDeviceFailure
+from gateway.events import Emit, tell_nobody
 from gateway.images.image import Image, ImageSettings
 from gateway.images.tables import Table, Values
 from gateway.modbus.codes import Area
@@ -61,8 +62,10 @@ class PersistentImage(Image):
     does not have any more are passed over.
     """
 
-    def __init__(self, settings: ImageSettings, kept: Iterable[tuple[Area, Values]], commit: Commit) -> None:
-        super().__init__(settings)
+    def __init__(
+        self, settings: ImageSettings, kept: Iterable[tuple[Area, Values]], commit: Commit, emit: Emit = tell_nobody
+    ) -> None:
+        super().__init__(settings, emit)
         self._commit = commit
         self._waiting: deque[_Waiting] = deque()
         for area, (start, values) in kept:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from gateway.errors import RequestError
+from gateway.events import Emit, RequestRefused, tell_nobody
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
 from gateway.lines.transaction import BroadcastTransaction, Transaction
@@ -39,7 +40,7 @@ class TakesTransactions(Protocol):
 class Device:
     """A unit on a line: a Target. Requests that its profile refuses never reach the line."""
 
-    def __init__(self, settings: DeviceSettings, line: TakesTransactions) -> None:
+    def __init__(self, settings: DeviceSettings, line: TakesTransactions, emit: Emit = tell_nobody) -> None:
         self.settings = settings
         self.unit = settings.unit
         self.name = settings.name
@@ -50,6 +51,7 @@ class Device:
         self.counts = UnitCounts()
         self._check = settings.profile.check
         self._line = line
+        self._emit = emit
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Send the request when the line is free, or refuse it with the exception that says why.
@@ -60,6 +62,7 @@ class Device:
             transaction = self._transaction(request, self._check(request.pdu))
         except RequestError as error:
             self.counts[request.pdu[0]].failed(error, 1)
+            self.tell_refusal(request, error)
             request.fail(error)
             return
         transaction.yields = yields
@@ -68,6 +71,10 @@ class Device:
     def rests(self, now: float) -> bool:
         """Whether the device has failed too often and is left alone."""
         return self.breaker.rests(now)
+
+    def tell_refusal(self, request: Request, error: RequestError) -> None:
+        """The request is refused with `error`, and nothing was sent."""
+        self._emit(RequestRefused.of(request, error))
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
         """Nothing follows from an ordinary transaction."""

@@ -86,11 +86,12 @@ class LoneDevice(Device):
 class Move(Transaction):
     """A write that sets the device's address: the response comes from the new one, a refusal from the old one."""
 
-    __slots__ = ("_whereabouts", "new_unit")
+    __slots__ = ("_device", "_whereabouts", "new_unit")
 
     def __init__(self, request: Request, asked: RequestPdu, device: Device, whereabouts: Whereabouts) -> None:
         super().__init__(request, asked, device)
         self.new_unit = int.from_bytes(_registers(asked, ADDRESS_REGISTER, 1))
+        self._device = device
         self._whereabouts = whereabouts
 
     def start(self, budget: Budget, now: float) -> None:
@@ -99,11 +100,18 @@ class Move(Transaction):
         Raises:
             IllegalDataValue: no device can have the new address, or another one of the line has it.
         """
-        if self.new_unit not in _UNITS:
-            raise IllegalDataValue(f"{self.new_unit} is no address: 1 to 247 are")
-        if not self._whereabouts.is_free(self.new_unit, self.device.name):
-            raise IllegalDataValue(f"another device of the line has the address {self.new_unit}")
+        obstacle = self._obstacle()
+        if obstacle is not None:
+            self._device.tell_refusal(self.requests[0], obstacle)
+            raise obstacle
         super().start(budget, now)
+
+    def _obstacle(self) -> IllegalDataValue | None:
+        if self.new_unit not in _UNITS:
+            return IllegalDataValue(f"{self.new_unit} is no address: 1 to 247 are")
+        if not self._whereabouts.is_free(self.new_unit, self.device.name):
+            return IllegalDataValue(f"another device of the line has the address {self.new_unit}")
+        return None
 
     @property
     def answers_from(self) -> None:
@@ -146,7 +154,7 @@ class RestlessDevice(Device):
         remember: Callable[[int], None],
         emit: Emit,
     ) -> None:
-        super().__init__(settings, line)
+        super().__init__(settings, line, emit)
         self._quirks = settings.profile.quirks
         self._change_rate = line.change_rate
         self._line_name = line_name
@@ -154,7 +162,6 @@ class RestlessDevice(Device):
         self._whereabouts = whereabouts
         self._is_alone = is_alone
         self._remember = remember
-        self._emit = emit
         #: Where it answered last, and where else it may be: since a move that nobody confirmed, or because it rests.
         self._known_at = settings.unit
         self._maybe_at: int | None = None

@@ -29,7 +29,9 @@ class Router:
         target = self.routes.get(request.unit)
         if target is None:
             self.counts.no_route += 1
-            request.fail(errors.NoRoute())
+            refusal = errors.NoRoute("no such unit")
+            self._emit(events.RequestRefused.of(request, refusal))
+            request.fail(refusal)
         elif not allows(request.origin.may_write, request.pdu):
             self.counts.denied += 1
             self._emit(events.AccessDenied(request.origin.client, request.unit, request.pdu[0]))

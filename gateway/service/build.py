@@ -67,7 +67,7 @@ def build(
     """The parts of `plan`, joined but not started: nothing is opened yet. Persistent images need a `store`."""
     lines = tuple(GatewayLine(line_plan, loop, opener, memory, emit) for line_plan in plan.lines)
     upstreams = tuple(GatewayUpstream(upstream_plan, loop, opener, emit) for upstream_plan in plan.upstreams)
-    images = tuple(_image(settings, store) for settings in plan.images)
+    images = tuple(_image(settings, store, emit) for settings in plan.images)
     parts: tuple[GatewayLine | GatewayUpstream, ...] = (*lines, *upstreams)
     devices = {device.name: device for part in parts for device in part.devices.values()}
     mirrors = tuple(MirrorDriver(settings, devices[settings.of], loop, emit) for settings in plan.mirrors)
@@ -91,12 +91,12 @@ def build(
     return Gateway(listeners, lines, servers, drivers, upstreams, keepers, images, mirrors)
 
 
-def _image(settings: ImageSettings, store: Store | None) -> Image:
+def _image(settings: ImageSettings, store: Store | None, emit: Emit) -> Image:
     if settings.persist == "never":
-        return Image(settings)
+        return Image(settings, emit)
     assert store is not None  # noqa: S101 - whoever builds a plan with persistent images has one
     keep = store.keep_at_once if settings.persist == "always" else store.keep_soon
-    return PersistentImage(settings, store.values(settings.name), keep)
+    return PersistentImage(settings, store.values(settings.name), keep, emit)
 
 
 def _listener(settings: ListenSettings, router: Router, emit: Emit) -> Listener:
@@ -147,10 +147,10 @@ class GatewayLine:
 
     def _device(self, settings: DeviceSettings) -> Device:
         if settings.unit == BROADCAST_UNIT:
-            return LoneDevice(settings, self.driver)
+            return LoneDevice(settings, self.driver, self._emit)
         if not settings.profile.quirks:
             self._whereabouts.place(settings.name, settings.unit)
-            return Device(settings, self.driver)
+            return Device(settings, self.driver, self._emit)
         return self._restless_device(settings)
 
     def _restless_device(self, settings: DeviceSettings) -> Device:
@@ -177,7 +177,7 @@ class GatewayUpstream:
         self.name = plan.upstream.name
         self.driver = UpstreamDriver(Upstream(plan.upstream, emit), loop, emit)
         self.keeper = Keeper(self.name, plan.port.port, opener(plan.port), self.driver, emit)
-        self.devices = {each.known_as: Device(each, self.driver) for each in plan.devices}
+        self.devices = {each.known_as: Device(each, self.driver, emit) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
 
 

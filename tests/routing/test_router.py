@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.events import AccessDenied, Event
+from gateway.events import AccessDenied, Event, RequestRefused
 from gateway.request import Request
 from gateway.routing.access import may_write
 from gateway.routing.router import Counts, Router
@@ -30,7 +30,9 @@ def test_a_request_goes_to_its_unit() -> None:
 @pytest.mark.parametrize("pdu", ["03 00 00 00 01", "2B 0E 01 00", "08 00 00 12 34"])
 @pytest.mark.parametrize("unit", [0, 99, 248, 255])
 def test_a_unit_without_a_route_is_answered_0a_whatever_the_function(pdu: str, unit: int) -> None:
-    assert ask(pdu, unit) == ([f"{int(pdu[:2], 16) | 0x80:02X} 0A"], [])
+    function = int(pdu[:2], 16)
+    told = RequestRefused("10.0.0.9:49152", unit, function, "0A", "no such unit")
+    assert ask(pdu, unit) == ([f"{function | 0x80:02X} 0A"], [told])
 
 
 @pytest.mark.parametrize("function", [1, 2, 3, 4, 7, 11, 12, 17, 20, 24])

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from gateway.events import AddressMoved, BaudChanged
+from gateway.events import AddressMoved, BaudChanged, RequestRefused
 from gateway.service.state import Memory
 from kit.house import House, house
 
@@ -73,6 +73,8 @@ async def test_it_cannot_move_to_where_its_neighbour_is() -> None:
     async with house(TWO) as home:
         assert await home.client().asks(41, "10 0100 0001 02 0002") == "90 03"
         assert home.lines["hall-a"].written == b""
+        (told,) = [event for event in home.events if isinstance(event, RequestRefused)]
+        assert told.why == "another device of the line has the address 2"
 
 
 async def test_the_line_follows_it_to_another_rate_and_is_opened_at_that_rate_from_then_on() -> None:

@@ -1,0 +1,51 @@
+"""What a client is told when it asks for what is not there, the log says too: who, what and why."""
+
+import pytest
+
+from gateway.events import RequestRefused
+from kit.house import house
+
+CONFIG = """
+[[line]]
+name    = "hall-a"
+port    = "/dev/hall-a"
+mode    = "ascii"
+devices = [{ unit = 2, as = 52, name = "axis-1", profile = "mint" }]
+
+[[image]]
+unit    = 200
+name    = "shift-data"
+holding = 10
+
+[[image]]
+unit    = 201
+of      = "axis-1"
+read    = [{ holding = "1-2", every = "1 s" }]
+"""
+CLIENT = "10.0.0.9:49152"
+
+
+@pytest.mark.parametrize(
+    ("unit", "pdu", "code", "why"),
+    [
+        (9, "03 0000 0001", "0A", "no such unit"),
+        (52, "04 0001 0001", "01", "profile mint has no function 4"),
+        (52, "03 0000 0001", "02", "profile mint has no holding 0-0"),
+        (52, "03 0001 0064", "03", "profile mint allows 99 items of function 3"),
+        (52, "05 0000 1234", "03", "function 05: a coil is FF00 or 0000: 05 00 00 12 34"),
+        (200, "03 000A 0001", "02", "shift-data has no holding 10-10"),
+        (201, "03 0003 0001", "02", "image-201 does not poll all of holding 3-3"),
+    ],
+)
+async def test_a_refusal_is_told(unit: int, pdu: str, code: str, why: str) -> None:
+    async with house(CONFIG) as home:
+        function = int(pdu[:2], 16)
+        assert await home.client(CLIENT).asks(unit, pdu) == f"{function | 0x80:02X} {code}"
+        told = [event for event in home.events if isinstance(event, RequestRefused)]
+        assert told == [RequestRefused(CLIENT, unit, function, code, why)]
+
+
+async def test_what_the_unit_answers_is_no_refusal() -> None:
+    async with house(CONFIG) as home:
+        assert await home.client(CLIENT).asks(200, "03 0000 0001") == "03 02 00 00"
+        assert not any(isinstance(event, RequestRefused) for event in home.events)
