@@ -228,14 +228,16 @@ class RequestFramer:
         self._buffer.clear()
         frames, at, end = [], 0, 0
         while at < len(data):
-            frame = self._first(data[at:], is_behind_noise=at - end > _GLITCH)
-            if frame is None:
+            size = self._size(data[at:], has_ended=True)
+            if not size and at - end <= _GLITCH and _is_whole(data[at:]):
+                size = len(data) - at
+            if size:
+                self._passed_over = 0
+                frames.append(Frame(data[at], data[at + 1 : at + size - 2]))
+                at = end = at + size
+            else:
                 self._pass_over()
                 at += 1
-            else:
-                self._passed_over = 0
-                frames.append(frame)
-                at = end = at + len(frame.pdu) + OVERHEAD
         return frames
 
     def _pass_over(self) -> None:
@@ -244,34 +246,26 @@ class RequestFramer:
 
     def _take_complete(self) -> list[Frame]:
         frames = []
-        while (size := self._complete()) > 0:
+        while (size := self._size(self._buffer, has_ended=False)) > 0:
             frames.append(Frame(self._buffer[0], bytes(self._buffer[1 : size - 2])))
             del self._buffer[:size]
             self._passed_over = 0
         return frames
 
-    def _complete(self) -> int:
-        """Size of the frame at the start of the buffer when all of it is there, else 0."""
-        data = self._buffer
+    def _size(self, data: bytes | bytearray, *, has_ended: bool) -> int:
+        """Size of the frame at the start of `data`; 0 while there is none.
+
+        The check sum alone does not tell the two ways to read a frame apart: it fits with a NUL behind a frame too. So
+        the less likely one counts only when the other is out of the question.
+        """
         for foretell in self._readings(data):
             size = _complete(data, foretell)
             if size and crc_fits(bytes(data[:size])):
                 self._asked_unit = data[0] if foretell is request_size else None
                 return size
+            if not size and not has_ended and foretell(bytes(data[_FORETOLD_BY])):
+                return 0
         return 0
-
-    def _first(self, data: bytes, *, is_behind_noise: bool) -> Frame | None:
-        """The frame at the start of `data`, which silence has ended.
-
-        All of `data` can be one, of an unknown function or of a size that its function does not have. Nothing but the
-        check sum tells that from the end of some noise.
-        """
-        for foretell in self._readings(data):
-            frame = _first(data, foretell) if foretell(data[1:]) else None
-            if frame is not None:
-                return frame
-        is_whole = not is_behind_noise and len(data) >= _SHORTEST and crc_fits(data)
-        return Frame(data[0], data[1:-2]) if is_whole else None
 
     def _readings(self, data: bytes | bytearray) -> tuple[Foretell, ...]:
         """How to read a frame that begins with `data`, the likelier way first."""
@@ -305,6 +299,14 @@ def _complete(data: bytes | bytearray, foretell: Foretell) -> int:
     """Size of the ADU at the start of `data` when all of it is there, else 0."""
     size = foretell(bytes(data[_FORETOLD_BY])) + OVERHEAD
     return size if _SHORTEST <= size <= min(len(data), MAX_RTU_ADU) else 0
+
+
+def _is_whole(data: bytes) -> bool:
+    """Whether all of `data` can be one frame: of an unknown function, or of a size that its function does not have.
+
+    Nothing but the check sum tells that from the end of some noise.
+    """
+    return len(data) >= _SHORTEST and crc_fits(data)
 
 
 def _frames(data: bytes, foretell: Foretell) -> Iterator[Frame]:

@@ -119,6 +119,41 @@ def test_other_servers_responses_do_not_spoil_the_next_request(exchange):
     assert [frame for frame in frames if frame.unit == UNIT] == [(UNIT, READ)]
 
 
+# --- a line with other servers ---
+
+COILS_ASKED, COILS = bytes.fromhex("01 00 00 00 10"), bytes.fromhex("01 02 C6 9D")
+TO_ALL = bytes.fromhex("06 00 01 00 05")
+
+
+def test_a_response_of_another_server_ends_on_its_last_byte():
+    framer = RequestFramer(SILENCE, ours={UNIT})
+    write, written = bytes.fromhex("10 00 01 00 01 02 00 07"), bytes.fromhex("10 00 01 00 01")
+    for unit, pdu in ((7, COILS_ASKED), (7, COILS), (7, write), (7, written), (UNIT, READ)):
+        assert framer.received(encode(unit, pdu), 0.0) == [(unit, pdu)]
+
+
+def test_a_response_behind_a_request_that_was_not_heard_ends_by_silence_at_the_latest():
+    framer = RequestFramer(SILENCE, ours={UNIT})
+    response = bytes.fromhex("10 00 01 00 02")
+    assert hear(framer, encode(7, response) + encode(UNIT, READ)) == [(7, response), (UNIT, READ)]
+
+
+def test_the_nul_that_begins_a_broadcast_is_no_part_of_the_response_before_it():
+    """With a NUL behind it a frame still has a fitting check sum, and seven bytes become the eight of a request."""
+    frames = [(7, COILS_ASKED), (7, COILS), (0, TO_ALL), (7, COILS_ASKED), (UNIT, READ)]
+    stream = b"".join(encode(*frame) for frame in frames)
+    for chunks in chunkings(stream):
+        assert hear(RequestFramer(SILENCE, ours={UNIT}), *chunks) == frames
+
+
+def test_a_request_that_begins_like_a_response_is_heard_whole():
+    """Its CRC ends with 00, so its first seven bytes have a fitting check sum as well."""
+    requests = (bytes((1, 2)) + at.to_bytes(1) + bytes((0, 1)) for at in range(256))
+    request = next(pdu for pdu in requests if encode(7, pdu).endswith(b"\0"))
+    for chunks in chunkings(encode(7, request)):
+        assert hear(RequestFramer(SILENCE, ours={UNIT}), *chunks) == [(7, request)]
+
+
 def test_endless_noise_is_not_kept():
     framer = RequestFramer(SILENCE)
     for _ in range(100):

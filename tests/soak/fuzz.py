@@ -191,6 +191,22 @@ def rtu_request(data: Bytes) -> tuple[bytes, Decode]:
     return data.mixture(lambda: rtu.encode(data.dice.choice(UNITS), data.pdu())), decode
 
 
+def rtu_shared_line(data: Bytes) -> tuple[bytes, Decode]:
+    """What a server hears on a line with other servers, up to a silence."""
+    asked = parse_request(data.dice.choice(REQUESTS))
+
+    def frame() -> bytes:
+        pdu = data.response(asked) if data.dice.random() < 0.5 else data.pdu()
+        return rtu.encode(data.dice.choice(UNITS), pdu)
+
+    def decode(chunks: Sequence[bytes]) -> Outcome:
+        framer = rtu.RequestFramer(SILENCE, ours=frozenset({17}))
+        frames = [frame for chunk in chunks for frame in framer.received(chunk, 0.0)]
+        return [*frames, *framer.tick(SILENCE), framer.behind, framer.heard_noise]
+
+    return data.mixture(frame), decode
+
+
 def rtu_overheard(data: Bytes) -> tuple[bytes, Decode]:
     """Frames looked for in what was heard; in one piece."""
     return data.mixture(lambda: rtu.encode(data.dice.choice(UNITS), data.pdu())), lambda chunks: [
@@ -233,7 +249,10 @@ def request_pdu(data: Bytes) -> tuple[bytes, Decode]:
     return data.mixture(data.pdu) or b"\0", decode
 
 
-DECODERS: Final = (mbap_stream, upstream, rtu_response, rtu_request, rtu_overheard, ascii_stream, request_pdu)
+DECODERS: Final = (
+    *(mbap_stream, upstream, request_pdu, ascii_stream),
+    *(rtu_response, rtu_request, rtu_shared_line, rtu_overheard),
+)
 
 
 @dataclass
