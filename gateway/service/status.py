@@ -4,7 +4,7 @@ Counts are those since the start. Durations have their unit in their name.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from gateway.images.image import Image
@@ -12,6 +12,8 @@ from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.lines.device import Device
+from gateway.listeners.serial import SerialListener
+from gateway.listeners.serial_session import Counts as ServerCounts
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Gateway, GatewayLine, GatewayUpstream, Listener
 
@@ -50,6 +52,22 @@ class LineStatus:
     busy_s: float
     unasked_bytes: int
     counts: Counts
+
+
+@dataclass(frozen=True, slots=True)
+class ServerStatus:
+    """A line where an outside client asks us for the units that it `serves`. `reason` says why it is down."""
+
+    name: str
+    source: str
+    port: str
+    state: Literal["up", "down", "not tried"]
+    reason: str
+    mode: str
+    baud: int
+    format: str
+    serves: tuple[int, ...]
+    counts: ServerCounts
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +156,7 @@ class Status:
     at: float
     listeners: tuple[ListenerStatus, ...]
     lines: tuple[LineStatus, ...]
+    servers: tuple[ServerStatus, ...]
     upstreams: tuple[UpstreamStatus, ...]
     units: tuple[UnitStatus, ...]
     images: tuple[ImageStatus, ...]
@@ -151,6 +170,7 @@ def status(gateway: Gateway, now: float) -> Status:
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         lines=tuple(_line(each, now) for each in gateway.lines),
+        servers=tuple(_server(each, gateway.keepers) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
         units=tuple(_unit(owner, device, now) for owner in owners for device in owner.devices.values()),
         images=tuple(_image(each) for each in gateway.images),
@@ -186,6 +206,23 @@ def _line(parts: GatewayLine, now: float) -> LineStatus:
         busy_s=round(line.busy_seconds, 3),
         unasked_bytes=line.unasked_bytes,
         counts=_sum([parts.every_device.counts, *(device.counts for device in parts.devices.values())]),
+    )
+
+
+def _server(listener: SerialListener, keepers: Mapping[str, Keeper]) -> ServerStatus:
+    settings, timing = listener.session.settings, listener.session.settings.timing
+    keeper = keepers[settings.name]
+    return ServerStatus(
+        name=settings.name,
+        source=settings.source,
+        port=keeper.port_path,
+        state=_port_state(keeper),
+        reason=str(keeper.error or ""),
+        mode=timing.mode,
+        baud=timing.baud,
+        format=str(timing.format),
+        serves=tuple(sorted(settings.serves)),
+        counts=replace(listener.session.counts),
     )
 
 
