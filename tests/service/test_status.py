@@ -237,5 +237,6 @@ async def test_a_server_line_shows_what_it_serves_and_what_became_of_its_request
         counts = server.counts
         assert (counts.requests, counts.responses, counts.noise, counts.foreign_frames) == (1, 1, 1, 1)
         home.lines["panel"].pull("unplugged")
-        assert snapshot(home).servers[0].state == "down"
+        await asyncio.sleep(0.1)
+        assert (snapshot(home).servers[0].state, snapshot(home).servers[0].reason) == ("down", "unplugged")
         assert json.dumps(asdict(server))
