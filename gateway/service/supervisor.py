@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager, suppress
 from gateway import events
 from gateway.errors import PortError
 from gateway.listeners.serial import SerialListener
-from gateway.ports.keeper import Keeper
+from gateway.ports.keeper import Keeper, PortOwner
 from gateway.service.build import Gateway, Listener
 
 #: How long requests that are under way, and the clients that take their responses, may take after the order to stop,
@@ -130,7 +130,10 @@ async def _keep(name: str, keeper: Keeper, emit: events.Emit) -> None:
 
 
 async def _drain(gateway: Gateway, stop: Stop) -> None:
-    """Take no more clients and requests, let what is under way finish within `DRAIN_TIME`, and close the doors."""
+    """Take no more clients and requests, let what is under way finish within `DRAIN_TIME`, and close the doors.
+
+    What is not finished then is answered as if its line had gone: 0B when it was sent, 0A when it was not.
+    """
     loop = asyncio.get_running_loop()
     end = loop.time() + DRAIN_TIME
     listeners: tuple[Listener | SerialListener, ...] = (*gateway.listeners, *gateway.servers)
@@ -138,4 +141,7 @@ async def _drain(gateway: Gateway, stop: Stop) -> None:
         listener.finish()
     while loop.time() < end and not stop.at_once and any(each.has_clients for each in listeners):
         await asyncio.sleep(_DRAIN_STEP)
+    owners: tuple[PortOwner, ...] = (*gateway.drivers, *(upstream.driver for upstream in gateway.upstreams))
+    for owner in owners:
+        owner.port_down(PortError("the gateway ends"))
     _close_doors(gateway)
