@@ -25,7 +25,8 @@ GatewayError
 ├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or has been lost
 ├── ListenError                  no clients can be accepted at an address
-└── StateError                   what was remembered over a restart cannot be read
+├── StateError                   what was remembered over a restart cannot be read
+└── DaemonError                  the running gateway cannot be asked
 
 Requests under way are not ended by raising: `Request.fail` turns a RequestError into the exception response.
 """
@@ -194,3 +195,7 @@ class ListenError(GatewayError):
 
 class StateError(GatewayError):
     """What was remembered over a restart cannot be read; the message names the file and what to do."""
+
+
+class DaemonError(GatewayError):
+    """The running gateway cannot be asked through its control socket; the message says why and what to do."""

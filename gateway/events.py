@@ -77,6 +77,26 @@ class ConfigRejected(Event):
 
 
 @dataclass(frozen=True)
+class ConfigApplied(Event):
+    """A config file has been read again and is in force. `restart` names what of it needs a restart to count."""
+
+    file: str
+    added: tuple[str, ...]
+    removed: tuple[str, ...]
+    changed: tuple[str, ...]
+    restart: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ControlClosed(Event):
+    """The control socket cannot be used: `status` and `reload` cannot reach this gateway. Everything else works."""
+
+    level = Level.WARNING
+    socket: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class Ready(Event):
     """Clients can connect and every line was tried once."""
 

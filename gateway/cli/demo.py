@@ -20,6 +20,7 @@ from gateway.config.plan import Plan, resolve
 from gateway.errors import GatewayError
 from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
+from gateway.service.running import Running
 from gateway.service.state import Memory
 from gateway.service.supervisor import Stop, serve
 from gateway.simulator.panel import Panel
@@ -142,7 +143,7 @@ async def _gateway(plan: Plan, stage: Stage) -> AsyncIterator[Gateway]:
     loop = asyncio.get_running_loop()
     gateway = build(plan, loop, opener, Memory(), emit)
     stop = Stop()
-    serving = asyncio.create_task(serve(gateway, stop, emit), name="gateway")
+    serving = asyncio.create_task(serve(Running(gateway, emit), stop), name="gateway")
     try:
         async with asyncio.timeout(_PATIENCE):
             await ready.wait()

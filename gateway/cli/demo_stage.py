@@ -52,8 +52,8 @@ class Stage:
     async def connected(self, gateway: Gateway) -> AsyncIterator[None]:
         """As a client of `gateway`, with an eye on its lines."""
         self._address = gateway.listeners[0].address
-        for driver in gateway.drivers:
-            driver.line.observer = partial(self._observe, driver.line)
+        for part in gateway.lines:
+            part.driver.line.observer = partial(self._observe, part.driver.line)
         host, port = self._address.removeprefix("tcp://").split(":")
         self._reader, self._writer = await asyncio.open_connection(host, int(port))
         try:

@@ -31,6 +31,8 @@ VERBS: Final[Mapping[str, str]] = {
     "demo": "show the main job on simulated lines",
     "run": "run the gateway in the foreground",
     "check": "check a config file and show what it means",
+    "reload": "let the running gateway read its config again",
+    "status": "show how the running gateway is doing",
     "profile": "show what a kind of device accepts, and how fast it answers",
     "ports": "list the serial ports of this machine",
     "simulate": "put simulated devices behind a virtual serial port",

@@ -4,8 +4,7 @@ import argparse
 import asyncio
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,16 +13,23 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.images.store import Store
+from gateway.listeners.sockets import OpenSockets
 from gateway.observe.log import open_log
 from gateway.ports.kinds import opener
-from gateway.service.build import build
+from gateway.service.build import Gateway, build
+from gateway.service.control import control_open, control_path
+from gateway.service.reload import Reloader
 from gateway.service.remembered import in_force
+from gateway.service.running import Running
 from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
+from gateway.service.systemd import Notifier, inherited_sockets
+from gateway.service.verbs import verbs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `run`."""
+    parser.add_argument("--control", metavar="PATH", help="where the control socket is, whatever the config says")
     parser.add_argument("config", nargs="?", default=DEFAULT_CONFIG, help=f"the config file (default {DEFAULT_CONFIG})")
 
 
@@ -44,39 +50,37 @@ def run(args: argparse.Namespace) -> int:
         emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
         for problem in loaded.problems:
             emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
-        with closing(StateFile(state_folder(), emit)) as memory, _open_store(plan, emit) as store:
+        folder = state_folder()
+        with closing(StateFile(folder, emit)) as memory, closing(Store(folder, emit)) as store:
             for remembered in in_force(plan, memory):
                 emit(remembered)
-            asyncio.run(_run(plan, file, memory, store, emit))
+            control = args.control or plan.control or control_path(file)
+            asyncio.run(_run(plan, file, Path(control), memory, store, emit))
     return FINE
 
 
-@contextmanager
-def _open_store(plan: Plan, emit: events.Emit) -> Iterator[Store | None]:
-    """Where images are kept, if one is."""
-    if all(image.persist == "never" for image in plan.images):
-        yield None
-        return
-    with closing(Store(state_folder(), emit)) as store:
-        yield store
-
-
-async def _run(plan: Plan, file: Path, memory: Memory, store: Store | None, emit: events.Emit) -> None:
+async def _run(plan: Plan, file: Path, control: Path, memory: Memory, store: Store, emit: events.Emit) -> None:
     loop = asyncio.get_running_loop()
-    gateway = build(plan, loop, opener, memory, emit, store)
-    stop = Stop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.order, number.name)
-    loop.add_signal_handler(signal.SIGHUP, _hang_up, file, stop, emit)
-    await serve(gateway, stop, emit)
+
+    def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
+        return build(plan, loop, opener, memory, emit, store, gateway)
+
+    systemd, stop = Notifier(), Stop()
+    running = Running(rebuild(plan, None), emit, OpenSockets(inherited_sockets()))
+    with closing(Reloader(file, running, rebuild, systemd)) as reloader:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, stop.order, number.name)
+        loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
+        async with control_open(control, verbs(running, reloader), emit):
+            await serve(running, stop, systemd)
 
 
-def _hang_up(file: Path, stop: Stop, emit: events.Emit) -> None:
+def _hang_up(reloader: Reloader, stop: Stop) -> None:
     """SIGHUP: a terminal that was closed ends what runs in it; a daemon is asked to read its config again."""
     if sys.stderr.isatty():
         stop.order("SIGHUP")
     else:
-        emit(events.ConfigRejected(str(file), "reload is not built yet in this version; restart to apply changes"))
+        reloader.order()
 
 
 def _units(plan: Plan) -> int:

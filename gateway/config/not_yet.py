@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.schema import Access, Config, Control, Listen, Log, Table, Upstream, Web
+from gateway.config.schema import Access, Config, Listen, Table, Upstream, Web
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +32,10 @@ REFUSED: Final = (
     Gap(Upstream, "to", lambda upstream: upstream.to.scheme == "tls", "an upstream over tls://", says_all=False),
     Gap(Access, "", lambda _: True, "[[access]]"),
     Gap(Web, "", lambda _: True, "[web]"),
-    Gap(Log, "format", lambda log: log.format == "journald", 'the log format "journald"', says_all=False),
 )
 
 #: The gateway works as well without: one warning for each of them.
-WITHOUT_EFFECT: Final = (
-    Gap(Config, "site", lambda config: bool(config.site), "site"),
-    Gap(Control, "", lambda _: True, "[control]"),
-)
+WITHOUT_EFFECT: Final = (Gap(Config, "site", lambda config: bool(config.site), "site"),)
 
 
 def check_built(config: Config) -> Iterator[Problem]:
@@ -73,7 +69,7 @@ def is_refused(kind: type[Table]) -> bool:
 
 def _tables(config: Config) -> Iterator[Table]:
     """Every table of which a use may be missing."""
-    yield from (config, *config.listen, *config.image, *config.upstream, *config.access, config.log)
+    yield from (config, *config.listen, *config.image, *config.upstream, *config.access)
     for line in config.line:
         yield from (line, *(line.devices or ()))
-    yield from filter(None, (config.web, config.control))
+    yield from filter(None, (config.web,))

@@ -90,7 +90,7 @@ class LogSettings:
     """What is logged on standard error, and how it is written."""
 
     level: Literal["debug", "info", "warning", "error"] = "info"
-    format: Literal["auto", "console", "json"] = "auto"
+    format: Literal["auto", "console", "json", "journald"] = "auto"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +105,8 @@ class Plan:
     images: tuple[ImageSettings, ...] = ()
     mirrors: tuple[MirrorSettings, ...] = ()
     log: LogSettings = LogSettings()
+    #: Where the control socket is; None for the usual place.
+    control: str | None = None
 
 
 def resolve(config: Config) -> Plan:
@@ -129,6 +131,7 @@ def resolve(config: Config) -> Plan:
         images=images,
         mirrors=mirrors,
         log=_log(config.log),
+        control=None if config.control is None else config.control.socket,
     )
 
 
@@ -310,5 +313,4 @@ def _mirror(image: Image, device: DeviceSettings) -> MirrorSettings:
 
 
 def _log(log: Log) -> LogSettings:
-    assert log.format != "journald"  # noqa: S101 - the config has passed its checks
     return LogSettings(log.level, log.format)

@@ -392,7 +392,11 @@ class Web(Table):
 class Control(Table):
     """The control socket, through which the other commands talk to the daemon."""
 
-    socket: str = Field("/run/modbus-gateway/control.sock", description="Its path.")
+    socket: Annotated[str, Field(min_length=1)] | None = Field(
+        None,
+        description="Its path. Default: `/run/modbus-gateway/control.sock`; without root "
+        "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config when that is not set.",
+    )
 
 
 class Log(Table):
@@ -401,8 +405,8 @@ class Log(Table):
     level: Literal["debug", "info", "warning", "error"] = Field("info", description="The least that is told.")
     format: Literal["auto", "console", "json", "journald"] = Field(
         "auto",
-        description="How it is written: `console` for people, `json` for programs, one object a line; `auto` is "
-        "`console`.",
+        description="How it is written: `console` for people; `json` for programs, one object a line; `journald` into "
+        "systemd's journal, each field for itself. `auto` is `journald` under systemd, else `console`.",
     )
 
 

@@ -30,7 +30,7 @@ class ImageSettings:
     areas: Mapping[Area, tuple[Range, ...]]
     initial: Mapping[Area, tuple[tuple[int, tuple[int, ...]], ...]] = field(default_factory=dict)
     persist: Literal["never", "interval", "always"] = "never"
-    source: str = ""
+    source: str = field(default="", compare=False)
 
 
 @dataclass(slots=True)

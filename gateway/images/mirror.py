@@ -13,7 +13,7 @@ counts from when its poll was handed to the line, so it is never older than it s
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol, cast
 
 from gateway.errors import IllegalDataAddress, RequestError, StaleValue
@@ -46,7 +46,7 @@ class MirrorSettings:
     polls: tuple[Poll, ...]
     areas: Mapping[Area, tuple[Range, ...]]
     stale: float
-    source: str = ""
+    source: str = field(default="", compare=False)
 
 
 @dataclass(slots=True)

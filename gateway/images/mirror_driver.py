@@ -22,6 +22,7 @@ class MirrorDriver:
     def __init__(
         self, settings: MirrorSettings, device: MirroredDevice, loop: asyncio.AbstractEventLoop, emit: Emit
     ) -> None:
+        self.device = device
         self.mirror = Mirror(settings, device, self, emit)
         self.client = f"mirror {settings.name}"
         self._emit = emit

@@ -6,7 +6,7 @@ exception 04, and what their clients have read since is read again.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -75,6 +75,12 @@ class PersistentImage(Image):
         """Act on `request`, and answer it as soon as all that its client wrote before is kept."""
         self._begin(request)
         self._act(request)
+
+    def values(self) -> Iterator[tuple[Area, Values]]:
+        """All that it holds, with what is not kept yet."""
+        for area, table in self.tables.items():
+            for first, last in table.ranges:
+                yield area, (first, table.values(first, last + 1 - first))
 
     def _act(self, request: Request) -> None:
         try:

@@ -1,6 +1,6 @@
 """What a line offers to the router: each of its devices, and all of them at once as a broadcast."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from gateway.errors import RequestError
@@ -27,7 +27,7 @@ class DeviceSettings:
     profile: Profile
     answer_time: AnswerTime
     priority: Literal["normal", "high"] = "normal"
-    source: str = ""
+    source: str = field(default="", compare=False)
 
 
 class TakesTransactions(Protocol):

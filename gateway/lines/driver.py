@@ -57,6 +57,20 @@ class LineDriver:
         if self._port is not None:
             self._port.change_baud(baud)
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a request is on the line."""
+        return self.line.is_busy
+
+    def finish(self) -> None:
+        """Take no more requests; the one that is on the line may still be answered."""
+        self._run(self.line.finish)
+
+    def overdue(self, now: float) -> float:
+        """For how many seconds something should have been done, and was not."""
+        deadline = self.line.deadline()
+        return 0.0 if deadline is None else max(0.0, now - deadline)
+
     def close(self) -> None:
         """Wake no more."""
         self._alarm.close()

@@ -87,6 +87,16 @@ class Line:
         finally:
             _fail_all(waiting, errors.LineDown())
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a request is on the line."""
+        return self._current is not None or self._again is not None
+
+    def finish(self) -> None:
+        """Take no more requests: what waits is not sent any more (0A), what is on the line may be answered."""
+        self._write = None
+        _fail_all(self._turns.clear(), errors.LineDown())
+
     def change_rate(self, baud: int, now: float) -> None:
         """The devices, and the port with them, change to another rate: nothing is sent for a moment."""
         self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))

@@ -1,6 +1,6 @@
 """How a line behaves: what the config says, and what follows from it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gateway.modbus.chartime import LineTiming
 
@@ -26,7 +26,7 @@ class LineSettings:
     echo: bool = False
     coalesce: bool = True
     broadcast: bool = True
-    source: str = ""
+    source: str = field(default="", compare=False)
 
     @property
     def frame_end(self) -> float:

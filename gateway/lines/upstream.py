@@ -12,7 +12,7 @@ request at once.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import errors
@@ -42,7 +42,7 @@ class UpstreamSettings:
     in_flight: int = 16
     queue: int = 64
     max_wait: float = 2.0
-    source: str = ""
+    source: str = field(default="", compare=False)
 
 
 class Upstream:

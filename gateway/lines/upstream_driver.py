@@ -45,6 +45,19 @@ class UpstreamDriver:
         self._port = None
         self._run(self.upstream.port_down)
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether anything is worth waiting for before the connection is closed."""
+        return False
+
+    def finish(self) -> None:
+        """Nothing: all ends with the connection."""
+
+    def overdue(self, now: float) -> float:
+        """For how many seconds something should have been done, and was not."""
+        deadline = self.upstream.deadline()
+        return 0.0 if deadline is None else max(0.0, now - deadline)
+
     def close(self) -> None:
         """Wake no more."""
         self._alarm.close()

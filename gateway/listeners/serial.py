@@ -29,7 +29,7 @@ class SerialListener:
         self._port: Port | None = None
 
     @property
-    def has_clients(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether a request is under way."""
         return not self.session.is_idle
 
@@ -50,6 +50,11 @@ class SerialListener:
     def finish(self) -> None:
         """Take no more requests; the one that is under way is still answered."""
         self.session.finish()
+
+    def overdue(self, now: float) -> float:
+        """For how many seconds something should have been done, and was not."""
+        deadline = self.session.deadline()
+        return 0.0 if deadline is None else max(0.0, now - deadline)
 
     def close(self) -> None:
         """Wake no more."""

@@ -12,7 +12,7 @@ The machine knows no clock and no descriptor, as `lines.line`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from gateway import events
@@ -52,7 +52,7 @@ class ServerSettings:
     echo: bool = False
     on_failure: Literal["exception", "silent"] = "exception"
     answer_within: float = 1.0
-    source: str = ""
+    source: str = field(default="", compare=False)
 
     @property
     def frame_end(self) -> float:

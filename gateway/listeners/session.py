@@ -4,7 +4,7 @@ What is the same for all clients of a TCP connection; what they speak is in `mba
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus
@@ -32,7 +32,7 @@ class ListenSettings:
     idle: float = 600.0
     in_flight: int = 16
     unit0: Literal["refuse", "broadcast"] | int = "refuse"
-    source: str = ""
+    source: str = field(default="", compare=False)
     scheme: str = "tcp"
     ipv6_only: bool = False
 

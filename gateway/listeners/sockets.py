@@ -35,8 +35,33 @@ _IPV4_MAPPED: Final = "::ffff:"
 AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
 
 
-async def doors(settings: ListenSettings, kind: socket.SocketKind) -> list[socket.socket]:
+class OpenSockets:
+    """Sockets that are bound already: by systemd, which keeps clients waiting during a restart."""
+
+    def __init__(self, sockets: Iterable[socket.socket] = ()) -> None:
+        self.all = tuple(sockets)
+        self._taken: set[socket.socket] = set()
+
+    def take(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
+        """A copy of the socket at this address, if there is one; the original stays open."""
+        for sock in self.all:
+            if (sock.type, sock.getsockname()[:2]) == (kind, address[:2]):
+                self._taken.add(sock)
+                return sock.dup()
+        return None
+
+    def left_over(self) -> list[str]:
+        """The addresses of those that nobody has taken: `tcp://0.0.0.0:502`."""
+        rest = [sock for sock in self.all if sock not in self._taken]
+        return [url("udp" if sock.type == socket.SOCK_DGRAM else "tcp", *sock.getsockname()[:2]) for sock in rest]
+
+
+async def doors(
+    settings: ListenSettings, kind: socket.SocketKind, ready: OpenSockets | None = None
+) -> list[socket.socket]:
     """A socket for each address of a listener, through which nobody can come yet. `::` takes IPv4 clients as well.
+
+    Sockets that are `ready` are used instead of new ones.
 
     Raises:
         ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
@@ -44,7 +69,7 @@ async def doors(settings: ListenSettings, kind: socket.SocketKind) -> list[socke
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(settings.host, settings.port, type=kind, flags=socket.AI_PASSIVE)
-        return _bound(found, ipv6_only=settings.ipv6_only)
+        return _bound(found, ready or OpenSockets(), ipv6_only=settings.ipv6_only)
     except (OSError, UnicodeError) as error:
         raise cannot_listen(settings, error) from error
 
@@ -122,33 +147,38 @@ class Reserve:
         return written(*address[:2])
 
 
-def _bound(addresses: Iterable[AddressInfo], *, ipv6_only: bool) -> list[socket.socket]:
+def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, *, ipv6_only: bool) -> list[socket.socket]:
     with ExitStack() as on_error:
-        sockets = [on_error.enter_context(_socket(*each, ipv6_only=ipv6_only)) for each in dict.fromkeys(addresses)]
+        sockets = []
+        for family, kind, protocol, _, address in dict.fromkeys(addresses):
+            sock = ready.take(kind, address)
+            is_bound = sock is not None
+            sock = on_error.enter_context(sock or socket.socket(family, kind, protocol))
+            _set_options(sock)
+            if not is_bound:
+                _bind(sock, address, ipv6_only=ipv6_only)
+            sockets.append(sock)
         on_error.pop_all()
     return sockets
 
 
-def _socket(
-    family: int, kind: int, protocol: int, _name: str, address: tuple[Any, ...], *, ipv6_only: bool
-) -> socket.socket:
-    with ExitStack() as on_error:
-        sock = on_error.enter_context(socket.socket(family, kind, protocol))
-        sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
-        if family == socket.AF_INET6:
-            sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, ipv6_only or address[0] != _EVERY_ADDRESS)
-        if kind == socket.SOCK_STREAM:
-            _set_tcp_options(sock)
-        sock.bind(address)
-        on_error.pop_all()
-    return sock
+def _bind(sock: socket.socket, address: tuple[Any, ...], *, ipv6_only: bool) -> None:
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, sock.type == socket.SOCK_STREAM)
+    if sock.family == socket.AF_INET6:
+        sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, ipv6_only or address[0] != _EVERY_ADDRESS)
+    sock.bind(address)
 
 
-def _set_tcp_options(sock: socket.socket) -> None:
-    """Notice peers that vanish. Accepted connections inherit it."""
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+def _set_options(sock: socket.socket) -> None:
+    sock.setblocking(False)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
+    if sock.type == socket.SOCK_STREAM:
+        _notice_vanished_peers(sock)
+
+
+def _notice_vanished_peers(sock: socket.socket) -> None:
+    """Accepted connections inherit it."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL)

@@ -11,7 +11,17 @@ from gateway import events
 from gateway.listeners.mbap import MbapSession
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.listeners.session import Counts, ListenSettings, Session
-from gateway.listeners.sockets import BACKLOG, Reserve, cannot_listen, door_address, doors, plain, why, written
+from gateway.listeners.sockets import (
+    BACKLOG,
+    OpenSockets,
+    Reserve,
+    cannot_listen,
+    door_address,
+    doors,
+    plain,
+    why,
+    written,
+)
 from gateway.ports.clock import Alarm
 from gateway.routing.access import may_write
 from gateway.routing.router import Router
@@ -51,6 +61,11 @@ class TcpListener:
         return door_address(self.settings, self._doors)
 
     @property
+    def doors(self) -> tuple[socket.socket, ...]:
+        """The bound sockets: another listener at the same address can take them over."""
+        return tuple(self._doors)
+
+    @property
     def clients(self) -> int:
         """Connections that count for the bound."""
         return len(self.connections)
@@ -60,13 +75,13 @@ class TcpListener:
         """Whether any connection is open, or being closed."""
         return bool(self.connections or self._closing)
 
-    async def bind(self) -> None:
-        """Take the address without accepting anybody yet.
+    async def bind(self, ready: OpenSockets | None = None) -> None:
+        """Take the address without accepting anybody yet; a socket that is `ready` for it is used.
 
         Raises:
             ListenError: it is in use, needs more rights, or is no address of this machine.
         """
-        self._doors = await doors(self.settings, socket.SOCK_STREAM)
+        self._doors = await doors(self.settings, socket.SOCK_STREAM, ready)
         self._reserve.hold()
 
     def start(self) -> None:

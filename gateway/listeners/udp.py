@@ -11,7 +11,7 @@ from typing import Any, Final
 from gateway import events
 from gateway.listeners.peer import Peer
 from gateway.listeners.session import Counts, ListenSettings
-from gateway.listeners.sockets import door_address, doors, written
+from gateway.listeners.sockets import OpenSockets, door_address, doors, written
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
 from gateway.routing.router import Router
@@ -65,6 +65,11 @@ class UdpListener:
         return door_address(self.settings, self._doors)
 
     @property
+    def doors(self) -> tuple[socket.socket, ...]:
+        """The bound sockets: another listener at the same address can take them over."""
+        return tuple(self._doors)
+
+    @property
     def clients(self) -> int:
         """Peers that are known."""
         return len(self._peers)
@@ -74,13 +79,13 @@ class UdpListener:
         """Whether any peer has a request under way."""
         return not all(peer.is_idle for peer in self._peers.values())
 
-    async def bind(self) -> None:
-        """Take the address without reading anything yet.
+    async def bind(self, ready: OpenSockets | None = None) -> None:
+        """Take the address without reading anything yet; a socket that is `ready` for it is used.
 
         Raises:
             ListenError: it is in use, needs more rights, or is no address of this machine.
         """
-        self._doors = await doors(self.settings, socket.SOCK_DGRAM)
+        self._doors = await doors(self.settings, socket.SOCK_DGRAM, ready)
         for door in self._doors:
             _tell_which_address_was_asked(door)
 

@@ -7,15 +7,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Final, Literal
 
 import structlog
 
 from gateway.events import Emit, Event, Level
 from gateway.observe.backlog import Entry
+from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
 from gateway.observe.writer import StandardError, Stream, Writer
 
-LogFormat = Literal["auto", "console", "json"]
+LogFormat = Literal["auto", "console", "json", "journald"]
 
 #: An event that is never suppressed, however often it comes: each one is a write that somebody may have to account for.
 _AUDIT: Final = "write_audit"
@@ -25,15 +27,17 @@ _AUDIT: Final = "write_audit"
 def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) -> Iterator[Emit]:
     """In its context the function that logs events of `level` and above on `stream`, by default standard error.
 
-    `console` is for people, with colours on a terminal unless NO_COLOR is set; `json` is one object a line; `auto` is
-    `console`. What libraries log through Python's `logging` is written the same way, from warnings on. The log never
-    does harm: a thread writes it, at most ten lines a second about the same (WriteAudit and errors of the service
-    excepted), one in ten seconds about clients of one address that are sent away, one a minute about what goes on for
-    longer than that, and what cannot be written is given up silently.
+    `console` is for people, with colours on a terminal unless NO_COLOR is set; `json` is one object a line; `journald`
+    goes to systemd's journal, and is `console` where there is none. `auto` is `journald` where standard error leads to
+    the journal, else `console`. What libraries log through Python's `logging` is written in the same way, from warnings
+    on.
+
+    The log never does harm: a thread writes it, at most ten lines a second about the same (WriteAudit and errors of the
+    service excepted), one in ten seconds about clients of one address that are sent away, and what cannot be written is
+    given up silently.
     """
     least = Level[level.upper()]
-    stream = StandardError() if stream is None else stream
-    writer = Writer(stream, _as_json if log_format == "json" else _for_people(stream))
+    writer = Writer(_sink(log_format, stream))
 
     def emit(event: Event) -> None:
         if event.level >= least:
@@ -47,6 +51,17 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     finally:
         root.handlers = before
         writer.close()
+
+
+def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], object]:
+    """What writes an entry."""
+    if log_format == "auto" and stream is None and leads_to_journal(2):
+        log_format = "journald"
+    if log_format == "journald" and Path(JOURNAL).exists():
+        return Journal().write
+    stream = StandardError() if stream is None else stream
+    render = _as_json if log_format == "json" else _for_people(stream)
+    return lambda entry: stream.write(render(entry))
 
 
 def _is_limited(event: Event) -> bool:
@@ -79,8 +94,7 @@ def _for_people(stream: Stream) -> Callable[[Entry], str]:
     renderer = structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)
 
     def render(entry: Entry) -> str:
-        on_the_wall = datetime.fromtimestamp(entry.clock, UTC).astimezone()
-        stamp = on_the_wall.isoformat(timespec="milliseconds")
+        stamp = datetime.fromtimestamp(entry.clock).isoformat()  # noqa: DTZ006 - the clock on the operator's wall
         shown = {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in entry.fields.items()}
         return f"{renderer(None, entry.name, {**shown, **_what_and_when(entry, stamp)})}\n"
 

@@ -48,14 +48,13 @@ class StandardError:
 
 
 class Writer:
-    """Writes entries to `stream` as `render` shows them, each subject as often as its limiter allows.
+    """Has entries written by `write`, each subject as often as its limiter allows.
 
-    A stream that cannot be written is given up silently, and tried again with the next entry.
+    `write` may take as long as it likes. What it cannot write (OSError, ValueError) is given up silently.
     """
 
-    def __init__(self, stream: Stream, render: Callable[[Entry], str]) -> None:
-        self._stream = stream
-        self._render = render
+    def __init__(self, write: Callable[[Entry], object]) -> None:
+        self._write_one = write
         self._usual, self._strangers = Limiter(), Limiter(lines=1, seconds=10.0)
         self._backlog = Backlog()
         # A daemon, because a write that hangs must not keep the process from ending.
@@ -93,7 +92,7 @@ class Writer:
 
     def _write(self, entry: Entry) -> None:
         try:
-            self._stream.write(self._render(entry))
+            self._write_one(entry)
         except (OSError, ValueError):
             return
 

@@ -70,3 +70,7 @@ class TcpSettings:
 
 #: How any port is opened.
 PortSettings = SerialSettings | TcpSettings
+
+
+#: How a port with these settings is opened: real ones in the service, memory ports in tests.
+Opener = Callable[[PortSettings], OpenPort]

@@ -12,10 +12,10 @@ from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.lines.device import Device
-from gateway.listeners.serial import SerialListener
-from gateway.listeners.serial_session import Counts as ServerCounts
+from gateway.listeners.serial_session import Counts as SerialCounts
 from gateway.ports.keeper import Keeper
-from gateway.service.build import Gateway, GatewayLine, GatewayUpstream, Listener
+from gateway.service.build import Gateway, Listener
+from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +56,14 @@ class LineStatus:
 
 @dataclass(frozen=True, slots=True)
 class ServerStatus:
-    """A line where an outside client asks us for the units that it `serves`. `reason` says why it is down."""
+    """A line where we are a server. `reason` says why it is down."""
 
     name: str
     source: str
     port: str
     state: Literal["up", "down", "not tried"]
     reason: str
-    mode: str
-    baud: int
-    format: str
-    serves: tuple[int, ...]
-    counts: ServerCounts
+    counts: SerialCounts
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +166,7 @@ def status(gateway: Gateway, now: float) -> Status:
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         lines=tuple(_line(each, now) for each in gateway.lines),
-        servers=tuple(_server(each, gateway.keepers) for each in gateway.servers),
+        servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
         units=tuple(_unit(owner, device, now) for owner in owners for device in owner.devices.values()),
         images=tuple(_image(each) for each in gateway.images),
@@ -209,20 +205,14 @@ def _line(parts: GatewayLine, now: float) -> LineStatus:
     )
 
 
-def _server(listener: SerialListener, keepers: Mapping[str, Keeper]) -> ServerStatus:
-    settings, timing = listener.session.settings, listener.session.settings.timing
-    keeper = keepers[settings.name]
+def _server(parts: GatewayServer) -> ServerStatus:
     return ServerStatus(
-        name=settings.name,
-        source=settings.source,
-        port=keeper.port_path,
-        state=_port_state(keeper),
-        reason=str(keeper.error or ""),
-        mode=timing.mode,
-        baud=timing.baud,
-        format=str(timing.format),
-        serves=tuple(sorted(settings.serves)),
-        counts=replace(listener.session.counts),
+        name=parts.name,
+        source=parts.plan.line.source,
+        port=parts.keeper.port_path,
+        state=_port_state(parts.keeper),
+        reason=str(parts.keeper.error or ""),
+        counts=replace(parts.driver.session.counts),
     )
 
 

@@ -47,12 +47,12 @@ class Driven:
 async def test_it_waits_for_the_silence_and_answers() -> None:
     driven = Driven()
     driven.listener.received(READ)
-    assert driven.listener.has_clients
+    assert driven.listener.is_busy
     driven.requests[0].respond(RESPONSE)
     assert driven.port.written == []
     await asyncio.sleep(0.1)
     assert driven.port.written == [encode(41, RESPONSE)]
-    assert not driven.listener.has_clients
+    assert not driven.listener.is_busy
     driven.listener.close()
 
 
@@ -97,7 +97,7 @@ async def test_a_defect_ends_at_the_border_and_the_port_is_reopened() -> None:
     (told,) = driven.events
     assert isinstance(told, PartFailed)
     assert (told.part, "ZeroDivisionError" in told.traceback) == ("line panel", True)
-    assert not driven.listener.has_clients
+    assert not driven.listener.is_busy
     driven.listener.port_down(PortError("closed"))
     driven.listener.port_up(driven.port)
     driven.listener.received(READ)

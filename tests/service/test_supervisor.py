@@ -8,6 +8,7 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.events import Event, LineLost, LineUp, PartFailed, Ready
+from gateway.service.running import Running
 from gateway.service.supervisor import Stop, serve
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.house import House
@@ -32,6 +33,7 @@ class Doors:
 
     def __init__(self, drains_in: float = 0.0, error: Exception | None = None) -> None:
         self.address = "tcp://127.0.0.1:502"
+        self.clients = 0
         self.told: list[str] = []
         self._error = error
         self._drains_in = drains_in
@@ -41,7 +43,7 @@ class Doors:
     def has_clients(self) -> bool:
         return asyncio.get_running_loop().time() < self._gone_at
 
-    async def bind(self) -> None:
+    async def bind(self, ready=None) -> None:
         self.told.append("bind")
 
     def start(self) -> None:
@@ -67,11 +69,14 @@ class Service:
         self.client = self.home.client()
         self.gateway = replace(self.home.gateway, listeners=self.doors)
         self.stop = Stop()
-        self.serving = asyncio.create_task(serve(self.gateway, self.stop, self.events.append), name="serve")
+        self.serving = asyncio.create_task(serve(Running(self.gateway, self.events.append), self.stop), name="serve")
+
+    def part(self, line: str):
+        return next(part for part in self.gateway.parts if part.name == line)
 
     def open_with(self, line: str, opener: Callable) -> None:
         """Let the port of `line` be opened by `opener`."""
-        self.gateway.keepers[line]._open_port = opener
+        self.part(line).keeper._open_port = opener
 
     async def stops_within(self) -> float:
         """Seconds from the order to stop to the end."""
@@ -119,7 +124,7 @@ async def test_a_defect_in_opening_a_port_does_not_keep_the_others_from_being_se
 
 async def test_a_line_that_met_a_defect_is_started_again() -> None:
     service = Service()
-    sound = service.gateway.keepers["hall-a"]._open_port
+    sound = service.part("hall-a").keeper._open_port
 
     async def defect_once(user):
         service.open_with("hall-a", sound)

@@ -294,7 +294,7 @@ class World:
                     question.fault, question.codes, question.tries = faulty.last.fault, codes, tries
 
         line.on_write = answer
-        self.home.gateway.drivers[at].line.observer = observe
+        self.home.gateway.lines[at].driver.line.observer = observe
 
     async def pull_adapters(self) -> None:
         """Now and then one line has no adapter for a while; what was under way to it is lost."""

@@ -52,4 +52,4 @@ async def test_a_rate_that_a_device_was_given_is_followed_as_far_as_that_goes() 
         await home.client().asks(1, "10 02 00 00 02 04 46 96 00 00")
         assert [event.baud for event in home.events if isinstance(event, BaudChanged)] == [19200]
         assert home.lines[PORT].baud == 19200
-        assert home.gateway.drivers[0].line.settings.timing.baud == 19200
+        assert home.gateway.lines[0].driver.line.settings.timing.baud == 19200

@@ -156,7 +156,7 @@ async def test_whatever_happens_no_wrong_answer_is_put_on_the_line(mode: str, se
         panel = Panel(home, mode, dice)
         for _ in range(600):
             await panel.act()
-        counts = home.gateway.servers[0].session.counts
+        counts = home.gateway.servers[0].driver.session.counts
     assert panel.wrong == []
     assert panel.seen["asked"] == counts.requests
     assert panel.seen["answered"] + panel.seen["failed"] == counts.responses

@@ -82,11 +82,11 @@ async def test_the_line_follows_it_to_another_rate_and_is_opened_at_that_rate_fr
     async with house(ALONE, memory) as home:
         assert await exchange(home, 41, *TO_19200) == "10 02 00 00 02"
         assert home.lines["hall-a"].baud == 19200
-        assert home.gateway.drivers[0].line.settings.timing.baud == 19200
+        assert home.gateway.lines[0].driver.line.settings.timing.baud == 19200
         assert any(isinstance(event, BaudChanged) for event in home.events)
     async with house(ALONE, memory) as home:
         assert home.opened["hall-a"].baud == 19200
-        assert home.gateway.drivers[0].line.settings.timing.baud == 19200
+        assert home.gateway.lines[0].driver.line.settings.timing.baud == 19200
 
 
 async def test_a_line_with_neighbours_stays_at_its_rate() -> None:

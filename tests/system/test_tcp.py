@@ -1,10 +1,13 @@
 """The real listener on real sockets, with a target in the test's hands: who is kept, who is closed, and why."""
 
 import asyncio
+import shlex
 import socket
 import struct
+import subprocess
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager, closing
+from pathlib import Path
 from typing import Self
 
 import pytest
@@ -22,7 +25,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.request import Request
-from kit.process import PATIENCE
+from kit.process import COMMAND, PATIENCE
 
 #: Units of the scripted target.
 PROMPT, PATIENT, DEFECTIVE = 1, 2, 3
@@ -693,3 +696,36 @@ async def test_idle_clients_and_those_beyond_the_bound_are_treated_as_for_modbus
         assert await home.closes(first) == "made room for another client"
         assert await second.is_closed()
         assert await home.closes(second) == "idle"
+
+
+def test_a_socket_that_is_bound_already_is_used_and_one_that_nobody_names_is_told(tmp_path: Path) -> None:
+    """As systemd does it: descriptors from 3 on."""
+    with socket.socket() as door, socket.socket() as stray:
+        for sock in (door, stray):
+            sock.bind(("127.0.0.1", 0))
+            sock.listen()
+        address = "{}:{}".format(*door.getsockname())
+        config = tmp_path / "gateway.toml"
+        config.write_text(f'[[listen]]\nbind = "tcp://{address}"\n[[image]]\nunit = 1\nholding = 1\n')
+        run = [*COMMAND, "run", "--control", str(tmp_path / "control.sock"), str(config)]
+        with subprocess.Popen(
+            _activated(run, door), pass_fds=[door.fileno()], stderr=subprocess.PIPE, text=True
+        ) as one:
+            with socket.create_connection(door.getsockname(), timeout=PATIENCE) as client:
+                client.sendall(bytes.fromhex("0001 0000 0006 01 03 0000 0001"))
+                assert client.recv(260) == bytes.fromhex("0001 0000 0005 01 03 02 0000")
+            one.terminate()
+            assert one.wait(PATIENCE) == 0
+        both = subprocess.run(
+            _activated(run, door, stray), pass_fds=[door.fileno(), stray.fileno()], capture_output=True, text=True,
+            check=False, timeout=PATIENCE,
+        )  # fmt: skip
+        assert both.returncode == 1
+        assert "systemd has opened tcp://{}:{}, which no [[listen]] names".format(*stray.getsockname()) in both.stderr
+
+
+def _activated(words: list[str], *sockets: socket.socket) -> list[str]:
+    """The command, with these sockets as descriptors 3, 4, ..."""
+    moves = " ".join(f"{3 + at}<&{sock.fileno()}" for at, sock in enumerate(sockets))
+    command = " ".join(map(shlex.quote, words))
+    return ["bash", "-c", f"LISTEN_FDS={len(sockets)} LISTEN_PID=$$ exec {command} {moves}"]

@@ -1,0 +1,58 @@
+"""A running gateway, as other commands of this program ask it: through its control socket."""
+
+import argparse
+import json
+import socket
+from pathlib import Path
+from typing import Any, Final
+
+from gateway.errors import DaemonError
+from gateway.service.control import SYSTEM_SOCKET, control_path
+
+#: How long the daemon may take to answer, in seconds. A reload waits for requests that are under way.
+_PATIENCE: Final = 30.0
+
+
+def add_control_argument(parser: argparse.ArgumentParser) -> None:
+    """Where the daemon can be asked."""
+    parser.add_argument(
+        "--control", metavar="PATH", help="the daemon's control socket, when it is not in its usual place"
+    )
+
+
+def ask(verb: str, control: str | None) -> dict[str, Any]:
+    """What the daemon answers.
+
+    Raises:
+        DaemonError: it does not answer, or refuses the question.
+    """
+    with _connected(control) as sock, sock.makefile("rwb") as stream:
+        try:
+            stream.write(json.dumps({"verb": verb}).encode() + b"\n")
+            stream.flush()
+            line = stream.readline()
+        except TimeoutError:
+            raise DaemonError(f"the daemon has not answered within {_PATIENCE:g} s") from None
+    if not line:
+        raise DaemonError("the daemon has closed the connection: it has too many others, or it ends")
+    answer: dict[str, Any] = json.loads(line)
+    if "error" in answer:
+        raise DaemonError(f"the daemon says: {answer['error']}")
+    return answer
+
+
+def _connected(control: str | None) -> socket.socket:
+    """A connection to the first daemon that answers."""
+    paths = [Path(control)] if control else [control_path(Path("gateway.toml")), SYSTEM_SOCKET]
+    reasons = []
+    for path in dict.fromkeys(paths):
+        sock = socket.socket(socket.AF_UNIX)
+        sock.settimeout(_PATIENCE)
+        try:
+            sock.connect(str(path))
+        except OSError as error:
+            sock.close()
+            reasons.append(f"{path}: {error.strerror}")
+        else:
+            return sock
+    raise DaemonError(f"no daemon can be reached ({'; '.join(reasons)}); is it running? --control PATH says where")

@@ -1,0 +1,41 @@
+"""`reload`: let the running gateway read its config again."""
+
+import argparse
+import json
+
+from gateway.cli.daemon import add_control_argument, ask
+from gateway.cli.main import FINE, PROBLEM_FOUND
+
+_CHANGES = {
+    "added": "new",
+    "removed": "gone",
+    "changed": "changed",
+    "restart": "counts after a restart only",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `reload`."""
+    add_control_argument(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Reload, and print what that changed; 1 when the file was rejected.
+
+    Raises:
+        DaemonError: no daemon answers.
+    """
+    answer = ask("reload", args.control)
+    if args.json:
+        print(json.dumps(answer, indent=2, ensure_ascii=False))
+    else:
+        print(*_lines(answer), sep="\n")
+    return FINE if answer["ok"] else PROBLEM_FOUND
+
+
+def _lines(answer: dict[str, list[str]]) -> list[str]:
+    if answer["problems"]:
+        return [*answer["problems"], "the file was rejected; the config in force stays"]
+    changes = [f"{said}: {', '.join(answer[what])}" for what, said in _CHANGES.items() if answer[what]]
+    return changes or ["nothing has changed"]

@@ -1,0 +1,72 @@
+"""The systemd journal: one datagram an event, each field of it a field of the journal (systemd.journal-fields(7)).
+
+journalctl -u modbus-gateway MODBUS_UNIT=46
+journalctl -u modbus-gateway MODBUS_EVENT=request_timeout + MODBUS_EVENT=late_response
+"""
+
+import logging
+import os
+import socket
+from collections.abc import Mapping
+from struct import Struct
+from typing import Final
+
+from gateway.observe.backlog import Entry
+
+#: Where systemd-journald listens.
+JOURNAL: Final = "/run/systemd/journal/socket"
+
+#: Priorities of syslog(3) for the levels of Python's logging, the most urgent first.
+_PRIORITIES: Final = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
+_DEBUG: Final = 7
+_LENGTH: Final = Struct("<Q")
+
+
+def leads_to_journal(descriptor: int, environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether what is written to `descriptor` ends in the journal: systemd says which stream it has connected to it."""
+    try:
+        found = os.fstat(descriptor)
+    except OSError:
+        return False
+    return environment.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
+
+
+class Journal:
+    """Writes entries to the journal. A journal that is restarted meanwhile is found again."""
+
+    def __init__(self, path: str = JOURNAL) -> None:
+        self._path = path
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+
+    def write(self, entry: Entry) -> None:
+        """Write one entry; may take as long as it likes.
+
+        Raises:
+            OSError: there is no journal, or it takes nothing.
+        """
+        self._socket.sendto(encode(entry), self._path)
+
+
+def encode(entry: Entry) -> bytes:
+    """The datagram of an entry."""
+    texts = {name: _text(value) for name, value in entry.fields.items()}
+    message = " ".join([entry.name, *(f"{name}={text}" for name, text in texts.items() if "\n" not in text)])
+    fields = {
+        "MESSAGE": message,
+        "PRIORITY": str(next((priority for level, priority in _PRIORITIES if entry.level >= level), _DEBUG)),
+        "SYSLOG_IDENTIFIER": "modbus-gateway",
+        "MODBUS_EVENT": entry.name,
+        **{f"MODBUS_{name.upper()}": text for name, text in texts.items()},
+    }
+    return b"".join(_field(name, text.encode("utf-8", "backslashreplace")) for name, text in fields.items())
+
+
+def _text(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _field(name: str, value: bytes) -> bytes:
+    """`NAME=value`; a value of several lines stands behind its length instead."""
+    if b"\n" not in value:
+        return name.encode() + b"=" + value + b"\n"
+    return name.encode() + b"\n" + _LENGTH.pack(len(value)) + value + b"\n"

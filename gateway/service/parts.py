@@ -1,0 +1,129 @@
+"""One table of the config with everything that belongs to it: what a reload keeps, or builds anew, as a whole."""
+
+import asyncio
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import partial
+
+from gateway.config.forecast import longest_wait, longest_wait_behind
+from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
+from gateway.events import Emit
+from gateway.lines.device import Device, DeviceSettings, EveryDevice
+from gateway.lines.driver import LineDriver
+from gateway.lines.line import Line
+from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
+from gateway.lines.upstream import Upstream
+from gateway.lines.upstream_driver import UpstreamDriver
+from gateway.listeners.serial import SerialListener
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.ports.keeper import Keeper
+from gateway.ports.port import Opener, Port, PortUser, SerialSettings
+from gateway.routing.router import Router
+from gateway.service import remembered
+from gateway.service.state import Memory
+
+
+class GatewayLine:
+    """One line with everything that belongs to it. Devices and the longest waits for them go by the clients' units."""
+
+    def __init__(
+        self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit
+    ) -> None:
+        self.plan = plan
+        self._memory = memory
+        self._emit = emit
+        self._whereabouts = Whereabouts()
+        self.name = name = plan.line.name
+        timing = plan.line.timing
+        self._port = _RememberedPort(plan, opener, memory)
+        settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
+        self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
+        self.keeper = Keeper(name, plan.port.port, self._port.open, self.driver, emit)
+        self.every_device = EveryDevice(self.driver)
+        self._addresses = remembered.addresses(plan, memory)
+        self.devices: dict[int, Device] = {each.known_as: self._device(each) for each in plan.devices}
+        self.longest_wait = {each.known_as: longest_wait(plan, each) for each in plan.devices}
+
+    def renumber(self, devices: Iterable[DeviceSettings]) -> None:
+        """The config file has other line numbers now: events name these."""
+        _renumber(self.devices, devices)
+
+    def _device(self, settings: DeviceSettings) -> Device:
+        if settings.unit == BROADCAST_UNIT:
+            return LoneDevice(settings, self.driver, self._emit)
+        if not settings.profile.quirks:
+            self._whereabouts.place(settings.name, settings.unit)
+            return Device(settings, self.driver, self._emit)
+        return self._restless_device(settings)
+
+    def _restless_device(self, settings: DeviceSettings) -> Device:
+        line, key = self.plan.line, remembered.address_key(self.plan, settings)
+        device = RestlessDevice(
+            settings,
+            self.driver,
+            line_name=line.name,
+            line_source=line.source,
+            whereabouts=self._whereabouts,
+            is_alone=len(self.plan.devices) == 1,
+            remember=partial(self._memory.remember, key, settings.unit),
+            emit=self._emit,
+        )
+        device.begin_at(self._addresses[settings.name])
+        return device
+
+
+class GatewayUpstream:
+    """One upstream with everything that belongs to it, as a GatewayLine has it."""
+
+    def __init__(self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
+        self.plan = plan
+        self.name = plan.upstream.name
+        self.driver = UpstreamDriver(Upstream(plan.upstream, emit), loop, emit)
+        self.keeper = Keeper(self.name, plan.port.port, opener(plan.port), self.driver, emit)
+        self.devices = {each.known_as: Device(each, self.driver, emit) for each in plan.devices}
+        self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
+
+    def renumber(self, devices: Iterable[DeviceSettings]) -> None:
+        """As for a line."""
+        _renumber(self.devices, devices)
+
+
+class GatewayServer:
+    """One line where we are a server, with everything that belongs to it."""
+
+    def __init__(self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
+        self.plan = plan
+        self.name = plan.line.name
+        self.router = Router({}, emit)
+        self.driver = SerialListener(plan.line, self.router, loop, emit)
+        self.keeper = Keeper(self.name, plan.port.port, opener(plan.port), self.driver, emit)
+
+
+class _RememberedPort:
+    """A line's port, opened at the rate that the line has changed to, if it has. A device server keeps its own."""
+
+    def __init__(self, plan: LinePlan, opener: Opener, memory: Memory) -> None:
+        self._plan = plan
+        self._opener = opener
+        self._memory = memory
+
+    @property
+    def baud(self) -> int:
+        """The rate at the moment."""
+        return remembered.rate(self._plan, self._memory)
+
+    def rate_changed(self, baud: int) -> None:
+        """The line goes on at another rate."""
+        self._memory.remember(remembered.rate_key(self._plan), self._plan.line.timing.baud, baud)
+
+    async def open(self, user: PortUser) -> Port:
+        """Open the port. Raises PortError."""
+        settings = self._plan.port
+        if isinstance(settings, SerialSettings):
+            settings = replace(settings, baud=self.baud)
+        return await self._opener(settings)(user)
+
+
+def _renumber(devices: Mapping[int, Device], settings: Iterable[DeviceSettings]) -> None:
+    for each in settings:
+        devices[each.known_as].source = each.source

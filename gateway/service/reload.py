@@ -1,0 +1,116 @@
+"""Reload: the config is read again, compared with the one in force, and applied as far as it differs."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from gateway import events
+from gateway.config.load import load
+from gateway.config.plan import Plan, resolve
+from gateway.errors import ListenError, StateError
+from gateway.ports.threads import ThreadOfItsOwn
+from gateway.service.build import Gateway
+from gateway.service.running import Running
+from gateway.service.systemd import Notifier
+from gateway.service.watchdog import summary
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a reload: `problems` if the file was rejected, else what it changed, table by table."""
+
+    problems: tuple[str, ...] = ()
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+    changed: tuple[str, ...] = ()
+    restart: tuple[str, ...] = ()
+
+
+class Reloader:
+    """Applies `file` to a `running` gateway, one reload after the other.
+
+    `rebuild` makes the gateway of a plan, from the parts of the present one where they mean the same.
+    """
+
+    def __init__(
+        self, file: Path, running: Running, rebuild: Callable[[Plan, Gateway], Gateway], systemd: Notifier
+    ) -> None:
+        self._file = file
+        self._running = running
+        self._rebuild = rebuild
+        self._systemd = systemd
+        self._turn = asyncio.Lock()
+        self._next: asyncio.Task[Outcome] | None = None
+        self._tasks: set[asyncio.Task[Outcome]] = set()
+
+    def order(self) -> asyncio.Task[Outcome]:
+        """Reload soon. Orders that come before a reload has begun are one; the file counts as it is then."""
+        if self._next is None:
+            self._next = asyncio.create_task(self._when_possible(), name="reload")
+            self._tasks.add(self._next)
+            self._next.add_done_callback(self._tasks.discard)
+        return self._next
+
+    def close(self) -> None:
+        """Give up what is under way."""
+        for task in self._tasks:
+            task.cancel()
+
+    async def _when_possible(self) -> Outcome:
+        async with self._turn:
+            await self._running.ready.wait()
+            self._next = None
+            self._systemd.reloading()
+            try:
+                return await self._reload()
+            finally:
+                self._systemd.ready(summary(self._running.gateway))
+
+    async def _reload(self) -> Outcome:
+        loop = asyncio.get_running_loop()
+        loaded = await loop.run_in_executor(ThreadOfItsOwn("load config"), load, self._file)
+        if loaded.config is None:
+            return self._rejected(tuple(map(str, loaded.problems)))
+        old, new = self._running.gateway.plan, resolve(loaded.config)
+        try:
+            await self._running.switch(self._rebuild(new, self._running.gateway))
+        except (ListenError, StateError) as error:
+            return self._rejected((str(error),))
+        outcome = differences(old, new)
+        self._running.emit(
+            events.ConfigApplied(str(self._file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
+        )
+        return outcome
+
+    def _rejected(self, problems: tuple[str, ...]) -> Outcome:
+        reason = problems[0] if len(problems) == 1 else f"{problems[0]} (and {len(problems) - 1} more)"
+        self._running.emit(events.ConfigRejected(str(self._file), reason))
+        return Outcome(problems)
+
+
+def differences(old: Plan, new: Plan) -> Outcome:
+    """What is different in `new`, by section and name: `line hall-a`."""
+    before, after = _tables(old), _tables(new)
+    return Outcome(
+        added=tuple(name for name in after if name not in before),
+        removed=tuple(name for name in before if name not in after),
+        changed=tuple(name for name, table in after.items() if name in before and before[name] != table),
+        restart=tuple(name for name, one, other in _fixed(old, new) if one != other),
+    )
+
+
+def _tables(plan: Plan) -> Mapping[str, object]:
+    return {
+        **{f"listen {one.name}": one for one in plan.listeners},
+        **{f"line {one.line.name}": one for one in plan.lines},
+        **{f"line {server.line.name}": server for server in plan.servers},
+        **{f"upstream {one.upstream.name}": one for one in plan.upstreams},
+        **{f"image {one.name}": one for one in plan.images},
+        **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
+    }
+
+
+def _fixed(old: Plan, new: Plan) -> tuple[tuple[str, object, object], ...]:
+    """What is settled at the start."""
+    return (("log", old.log, new.log), ("control", old.control, new.control))

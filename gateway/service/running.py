@@ -1,0 +1,170 @@
+"""The parts of a gateway at work: opened, watched, exchanged for others, closed."""
+
+import asyncio
+import traceback
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import asynccontextmanager, suppress
+from typing import Final
+
+from gateway import events
+from gateway.errors import ListenError, PortError
+from gateway.listeners.sockets import OpenSockets
+from gateway.ports.keeper import Keeper
+from gateway.service.build import Gateway, Listener, Part
+
+#: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
+#: seconds; and how long ports may take to close then. Together with the end of the process: less than 5 s.
+DRAIN_TIME: Final = 3.0
+CLOSING_TIME: Final = 1.5
+#: How often those who wait for them look whether they are done, in seconds.
+_DRAIN_STEP: Final = 0.02
+#: How long a line rests whose task met an error that nobody foresaw, in seconds.
+_RESTART_PAUSE: Final = 1.0
+
+
+class Running:
+    """A gateway at work. `sockets` are those that were bound before the process began."""
+
+    def __init__(self, gateway: Gateway, emit: events.Emit, sockets: OpenSockets | None = None) -> None:
+        gateway.route()
+        self.gateway = gateway
+        self.emit = emit
+        #: Set while clients can connect and nobody has ordered the end.
+        self.ready = asyncio.Event()
+        self._sockets = sockets or OpenSockets()
+        self._tasks: dict[Part, asyncio.Task[None]] = {}
+
+    async def bind(self) -> None:
+        """Take the addresses of all listeners.
+
+        Raises:
+            ListenError: one of them cannot be used, or a socket that was bound before is nobody's.
+        """
+        await _bind(self.gateway.listeners, self._sockets)
+        left_over = self._sockets.left_over()
+        if left_over:
+            advice = "add one, or take its ListenStream= out of modbus-gateway.socket"
+            raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")
+
+    @asynccontextmanager
+    async def lines_open(self) -> AsyncIterator[None]:
+        """Open the port of every line and keep it open. At the end all are closed."""
+        self._start(self.gateway)
+        try:
+            yield
+        finally:
+            await self._end(list(self._tasks))
+            for mirror in self.gateway.mirrors:
+                mirror.close()
+
+    async def tried(self) -> None:
+        """Wait until every line was tried once."""
+        for part in self.gateway.parts:
+            await part.keeper.tried.wait()
+
+    def open_doors(self) -> None:
+        """Let clients come in.
+
+        Raises:
+            ListenError: another program has taken an address meanwhile.
+        """
+        for listener in self.gateway.listeners:
+            listener.start()
+
+    def close_doors(self) -> None:
+        """Drop all clients."""
+        for listener in self.gateway.listeners:
+            listener.close()
+
+    async def drain(self, is_urgent: Callable[[], bool]) -> None:
+        """Take no more clients and requests, and let what is under way finish, unless that becomes urgent."""
+        servers = [server.driver for server in self.gateway.servers]
+        for end in (*self.gateway.listeners, *servers):
+            end.finish()
+        await _until(
+            lambda: (
+                is_urgent()
+                or not (any(one.has_clients for one in self.gateway.listeners) or any(one.is_busy for one in servers))
+            )
+        )
+
+    async def switch(self, new: Gateway) -> None:
+        """Go over to another gateway. Parts that both have go on as if nothing happened.
+
+        Raises:
+            ListenError: an address cannot be used; nothing has changed.
+        """
+        old = self.gateway
+        gone = [one for one in old.listeners if one not in new.listeners]
+        come = [one for one in new.listeners if one not in old.listeners]
+        await _bind(come, OpenSockets([*self._sockets.all, *(door for one in gone for door in one.doors)]))
+        new.route()
+        self.gateway = new
+        for mirror in set(old.mirrors).difference(new.mirrors):
+            mirror.close()
+        await self._retire([part for part in old.parts if part not in new.parts], gone)
+        self._start(new)
+        for listener in come:
+            listener.start()
+
+    def _start(self, gateway: Gateway) -> None:
+        for part in gateway.parts:
+            if part not in self._tasks:
+                self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
+        for mirror in gateway.mirrors:
+            mirror.start()
+
+    async def _retire(self, parts: list[Part], listeners: list[Listener]) -> None:
+        """End these parts: what is under way may finish, what waits is refused."""
+        for listener in listeners:
+            listener.finish()
+        for part in parts:
+            part.driver.finish()
+        await _until(
+            lambda: not (any(one.has_clients for one in listeners) or any(one.driver.is_busy for one in parts))
+        )
+        for listener in listeners:
+            listener.close()
+        await self._end(parts)
+
+    async def _end(self, parts: list[Part]) -> None:
+        tasks = [self._tasks.pop(part) for part in parts]
+        for task in tasks:
+            task.cancel()
+        with suppress(TimeoutError):  # then a driver hangs, and the end of the process closes its port
+            async with asyncio.timeout(CLOSING_TIME):
+                await asyncio.gather(*tasks, return_exceptions=True)
+        for part in parts:
+            part.driver.close()
+
+
+async def _bind(listeners: Iterable[Listener], sockets: OpenSockets) -> None:
+    bound: list[Listener] = []
+    try:
+        for listener in listeners:
+            bound.append(listener)
+            await listener.bind(sockets)
+    except ListenError:
+        for listener in bound:
+            listener.close()
+        raise
+
+
+async def _keep(part: Part, emit: events.Emit) -> None:
+    keeper: Keeper = part.keeper
+    while True:
+        try:
+            await keeper.run()
+        except Exception as error:  # noqa: BLE001 - the supervisor's border: one line's defect is not the others'
+            text = "".join(traceback.format_exception(error))
+            emit(events.PartFailed(f"line {part.name}", repr(error), text))
+            keeper.failed(PortError(f"a defect in the gateway: {error!r}"))
+        await asyncio.sleep(_RESTART_PAUSE)
+
+
+async def _until(is_done: Callable[[], bool]) -> None:
+    """Wait until it is done, but not longer than DRAIN_TIME."""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + DRAIN_TIME
+    while loop.time() < end and not is_done():
+        await asyncio.sleep(_DRAIN_STEP)

@@ -1,0 +1,67 @@
+"""What systemd and a service tell each other: readiness, state and signs of life; sockets that were opened before.
+
+See sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3). Without systemd all of it does nothing.
+"""
+
+import os
+import socket
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Final
+
+#: The first descriptor that systemd hands over.
+_FIRST_DESCRIPTOR: Final = 3
+
+
+class Notifier:
+    """Tells systemd how the service is doing. A systemd that does not listen is no trouble of ours."""
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        path = environment.get("NOTIFY_SOCKET", "")
+        self._address = f"\0{path[1:]}" if path.startswith("@") else path
+        #: Within how many seconds it wants a sign of life; 0 for never.
+        self.watchdog = _watchdog_period(environment)
+
+    def ready(self, status: str) -> None:
+        """Clients can connect, or a reload is over."""
+        self._tell("READY=1", f"STATUS={status}")
+
+    def reloading(self) -> None:
+        """The config is being read again; `ready` follows."""
+        self._tell("RELOADING=1")
+
+    def status(self, text: str) -> None:
+        """What `systemctl status` shows."""
+        self._tell(f"STATUS={text}")
+
+    def alive(self) -> None:
+        """A sign of life."""
+        self._tell("WATCHDOG=1")
+
+    def stopping(self) -> None:
+        """The end has begun."""
+        self._tell("STOPPING=1")
+
+    def _tell(self, *lines: str) -> None:
+        if not self._address:
+            return
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+            sock.setblocking(False)
+            sock.sendto("\n".join(lines).encode(), self._address)
+
+
+def inherited_sockets(environment: Mapping[str, str] = os.environ) -> list[socket.socket]:
+    """The sockets that systemd has opened for this process (socket activation)."""
+    if environment.get("LISTEN_PID") != str(os.getpid()):
+        return []
+    count = int(environment.get("LISTEN_FDS", "0"))
+    sockets = [socket.socket(fileno=number) for number in range(_FIRST_DESCRIPTOR, _FIRST_DESCRIPTOR + count)]
+    for sock in sockets:
+        sock.set_inheritable(False)
+    return sockets
+
+
+def _watchdog_period(environment: Mapping[str, str]) -> float:
+    if environment.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
+        return 0.0
+    return int(environment.get("WATCHDOG_USEC", "0")) / 1e6

@@ -1,0 +1,41 @@
+"""Signs of life for systemd: only while the event loop is quick and every line does what is due."""
+
+import asyncio
+from typing import Final
+
+from gateway.service.build import Gateway
+from gateway.service.running import Running
+from gateway.service.systemd import Notifier
+
+#: A loop, or a line, that is late by so many seconds gives no sign of life.
+LATE: Final = 1.0
+#: Signs of life in each period that systemd allows.
+_SIGNS: Final = 3
+#: How often the status text follows what has happened, where systemd wants no signs of life; in seconds.
+_STATUS_PERIOD: Final = 10.0
+
+
+async def watch(running: Running, notifier: Notifier) -> None:
+    """Tell systemd how the gateway is doing, until cancelled."""
+    loop = asyncio.get_running_loop()
+    period = notifier.watchdog / _SIGNS or _STATUS_PERIOD
+    while True:
+        due = loop.time() + period
+        await asyncio.sleep(period)
+        now = loop.time()
+        if now - due < LATE and not stuck(running.gateway, now):
+            notifier.alive()
+        notifier.status(summary(running.gateway))
+
+
+def stuck(gateway: Gateway, now: float) -> list[str]:
+    """The lines and upstreams that should have done something for LATE seconds and more."""
+    return [part.name for part in gateway.parts if part.driver.overdue(now) >= LATE]
+
+
+def summary(gateway: Gateway) -> str:
+    """The state of the gateway in one line: `3 of 4 lines up, 7 clients; hall-a: /dev/ttyUSB0 does not exist`."""
+    down = [f"; {part.name}: {part.keeper.error}" for part in gateway.parts if part.keeper.error is not None]
+    count = len(gateway.parts)
+    clients = sum(listener.clients for listener in gateway.listeners)
+    return f"{count - len(down)} of {count} lines up, {clients} clients{''.join(down)}"

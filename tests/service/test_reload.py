@@ -1,0 +1,234 @@
+"""A reload in virtual time: what has changed is exchanged, what has not is not touched."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from gateway.events import ConfigApplied, ConfigRejected, LineUp
+from gateway.service.build import build
+from gateway.service.reload import Outcome, Reloader
+from gateway.service.running import Running
+from gateway.service.supervisor import Stop, serve
+from gateway.service.systemd import Notifier
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.house import House
+
+LISTEN = """
+[[listen]]
+name = "scada"
+bind = "tcp://127.0.0.1:5020"
+"""
+HALL_A = """
+[[line]]
+name = "hall-a"
+port = "/dev/hall-a"
+devices = [{ unit = 1, as = 41, name = "silo" }]
+"""
+HALL_B = """
+[[line]]
+name = "hall-b"
+port = "/dev/hall-b"
+timeout = "500 ms"
+devices = [{ unit = 2 }]
+"""
+IMAGE = """
+[[image]]
+unit = 200
+name = "shift"
+holding = 10
+"""
+READ = "03 00 00 00 01"
+
+
+class Doors:
+    """Stands for a listener, which has its own tests: virtual time knows no sockets."""
+
+    address = "tcp://127.0.0.1:5020"
+    clients = 0
+    has_clients = False
+    doors = ()
+
+    def __init__(self, listener) -> None:
+        self.settings = listener.settings
+        self.router = listener.router
+        self.told: list[str] = []
+
+    async def bind(self, ready=None) -> None:
+        self.told.append("bind")
+
+    def start(self) -> None:
+        self.told.append("start")
+
+    def finish(self) -> None:
+        self.told.append("finish")
+
+    def close(self) -> None:
+        self.told.append("close")
+
+
+class Service:
+    """A gateway that serves the config in `file`."""
+
+    def __init__(self, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("gateway.service.build._listener", self._doors)
+        monkeypatch.setattr("gateway.service.reload.load", self._load)
+        self._make_listener = build.__globals__["TcpListener"]
+        self.file = file
+        self.home = House(file.read_text())
+        self.events = self.home.events
+        self.running = Running(self.home.gateway, self.events.append)
+        self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}))
+        self.stop = Stop()
+        for number, port in ((1, "hall-a"), (2, "hall-b")):
+            self.attach(port, number)
+
+    def attach(self, port: str, number: int) -> None:
+        self.home._open(type("Settings", (), {"port": f"/dev/{port}", "latency": 0.0})())
+        self.home.attach(port, SimulatedLine("rtu", SimulatedDevice(number, delay=0.01)))
+
+    async def reload(self, config: str) -> Outcome:
+        self.file.write_text(config)
+        return await self.reloader.order()
+
+    def part(self, name: str):
+        return next(part for part in self.running.gateway.parts if part.name == name)
+
+    def client(self):
+        self.home.gateway = self.running.gateway
+        return self.home.client()
+
+    def _doors(self, settings, emit):
+        return Doors(self._make_listener(settings, build.__globals__["Router"]({}, emit), emit))
+
+    def _rebuild(self, plan, gateway):
+        loop = asyncio.get_running_loop()
+        return build(plan, loop, self.home._open, self.home.memory, self.events.append, None, gateway)
+
+    @staticmethod
+    def _load(file):
+        from gateway.config.load import parse  # noqa: PLC0415 - the name in the module is what the test replaces
+
+        return parse(file.read_text(), str(file), port_trouble=lambda port: None, real_path=lambda port: port)
+
+
+@pytest.fixture
+def serving(tmp_path, monkeypatch):
+    @asynccontextmanager
+    async def serve_config(config: str) -> AsyncIterator[Service]:
+        file = tmp_path / "gateway.toml"
+        file.write_text(config)
+        service = Service(file, monkeypatch)
+        task = asyncio.create_task(serve(service.running, service.stop), name="serve")
+        await service.running.ready.wait()
+        await asyncio.sleep(1.0)
+        yield service
+        service.reloader.close()
+        service.stop.order("the test ends")
+        await task
+
+    return serve_config
+
+
+async def test_a_file_that_means_the_same_changes_nothing(serving):
+    async with serving(LISTEN + HALL_A + HALL_B + IMAGE) as service:
+        before = service.running.gateway
+        outcome = await service.reload("# moved down\n\n" + LISTEN + HALL_A + HALL_B + IMAGE)
+        after = service.running.gateway
+        assert outcome == Outcome()
+        assert (after.parts, after.images, after.listeners) == (before.parts, before.images, before.listeners)
+        assert service.part("hall-a").devices[41].source.endswith(":11")
+
+
+async def test_what_has_changed_is_built_anew_and_the_rest_is_not_touched(serving):
+    async with serving(LISTEN + HALL_A + HALL_B + IMAGE) as service:
+        client = service.client()
+        hall_a, hall_b = service.part("hall-a"), service.part("hall-b")
+        outcome = await service.reload(LISTEN + HALL_A + HALL_B.replace("500 ms", "400 ms") + IMAGE)
+        assert outcome == Outcome(changed=("line hall-b",))
+        assert service.part("hall-a") is hall_a
+        assert service.part("hall-b") is not hall_b
+        await asyncio.sleep(1.0)
+        assert await client.asks(41, READ) == "03 02 00 00"
+        assert await client.asks(2, READ) == "03 02 00 00"
+        assert [event for event in service.events if isinstance(event, LineUp)].count(
+            LineUp("hall-a", "/dev/hall-a")
+        ) == 1
+
+
+async def test_open_connections_take_the_new_routes(serving):
+    async with serving(LISTEN + HALL_A + IMAGE) as service:
+        client = service.client()
+        assert await client.asks(201, READ) == "83 0A"
+        outcome = await service.reload(LISTEN + HALL_A + IMAGE.replace("200", "201").replace("shift", "day") + HALL_B)
+        assert outcome == Outcome(added=("line hall-b", "image day"), removed=("image shift",))
+        await asyncio.sleep(1.0)
+        assert await client.asks(201, READ) == "03 02 00 00"
+        assert await client.asks(200, READ) == "83 0A"
+        assert await client.asks(2, READ) == "03 02 00 00"
+
+
+async def test_a_line_that_goes_finishes_what_is_on_the_wire_and_refuses_what_waits(serving):
+    async with serving(LISTEN + HALL_A + HALL_B) as service:
+        client = service.client()
+        client.ask(2, READ)
+        client.ask(2, "04 00 00 00 01")
+        await asyncio.sleep(0.005)
+        outcome = await service.reload(LISTEN + HALL_A)
+        assert outcome == Outcome(removed=("line hall-b",))
+        assert [await client.answer(), await client.answer()] == ["84 0A", "03 02 00 00"]
+        assert not service.home.lines["hall-b"].is_open
+
+
+@pytest.mark.parametrize(
+    "config",
+    ["[[line]\n", "x = 1\n", LISTEN + HALL_A + HALL_A.replace('"hall-a"', '"c"'), LISTEN + '[[line]]\nport = ""\n'],
+)
+async def test_a_broken_file_leaves_the_old_one_in_force(serving, config):
+    async with serving(LISTEN + HALL_A) as service:
+        before = service.running.gateway
+        outcome = await service.reload(config)
+        assert outcome.problems
+        assert service.running.gateway is before
+        assert await service.client().asks(41, READ) == "03 02 00 00"
+        assert [type(event) for event in service.events].count(ConfigRejected) == 1
+
+
+async def test_orders_in_a_burst_are_one_reload_and_the_last_file_counts(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        orders = [service.reloader.order() for _ in range(10)]
+        service.file.write_text(LISTEN + HALL_B)
+        assert len(set(orders)) == 1
+        assert await orders[0] == Outcome(added=("line hall-b",), removed=("line hall-a",))
+        assert [type(event) for event in service.events].count(ConfigApplied) == 1
+
+
+async def test_a_listener_that_changes_is_bound_before_the_old_one_goes(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        (old,) = service.running.gateway.listeners
+        outcome = await service.reload(LISTEN + "clients = 3\n" + HALL_A)
+        (new,) = service.running.gateway.listeners
+        assert outcome == Outcome(changed=("listen scada",))
+        assert old.told == ["bind", "start", "finish", "close"]
+        assert new.told == ["bind", "start"]
+
+
+async def test_what_needs_a_restart_is_said(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        outcome = await service.reload(LISTEN + HALL_A + '[log]\nlevel = "debug"\n[control]\nsocket = "/tmp/x"\n')
+        assert outcome == Outcome(restart=("log", "control"))
+
+
+async def test_a_mirror_follows_its_device_to_the_new_line(serving):
+    mirror = '[[image]]\nunit = 241\nof = "silo"\nread = [{ holding = "0-1", every = "500 ms" }]\n'
+    async with serving(LISTEN + HALL_A + HALL_B + mirror) as service:
+        (before,) = service.running.gateway.mirrors
+        await service.reload(LISTEN + HALL_A + HALL_B.replace("500", "400") + mirror)
+        assert service.running.gateway.mirrors == (before,)
+        await service.reload(LISTEN + HALL_A.replace("devices", "queue = 10\ndevices") + HALL_B + mirror)
+        (after,) = service.running.gateway.mirrors
+        assert after is not before
+        await asyncio.sleep(2.0)
+        assert await service.client().asks(241, READ) == "03 02 00 00"

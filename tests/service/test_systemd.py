@@ -1,0 +1,123 @@
+"""What systemd hears of the service, and when it hears nothing. Real systemd: tests/system."""
+
+import asyncio
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from gateway.service.systemd import Notifier, inherited_sockets
+from gateway.service.watchdog import stuck, summary, watch
+from kit.house import house
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:5021"
+
+[[line]]
+name = "hall-a"
+port = "/dev/hall-a"
+devices = [{ unit = 1 }]
+"""
+
+
+@pytest.fixture
+def systemd(tmp_path: Path):
+    """Where systemd listens; `told()` gives what it has heard."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+        sock.bind(str(tmp_path / "notify"))
+        sock.setblocking(False)
+        yield sock
+
+
+def told(systemd: socket.socket) -> list[str]:
+    heard = []
+    while True:
+        try:
+            heard.append(systemd.recv(4096).decode())
+        except BlockingIOError:
+            return heard
+
+
+def notifier(systemd: socket.socket, **environment: str) -> Notifier:
+    return Notifier({"NOTIFY_SOCKET": systemd.getsockname(), **environment})
+
+
+def test_it_hears_each_step(systemd: socket.socket) -> None:
+    it = notifier(systemd)
+    it.ready("1 of 1 lines up")
+    it.reloading()
+    it.status("busy")
+    it.alive()
+    it.stopping()
+    assert told(systemd) == [
+        "READY=1\nSTATUS=1 of 1 lines up", "RELOADING=1", "STATUS=busy", "WATCHDOG=1", "STOPPING=1",
+    ]  # fmt: skip
+
+
+def test_without_systemd_nothing_happens(tmp_path: Path) -> None:
+    Notifier({}).ready("fine")
+    Notifier({"NOTIFY_SOCKET": str(tmp_path / "nobody")}).ready("fine")
+
+
+def test_an_abstract_socket_is_found() -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+        sock.bind(f"\0mbgw-test-{os.getpid()}")
+        sock.setblocking(False)
+        Notifier({"NOTIFY_SOCKET": f"@mbgw-test-{os.getpid()}"}).alive()
+        assert told(sock) == ["WATCHDOG=1"]
+
+
+@pytest.mark.parametrize(
+    ("environment", "period"),
+    [
+        ({}, 0.0),
+        ({"WATCHDOG_USEC": "30000000"}, 30.0),
+        ({"WATCHDOG_USEC": "30000000", "WATCHDOG_PID": str(os.getpid())}, 30.0),
+        ({"WATCHDOG_USEC": "30000000", "WATCHDOG_PID": "1"}, 0.0),
+    ],
+)
+def test_signs_of_life_are_wanted_from_the_process_that_is_named(environment: dict[str, str], period: float) -> None:
+    assert Notifier(environment).watchdog == period
+
+
+def test_sockets_for_another_process_are_not_ours() -> None:
+    assert inherited_sockets({}) == []
+    assert inherited_sockets({"LISTEN_PID": "1", "LISTEN_FDS": "1"}) == []
+
+
+class Watched:
+    """A gateway under the eye of systemd, as `watch` wants it."""
+
+    def __init__(self, gateway) -> None:
+        self.gateway = gateway
+
+
+async def test_a_loop_that_is_late_and_a_line_that_is_stuck_give_no_sign_of_life(systemd: socket.socket) -> None:
+    async with house(CONFIG) as home:
+        watching = asyncio.create_task(watch(Watched(home.gateway), notifier(systemd, WATCHDOG_USEC="3000000")))
+        await asyncio.sleep(3.5)
+        assert [text for text in told(systemd) if text == "WATCHDOG=1"] == ["WATCHDOG=1"] * 3
+        home.gateway.lines[0].driver.overdue = lambda now: 1.5
+        await asyncio.sleep(3.0)
+        assert "WATCHDOG=1" not in told(systemd)
+        watching.cancel()
+
+
+async def test_a_line_is_stuck_when_nobody_wakes_it() -> None:
+    async with house(CONFIG) as home:
+        loop = asyncio.get_running_loop()
+        home.client().ask(1, "03 00 00 00 01")
+        home.gateway.lines[0].driver.close()  # its alarm
+        assert stuck(home.gateway, loop.time()) == []
+        await asyncio.sleep(10.0)
+        assert stuck(home.gateway, loop.time()) == ["hall-a"]
+
+
+async def test_the_status_text_says_which_line_is_down() -> None:
+    async with house(CONFIG) as home:
+        assert summary(home.gateway) == "1 of 1 lines up, 0 clients"
+        home.lines["hall-a"].pull()
+        await asyncio.sleep(0.01)
+        assert summary(home.gateway).startswith("0 of 1 lines up, 0 clients; hall-a: ")
