@@ -174,7 +174,8 @@ class Line(Table):
     )
     gap: DurationOrZeroOrAuto = Field(
         None,
-        description='Silence before each request. `"auto"`: the larger of t3.5 and the `idle_chars` of its devices, '
+        description="Silence before each request, on server lines before each response. "
+        '`"auto"`: the larger of t3.5 and the `idle_chars` of its devices, or of the units that it serves; '
         'none for ASCII. `"0"`: none.',
     )
     turnaround: DurationOrAuto = Field(

@@ -201,6 +201,16 @@ class TestAMintControllerAsTheDocumentDescribesIt:
         assert running.asks("03 001D 0002") == "02 03 04 01 02 03 04"
 
 
+def test_a_request_under_way_is_answered_before_the_end(tmp_path: Path) -> None:
+    with ExitStack() as parts:
+        running = Running(tmp_path, parts)
+        running.weigher.delay = 0.5
+        running.say(encode(41, bytes.fromhex("03 0000 0002")).decode())
+        time.sleep(0.2)
+        assert running.gateway.stop() == 0
+        assert running.answer() == ":290304459C3D5161"
+
+
 def test_the_order_to_stop_ends_it_at_once(tmp_path: Path) -> None:
     with ExitStack() as parts:
         running = Running(tmp_path, parts)
