@@ -275,6 +275,7 @@ class BadFrame(Event):
     limit_ms: float
     source: str
     heard: str
+    reason: str
 
 
 @dataclass(frozen=True)

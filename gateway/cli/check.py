@@ -34,7 +34,9 @@ from gateway.service.state import kept_in, state_folder
 
 _ADVICE: Final = """\
 Longest wait = max_wait + gap + longest request on the wire + its time limit.
-Set each client's time-out above the longest wait of the units that it asks."""
+Set each client's time-out above the longest wait of the units that it asks.
+It holds for up to in_flight requests at once on a connection: what a client
+sends beyond that is not read meanwhile."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -160,7 +160,11 @@ class Line(Table):
     rs485: Literal["adapter", "kernel"] = Field(
         "adapter", description="Who switches the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."
     )
-    echo: bool = Field(False, description="True when the adapter returns what we send; exactly that is stripped.")
+    echo: bool = Field(
+        False,
+        description="True when the adapter returns what we send; exactly that is stripped. On a real serial port it is "
+        "noticed and said; on virtual ports and device servers it cannot be.",
+    )
     latency: DurationOrAuto = Field(
         None,
         description='What adapter and driver may add to an answer. `"auto"`: 5 ms, other USB adapters 20 ms, '
@@ -183,13 +187,26 @@ class Line(Table):
         description='Silence after a broadcast. `"auto"`: 100 ms, or the `margin` x `timing` of the slowest device '
         "if that is longer.",
     )
-    late_window: DurationOrAuto = Field(None, description="After a time-out: how long a late answer may still come.")
-    queue: Count = Field(64, description="Requests that may wait; beyond it exception 06.")
+    late_window: DurationOrAuto = Field(
+        None,
+        description="After a time-out or a broken answer: how long the late answer may still come. So long no request "
+        "with the same function goes to that unit: it gets 0B at once, or waits if no more than 250 ms are left. "
+        '`"auto"`: twice the limit of the request, or the longest time that the device is allowed for anything (its '
+        "`timeout`, `margin` x its table) if that is more. With a time-out of 1 s, one lost answer costs the unit 2 s "
+        "of that function.",
+    )
+    queue: Count = Field(
+        64, description="Requests that may wait; beyond it exception 06. Those that share a transaction count each."
+    )
     max_wait: Duration = Field(2.0, description="A request that waited longer is answered 06 and never sent.")
     retries: Annotated[int, Field(ge=0)] = Field(
         0, description="Reads only, after a broken frame only, at once; writes are never repeated."
     )
-    coalesce: bool = Field(True, description="Equal reads that wait share one transaction.")
+    coalesce: bool = Field(
+        True,
+        description="Equal reads of different clients that wait share one transaction. Those of one client are asked "
+        "one after the other.",
+    )
     broadcast: bool = Field(True, description="Whether broadcasts go to this line too.")
     devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
         None, description="Its devices. Left out on the only client line, every unit 1-247 passes through."

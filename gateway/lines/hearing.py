@@ -117,6 +117,10 @@ class Hearing:
             heard = heard.replace(self._framer.encode(*frame), b"")
         return heard
 
+    def is_the_request(self, heard: bytes) -> bool:
+        """Whether `heard` is what was sent, and nothing else."""
+        return heard == self._sent
+
     def has_begun(self) -> bool:
         """Whether the answer has begun to come."""
         transaction = self._current

@@ -239,7 +239,7 @@ class Line:
     def _lose(self, current: Transaction, now: float) -> None:
         """The transaction has failed."""
         heard = self._hearing.instead()
-        self._report.given_up(current, now, heard=heard)
+        self._report.given_up(current, now, heard=heard, is_echo=self._hearing.is_the_request(heard))
         self._hearing.lost(heard, now)
         self._turns.failed(current, now, disturbed=bool(heard))
         self._fail(current, errors.BrokenResponse() if heard else errors.ResponseTimeout(), now)

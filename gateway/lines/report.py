@@ -2,10 +2,13 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Final
 
 from gateway import events
 from gateway.lines.transaction import Addressee, Transaction
 from gateway.modbus.frame import Frame
+
+_ECHO: Final = "this is the request itself: does the adapter echo? Then set echo = true"
 
 
 class Report:
@@ -21,10 +24,11 @@ class Report:
         device = transaction.device
         self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
-    def given_up(self, transaction: Transaction, now: float, *, heard: bytes) -> None:
-        """The limit has run out; `heard` is what came instead of the response."""
+    def given_up(self, transaction: Transaction, now: float, *, heard: bytes, is_echo: bool = False) -> None:
+        """The limit has run out; `heard` is what came instead of the response, `is_echo` if it is the request."""
         if heard:
-            self._tell(partial(events.BadFrame, heard=heard[:64].hex(" ").upper()), transaction, now)
+            reason = _ECHO if is_echo else "no valid answer"
+            self._tell(partial(events.BadFrame, heard=heard[:64].hex(" ").upper(), reason=reason), transaction, now)
         else:
             self._tell(events.RequestTimeout, transaction, now)
 

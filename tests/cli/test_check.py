@@ -85,6 +85,8 @@ def test_the_picture_of_a_file(config, capsys):
 
         Longest wait = max_wait + gap + longest request on the wire + its time limit.
         Set each client's time-out above the longest wait of the units that it asks.
+        It holds for up to in_flight requests at once on a connection: what a client
+        sends beyond that is not read meanwhile.
 
         no errors, no warnings
         """

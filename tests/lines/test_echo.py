@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.events import EchoHeard
+from gateway.events import BadFrame, EchoHeard
 from gateway.lines.echo import _KEPT, Echo
 from gateway.lines.quirks import LoneDevice
 from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
@@ -295,6 +295,16 @@ def test_a_lone_device_does_not_take_the_echo_of_its_question() -> None:
     real.pass_time(0.02)
     real.hear(frame(77, RESPONSE))
     assert real.client.answers == [RESPONSE]
+
+
+@pytest.mark.parametrize(("heard", "is_echo"), [(READ_FRAME, True), (READ_FRAME + " 00", False), ("55 AA", False)])
+def test_on_a_virtual_port_a_broken_answer_says_if_it_is_the_request_itself(heard: str, is_echo: bool) -> None:
+    bench = Bench()
+    bench.ask(READ)
+    bench.hear(heard)
+    bench.pass_time(1.0)
+    (told,) = bench.told(BadFrame)
+    assert ("does the adapter echo?" in told.reason) == is_echo
 
 
 def hear_an_echo(bench: Bench) -> None:
