@@ -1,12 +1,18 @@
-"""How often the log may say the same: ten lines a second or fewer, and how many more there would have been."""
+"""How often the log may say the same: ten lines a second or fewer, later one a minute; and how many more there were."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from itertools import count
 from typing import Final, NamedTuple
 
 #: Subjects that are told apart at a time; what comes beyond is told apart by its event name only.
 MOST_SUBJECTS: Final = 1000
+
+#: What comes again within PAUSE goes on. What has gone on for STEADY is told once in STEADY only; both in seconds.
+PAUSE: Final = 10.0
+STEADY: Final = 60.0
 
 #: What an event is about. Of a client its host counts: each connection has another port.
 _KEY: Final = ("line", "unit", "listener", "client", "problem")
@@ -32,74 +38,78 @@ def _without_port(part: str, value: object) -> object:
 
 
 @dataclass(slots=True)
-class _Suppressed:
-    due: float
-    count: int = 0
+class _Story:
+    """What has been told of a subject: since when it goes on, when it came last, when lines were written."""
+
+    since: float
+    latest: float
+    written: deque[float]
+
+    def came(self, now: float) -> None:
+        """An event has come."""
+        if now - self.latest > PAUSE:
+            self.since = now
+        self.latest = now
 
 
 @dataclass(slots=True)
 class Limiter:
     """Lets through at most `lines` about one subject in any `seconds`, and counts the rest.
 
-    Once `seconds` are over that began with a suppressed event, the count is due. The last line is kept for it.
+    Once `seconds` are over that began with a suppressed event, the count is due. The last line is kept for it. What
+    goes on for STEADY without a PAUSE is only counted from then on, and its count is due once in STEADY.
     """
 
     lines: int = 10
     seconds: float = 1.0
-    #: When the latest lines about a subject were written; the subject that rests longest is the first.
-    _written: dict[Subject, deque[float]] = field(default_factory=dict)
-    #: What is counted at the moment; what is due first is the first.
-    _suppressed: dict[Subject, _Suppressed] = field(default_factory=dict)
+    #: The subject that rests longest is the first.
+    _stories: dict[Subject, _Story] = field(default_factory=dict)
+    #: What is counted at the moment, and when that is due.
+    _suppressed: dict[Subject, int] = field(default_factory=dict)
+    _due: list[tuple[float, int, Subject]] = field(default_factory=list)
+    _tickets: Iterator[int] = field(default_factory=count)
 
     @property
     def next_due(self) -> float | None:
         """When the next count is due, if there is one."""
-        return next((one.due for one in self._suppressed.values()), None)
+        return self._due[0][0] if self._due else None
 
     def admits(self, subject: Subject, now: float) -> bool:
         """Whether an event about `subject` may be written; if not, it is counted."""
         subject = self._told_apart(subject, now)
-        suppressed = self._suppressed.get(subject)
-        room = self.lines if suppressed is None else self.lines - 1
-        if self._lines(subject, now) < room:
-            self._note(subject, now)
+        story = self._stories.pop(subject, None) or _Story(now, now, deque(maxlen=self.lines))
+        self._stories[subject] = story
+        story.came(now)
+        is_steady = now - story.since >= STEADY
+        room = self.lines - (subject in self._suppressed)
+        if not is_steady and sum(time > now - self.seconds for time in story.written) < room:
+            story.written.append(now)
             return True
-        if suppressed is None:
-            suppressed = self._suppressed[subject] = _Suppressed(now + self.seconds)
-        suppressed.count += 1
+        if subject not in self._suppressed:
+            self._suppressed[subject] = 0
+            heappush(self._due, (now + (STEADY if is_steady else self.seconds), next(self._tickets), subject))
+        self._suppressed[subject] += 1
         return False
 
     def due(self, now: float) -> Iterator[tuple[Subject, int]]:
         """The counts that are due: to be written, each as one line about its subject."""
-        while self._suppressed:
-            subject, suppressed = next(iter(self._suppressed.items()))
-            if suppressed.due > now:
-                return
-            del self._suppressed[subject]
-            self._note(subject, now)
-            yield subject, suppressed.count
-
-    def _lines(self, subject: Subject, now: float) -> int:
-        """How many lines about `subject` still count."""
-        times = self._written.get(subject, ())
-        return sum(time > now - self.seconds for time in times)
-
-    def _note(self, subject: Subject, now: float) -> None:
-        times = self._written.pop(subject, None) or deque(maxlen=self.lines)
-        times.append(now)
-        self._written[subject] = times
+        while self._due and self._due[0][0] <= now:
+            _, _, subject = heappop(self._due)
+            if subject in self._stories:
+                self._stories[subject].written.append(now)
+            yield subject, self._suppressed.pop(subject)
 
     def _told_apart(self, subject: Subject, now: float) -> Subject:
         """The subject, or what it counts as when there are too many."""
-        if subject in self._written or len(self._written) < MOST_SUBJECTS:
+        if subject in self._stories or len(self._stories) < MOST_SUBJECTS:
             return subject
         self._forget(now)
-        return subject if len(self._written) < MOST_SUBJECTS else subject._replace(key=())
+        return subject if len(self._stories) < MOST_SUBJECTS else subject._replace(key=())
 
     def _forget(self, now: float) -> None:
-        """Forget the subjects about which nothing was written for `seconds`: nothing hangs on them any more."""
-        while self._written:
-            subject, times = next(iter(self._written.items()))
-            if times[-1] > now - self.seconds:
+        """Forget the subjects that have rested for `seconds`: no line about them counts any more."""
+        while self._stories:
+            subject, story = next(iter(self._stories.items()))
+            if max([story.latest, *story.written]) > now - self.seconds:
                 return
-            del self._written[subject]
+            del self._stories[subject]

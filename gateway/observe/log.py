@@ -33,8 +33,8 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     on.
 
     The log never does harm: a thread writes it, at most ten lines a second about the same (WriteAudit and errors of the
-    service excepted), one in ten seconds about clients of one address that are sent away, and what cannot be written is
-    given up silently.
+    service excepted), one in ten seconds about clients of one address that are sent away, one a minute about what goes
+    on for longer than that, and what cannot be written is given up silently.
     """
     least = Level[level.upper()]
     writer = Writer(_sink(log_format, stream))
@@ -94,7 +94,8 @@ def _for_people(stream: Stream) -> Callable[[Entry], str]:
     renderer = structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)
 
     def render(entry: Entry) -> str:
-        stamp = datetime.fromtimestamp(entry.clock).isoformat()  # noqa: DTZ006 - the clock on the operator's wall
+        on_the_wall = datetime.fromtimestamp(entry.clock, UTC).astimezone()
+        stamp = on_the_wall.isoformat(timespec="milliseconds")
         shown = {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in entry.fields.items()}
         return f"{renderer(None, entry.name, {**shown, **_what_and_when(entry, stamp)})}\n"
 

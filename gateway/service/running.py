@@ -77,16 +77,21 @@ class Running:
             listener.close()
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
-        """Take no more clients and requests, and let what is under way finish, unless that becomes urgent."""
-        servers = [server.driver for server in self.gateway.servers]
-        for end in (*self.gateway.listeners, *servers):
+        """Take no more clients and requests, and let what is under way finish, unless that becomes urgent.
+
+        What is not finished after DRAIN_TIME is answered as if its line had gone: 0B when it was sent, 0A when it was
+        not.
+        """
+        listeners, servers = self.gateway.listeners, [server.driver for server in self.gateway.servers]
+        for end in (*listeners, *servers):
             end.finish()
         await _until(
             lambda: (
-                is_urgent()
-                or not (any(one.has_clients for one in self.gateway.listeners) or any(one.is_busy for one in servers))
+                is_urgent() or not (any(one.has_clients for one in listeners) or any(one.is_busy for one in servers))
             )
         )
+        for part in (*self.gateway.lines, *self.gateway.upstreams):
+            part.driver.port_down(PortError("the gateway ends"))
 
     async def switch(self, new: Gateway) -> None:
         """Go over to another gateway. Parts that both have go on as if nothing happened.

@@ -12,7 +12,7 @@ from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.lines.device import Device
-from gateway.listeners.serial_session import Counts as SerialCounts
+from gateway.listeners.serial_session import Counts as ServerCounts
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Gateway, Listener
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
@@ -56,14 +56,18 @@ class LineStatus:
 
 @dataclass(frozen=True, slots=True)
 class ServerStatus:
-    """A line where we are a server. `reason` says why it is down."""
+    """A line where an outside client asks us for the units that it `serves`. `reason` says why it is down."""
 
     name: str
     source: str
     port: str
     state: Literal["up", "down", "not tried"]
     reason: str
-    counts: SerialCounts
+    mode: str
+    baud: int
+    format: str
+    serves: tuple[int, ...]
+    counts: ServerCounts
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,12 +210,17 @@ def _line(parts: GatewayLine, now: float) -> LineStatus:
 
 
 def _server(parts: GatewayServer) -> ServerStatus:
+    settings, timing = parts.plan.line, parts.plan.line.timing
     return ServerStatus(
-        name=parts.name,
-        source=parts.plan.line.source,
+        name=settings.name,
+        source=settings.source,
         port=parts.keeper.port_path,
         state=_port_state(parts.keeper),
         reason=str(parts.keeper.error or ""),
+        mode=timing.mode,
+        baud=timing.baud,
+        format=str(timing.format),
+        serves=tuple(sorted(settings.serves)),
         counts=replace(parts.driver.session.counts),
     )
 

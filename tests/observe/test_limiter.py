@@ -70,7 +70,41 @@ def test_at_the_end_every_count_is_due() -> None:
     assert list(limiter.due(inf)) == [(SILO, 1), (PRESS, 1)]
 
 
-@given(st.lists(st.floats(0.0, 0.3), max_size=300))
+def lines_of(limiter: Limiter, times: list[float]) -> list[float]:
+    """When lines are written about something that comes at these times; none of them may be lost."""
+    lines, told = [], 0
+    for now in times:
+        while limiter.next_due is not None and limiter.next_due <= now:
+            due = limiter.next_due
+            for _, number in limiter.due(due):
+                lines.append(due)
+                told += number
+        if limiter.admits(SILO, now):
+            lines.append(now)
+            told += 1
+    assert told + sum(number for _, number in limiter.due(inf)) == len(times)
+    return lines
+
+
+def test_what_goes_on_for_a_minute_is_told_once_a_minute_from_then_on() -> None:
+    lines = lines_of(Limiter(), [0.2 * n for n in range(5 * 3600)])
+    assert sum(line < 60.0 for line in lines) == 300
+    assert 58 <= sum(line >= 60.0 for line in lines) <= 60
+
+
+def test_what_comes_again_after_a_pause_is_told_at_once() -> None:
+    limiter = Limiter()
+    lines_of(limiter, [5.0 * n for n in range(100)])
+    assert not limiter.admits(SILO, 500.0)
+    assert limiter.admits(SILO, 511.0)
+
+
+def test_what_comes_now_and_then_is_told_each_time() -> None:
+    times = [11.0 * n for n in range(100)]
+    assert lines_of(Limiter(), times) == times
+
+
+@given(st.lists(st.floats(0.0, 0.3) | st.floats(0.0, 15.0), max_size=300))
 def test_no_second_has_more_lines_and_no_event_is_lost(pauses: list[float]) -> None:
     limiter = Limiter()
     now, lines, told = 0.0, [], 0

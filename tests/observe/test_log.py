@@ -3,6 +3,8 @@
 import io
 import json
 import logging
+import re
+import time
 from threading import Event
 
 import pytest
@@ -61,6 +63,19 @@ def test_console_is_plain_text_when_it_is_no_terminal() -> None:
     assert "ready" in line
     assert "listeners='tcp://127.0.0.1:502, tcp://[::1]:502'" in line
     assert "\x1b" not in line
+
+
+def test_people_get_the_time_on_their_wall_with_its_offset(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "IST-5:30")
+    time.tzset()
+    try:
+        stream = io.StringIO()
+        with open_log("info", "console", stream) as emit:
+            emit(LOST)
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+05:30 ", stream.getvalue())
 
 
 @pytest.mark.parametrize(("no_color", "colored"), [(None, True), ("1", False)])

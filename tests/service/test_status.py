@@ -42,6 +42,14 @@ name = "silo-mirror"
 of   = "silo"
 read = [{ coils = "0-7", every = "10 s" }]
 """
+SERVER = """
+[[line]]
+name   = "panel"
+port   = "/dev/panel"
+mode   = "ascii"
+role   = "server"
+serves = [200, 41]
+"""
 READ = "03 00 00 00 01"
 
 
@@ -217,3 +225,18 @@ async def test_a_snapshot_is_json_and_changes_no_more() -> None:
 async def test_each_part_is_in_the_json(part: str) -> None:
     async with house(CONFIG + MIRROR) as home:
         assert json.loads(json.dumps(asdict(snapshot(home))))[part]
+
+
+async def test_a_server_line_shows_what_it_serves_and_what_became_of_its_requests() -> None:
+    async with house(CONFIG + SERVER) as home:
+        for text in (":C8030000000134", ":C8030000000135", ":070300000001F5"):
+            home.lines["panel"].deliver(text.encode() + b"\r\n")
+        (server,) = snapshot(home).servers
+        assert (server.name, server.port, server.state, server.mode) == ("panel", "/dev/panel", "up", "ascii")
+        assert (server.serves, server.source) == ((41, 200), "gateway.toml:25")
+        counts = server.counts
+        assert (counts.requests, counts.responses, counts.noise, counts.foreign_frames) == (1, 1, 1, 1)
+        home.lines["panel"].pull("unplugged")
+        await asyncio.sleep(0.1)
+        assert (snapshot(home).servers[0].state, snapshot(home).servers[0].reason) == ("down", "unplugged")
+        assert json.dumps(asdict(server))

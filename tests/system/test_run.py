@@ -111,6 +111,23 @@ def test_a_second_signal_does_not_wait_for_requests(tmp_path: Path, config: str)
     assert gateway.rest == []
 
 
+def test_a_request_that_would_take_longer_than_the_end_is_answered_all_the_same(tmp_path: Path, config: str) -> None:
+    """0B for what was sent, 0A for what still waits."""
+    silent = SimulatedDevice(1, delay=60.0)
+    patient = f'{config}timeout = "1 min"\nmax_wait = "1 min"\n'
+    with (
+        VirtualPort(tmp_path / "hall-a") as port,
+        SerialDevices({port: SimulatedLine("rtu", silent)}),
+        GatewayProcess(tmp_path, patient) as gateway,
+        socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client,
+    ):
+        client.sendall(READ + b"\0\2" + READ[2:])
+        until(lambda: silent.heard)
+        assert gateway.stop() == 0
+        assert client.recv(18, socket.MSG_WAITALL).hex() == "00010000000301" + "830b" + "00020000000301" + "830a"
+        assert client.recv(260) == b""
+
+
 def test_a_client_that_keeps_asking_does_not_hold_up_the_end(tmp_path: Path, config: str) -> None:
     """What it asked before the order is answered, what it asks afterwards is not taken."""
     with (
