@@ -8,6 +8,9 @@ from typing import Final
 
 from gateway import events
 from gateway.errors import ListenError, PortError
+from gateway.lines.driver import LineDriver
+from gateway.lines.upstream_driver import UpstreamDriver
+from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Gateway, Listener, Part
@@ -85,13 +88,12 @@ class Running:
         listeners, servers = self.gateway.listeners, [server.driver for server in self.gateway.servers]
         for end in (*listeners, *servers):
             end.finish()
-        await _until(
-            lambda: (
-                is_urgent() or not (any(one.has_clients for one in listeners) or any(one.is_busy for one in servers))
-            )
-        )
-        for part in (*self.gateway.lines, *self.gateway.upstreams):
-            part.driver.port_down(PortError("the gateway ends"))
+        await _until(lambda: is_urgent() or not _any_under_way(listeners, servers))
+        ended = PortError("the gateway ends")
+        for line in self.gateway.lines:
+            line.driver.port_down(ended)
+        for upstream in self.gateway.upstreams:
+            upstream.driver.port_down(ended)
 
     async def switch(self, new: Gateway) -> None:
         """Go over to another gateway. Parts that both have go on as if nothing happened.
@@ -125,9 +127,7 @@ class Running:
             listener.finish()
         for part in parts:
             part.driver.finish()
-        await _until(
-            lambda: not (any(one.has_clients for one in listeners) or any(one.driver.is_busy for one in parts))
-        )
+        await _until(lambda: not _any_under_way(listeners, [part.driver for part in parts]))
         for listener in listeners:
             listener.close()
         await self._end(parts)
@@ -165,6 +165,13 @@ async def _keep(part: Part, emit: events.Emit) -> None:
             emit(events.PartFailed(f"line {part.name}", repr(error), text))
             keeper.failed(PortError(f"a defect in the gateway: {error!r}"))
         await asyncio.sleep(_RESTART_PAUSE)
+
+
+def _any_under_way(
+    listeners: Iterable[Listener], drivers: Iterable[LineDriver | UpstreamDriver | SerialListener]
+) -> bool:
+    """Whether a client still has to get an answer."""
+    return any(one.has_clients for one in listeners) or any(one.is_busy for one in drivers)
 
 
 async def _until(is_done: Callable[[], bool]) -> None:
