@@ -13,6 +13,9 @@ from gateway.images.persistent import PersistentImage
 from gateway.images.store import Store
 from gateway.images.tables import Values
 from gateway.lines.device import Device
+from gateway.lines.driver import LineDriver
+from gateway.lines.upstream_driver import UpstreamDriver
+from gateway.listeners.serial import SerialListener
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
@@ -29,8 +32,9 @@ Listener = TcpListener | UdpListener
 
 #: What has devices behind it.
 LineOrUpstream = GatewayLine | GatewayUpstream
-#: A part that holds a port or a connection open.
+#: A part that holds a port or a connection open, and what joins it to that.
 Part = LineOrUpstream | GatewayServer
+Driver = LineDriver | UpstreamDriver | SerialListener
 
 
 @dataclass(frozen=True)

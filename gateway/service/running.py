@@ -8,9 +8,6 @@ from typing import Final
 
 from gateway import events
 from gateway.errors import ListenError, PortError
-from gateway.lines.driver import LineDriver
-from gateway.lines.upstream_driver import UpstreamDriver
-from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Gateway, Listener, Part
