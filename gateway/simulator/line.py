@@ -42,7 +42,8 @@ class SimulatedLine:
     ) -> None:
         for device in devices:
             if mode not in device.modes:
-                raise ValueError(f"{device!r} does not speak {mode}")
+                kind = device.profile.name
+                raise ValueError(f"a {kind} does not speak {mode}, and all devices of a line speak the same")
         self.path = Path(path)
         self.devices = tuple(devices)
         self._line = PacedLine(mode, format_ or DEFAULT_FORMATS[mode], devices, seed=seed, tell=tell)

@@ -19,7 +19,8 @@ _VIRTUAL_PORTS: Final = Path("/dev/pts")
 class VirtualPort:
     """Exists, with its link at `path`, from when it is made until `close`.
 
-    A dangling link, which a killed simulator leaves behind, is replaced.
+    A link that a killed simulator has left behind is replaced: it leads nowhere, or to a younger terminal, which
+    somebody else was given under the same number.
 
     Raises:
         PortError: there can be no link at `path`.
@@ -74,15 +75,15 @@ def _link(path: Path, device: str) -> None:
     try:
         path.symlink_to(device)
     except FileExistsError:
-        _replace_dangling(path, device)
+        _replace_left_over(path, device)
     except OSError as error:
         raise PortError(f"{path} cannot be made: {error.strerror}") from error
 
 
-def _replace_dangling(path: Path, device: str) -> None:
+def _replace_left_over(path: Path, device: str) -> None:
     if path.is_char_device() and not path.resolve().is_relative_to(_VIRTUAL_PORTS):
         raise PortError(f"{path} is a real port; devices are simulated on a virtual one only: name a path that is free")
-    if path.exists():
+    if path.exists() and not _leads_to_somebody_else(path):
         raise PortError(f"{path} exists already; name a path that is free, or remove it if no simulator uses it")
     fresh = path.with_name(f"{path.name}.{os.getpid()}")
     try:
@@ -90,3 +91,9 @@ def _replace_dangling(path: Path, device: str) -> None:
         fresh.replace(path)
     except OSError as error:
         raise PortError(f"{path} cannot be replaced: {error.strerror}") from error
+
+
+def _leads_to_somebody_else(path: Path) -> bool:
+    """Whether `path` is a link to a virtual terminal that did not exist yet when the link was made."""
+    is_virtual = path.is_symlink() and path.resolve().is_relative_to(_VIRTUAL_PORTS)
+    return is_virtual and path.stat().st_ctime_ns > path.lstat().st_mtime_ns

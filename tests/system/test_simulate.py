@@ -1,6 +1,7 @@
 """`simulate` as a process, and simulated lines as parts of a program: real virtual ports, clients of others."""
 
 import asyncio
+import os
 import signal
 import subprocess
 import time
@@ -214,8 +215,8 @@ def test_a_word_that_cannot_be_used(words: list[str], complaint: str, capsys) ->
     ("words", "complaint"),
     [
         (["weigher:1-3", "v80:3"], "names unit 3 twice"),
-        (["mint", "--mode", "rtu"], "<Mint unit=1> does not speak rtu"),
-        (["weigher", "--mode", "ascii"], "<Weigher unit=1> does not speak ascii"),
+        (["mint", "--mode", "rtu"], "a mint does not speak rtu"),
+        (["weigher", "--mode", "ascii"], "a weigher does not speak ascii"),
         (["weigher", "--baud", "4800"], "cannot be set to 4800 baud"),
         (["generic", "--silent-unit", "7"], "there is no unit 7 on this line: it has 1"),
     ],
@@ -266,6 +267,21 @@ def test_a_link_is_not_taken_away_when_something_else_has_replaced_it(port: Path
     port.write_text("precious")
     virtual.close()
     assert port.read_text() == "precious"
+
+
+def test_the_link_of_a_killed_simulator_is_replaced_though_somebody_else_has_its_terminal_now(port: Path) -> None:
+    far_end, near_end = os.openpty()
+    try:
+        port.symlink_to(os.ttyname(near_end))
+        an_hour_ago = time.time() - 3600
+        os.utime(port, (an_hour_ago, an_hour_ago), follow_symlinks=False)
+        virtual = VirtualPort(port)
+        assert str(port.readlink()) not in (os.ttyname(near_end), "")
+        virtual.close()
+    finally:
+        os.close(far_end)
+        os.close(near_end)
+    assert not port.is_symlink()
 
 
 async def test_two_lines_cannot_have_one_port(port: Path) -> None:
