@@ -10,7 +10,7 @@ from gateway import events
 from gateway.errors import ListenError, PortError
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.keeper import Keeper
-from gateway.service.build import Gateway, Listener, Part
+from gateway.service.build import Driver, Gateway, Listener, Part
 
 #: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
 #: seconds; and how long ports may take to close then. Together with the end of the process: less than 5 s.
@@ -164,9 +164,7 @@ async def _keep(part: Part, emit: events.Emit) -> None:
         await asyncio.sleep(_RESTART_PAUSE)
 
 
-def _any_under_way(
-    listeners: Iterable[Listener], drivers: Iterable[LineDriver | UpstreamDriver | SerialListener]
-) -> bool:
+def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver]) -> bool:
     """Whether a client still has to get an answer."""
     return any(one.has_clients for one in listeners) or any(one.is_busy for one in drivers)
 
