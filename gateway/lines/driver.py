@@ -86,9 +86,16 @@ class LineDriver:
         self._alarm.set(self.line.deadline())
 
     def _start_anew(self, error: Exception) -> None:
+        self._tell(error)
+        port, self._port = self._port, None
+        try:
+            self.line.port_down(self._time())
+        except Exception as second:  # noqa: BLE001 - see _run
+            self._tell(second)
+        finally:
+            if port is not None:
+                port.close()
+
+    def _tell(self, error: Exception) -> None:
         text = "".join(traceback.format_exception(error))
         self._emit(PartFailed(f"line {self.line.settings.name}", repr(error), text))
-        port, self._port = self._port, None
-        self.line.port_down(self._time())
-        if port is not None:
-            port.close()

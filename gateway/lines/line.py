@@ -18,10 +18,12 @@ from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.hearing import Hearing, Outcome
+from gateway.lines.late import LateWindows
+from gateway.lines.overheard import Verdict
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Transaction
-from gateway.lines.turns import Turns
+from gateway.lines.turns import Turns, earliest
 from gateway.modbus.codes import READING_FUNCTIONS
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
@@ -43,8 +45,9 @@ class Line:
         self.busy_seconds = 0.0
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit)
-        self._hearing = Hearing(settings, self._report)
-        self._turns = Turns(settings, self._hearing, self._report)
+        self._windows = LateWindows(settings.timing.mode)
+        self._hearing = Hearing(settings, self._windows, self._report)
+        self._turns = Turns(settings, self._hearing, self._windows, self._report)
         self._write: Callable[[bytes], None] | None = None
         self._is_virtual = True
         self._current: Transaction | None = None
@@ -53,6 +56,7 @@ class Line:
         self._deaf_until = 0.0
         self._fails_at = 0.0
         self._quiet_at = 0.0
+        self._rate_has_changed = False
         self._tune(latency=0.0)
 
     @property
@@ -98,10 +102,14 @@ class Line:
         _fail_all(self._turns.clear(), errors.LineDown())
 
     def change_rate(self, baud: int, now: float) -> None:
-        """The devices, and the port with them, change to another rate: nothing is sent for a moment."""
+        """The devices, and the port with them, change to another rate: nothing is sent for a moment.
+
+        A transaction that is on the line comes to its end first.
+        """
         self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))
-        self._tune(self._budget.latency)
-        self._quiet_at = now + RATE_CHANGE_PAUSE
+        self._rate_has_changed = True
+        if self._current is None:
+            self._follow_rate(now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
@@ -117,14 +125,15 @@ class Line:
             given_up, self._again = self._again, None
             self._quiet_at = now + self._gap
             self._lose(given_up, now)
-        late = self._turns.received(data, now)
+        self._hearing.hear(data, now)
+        late = self._turns.received(data, now) if self._windows.windows else []
         if self._current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
-            if not late:
-                self._received_idle(data, now)
+            self._received_idle(data, now, is_late=bool(late))
             self._go_on(now)
             return
-        self._hearing.late += late
+        if late:
+            self._hearing.late += late
         if now < self._deaf_until:
             self._hearing.received_early(data)
             return
@@ -134,13 +143,14 @@ class Line:
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None while there is nothing to wait for."""
         if self._current is not None:
-            return _earliest(self._answer_deadline(), self._turns.next_expiry())
+            return earliest(self._answer_deadline(), self._turns.next_alarm())
         if self._again is not None:
-            return _earliest(self._quiet_at, self._turns.next_expiry())
+            return earliest(self._quiet_at, self._turns.next_alarm())
         return self._turns.deadline(self._quiet_at)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence may have ended a response, a limit may have run out, the line may be quiet again."""
+        self._turns.tick(now)
         if self._current is not None:
             self._take(self._current, self._hearing.tick(now), now)
         if self._current is not None and now >= self._answer_deadline():
@@ -152,7 +162,12 @@ class Line:
         self._budget = Budget(self.settings.timing, latency)
         self._gap = self.settings.silence_before_request
         self._is_deaf_while_sending = not self._is_virtual and not self.settings.echo
-        self._hearing.tune(self.settings.frame_end + latency, virtual=self._is_virtual)
+        self._hearing.tune(self._budget, self.settings.frame_end + latency, virtual=self._is_virtual)
+
+    def _follow_rate(self, now: float) -> None:
+        self._rate_has_changed = False
+        self._tune(self._budget.latency)
+        self._quiet_at = now + RATE_CHANGE_PAUSE
 
     def _answer_deadline(self) -> float:
         """When the current transaction has failed. A response of unknown size that has begun may come to its end."""
@@ -192,7 +207,7 @@ class Line:
         self._fails_at = transaction.fails_at
         self._quiet_at = transaction.ends_at + self._gap
         self._deaf_until = transaction.ends_at if self._is_deaf_while_sending else 0.0
-        write(self._hearing.begin(transaction, now))
+        write(self._hearing.begin(transaction, now, self._deaf_until))
 
     def _broadcast(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         self._current = None
@@ -200,12 +215,13 @@ class Line:
         self.busy_seconds += self._quiet_at - now
         transaction.counts.broadcast += 1
         try:
-            write(self._hearing.begin(transaction, now))
+            write(self._hearing.begin(transaction, now, 0.0))
         finally:
             transaction.end()
 
-    def _received_idle(self, data: bytes, now: float) -> None:
-        self.unasked_bytes += len(data)
+    def _received_idle(self, data: bytes, now: float, *, is_late: bool) -> None:
+        if not is_late:
+            self.unasked_bytes += len(data)
         self._hearing.received_idle(data, now)
         self._turns.heard_idle()
 
@@ -227,8 +243,8 @@ class Line:
         """The limit has run out: send the request again if that may help, else say what was heard instead."""
         self._hearing.conclude()
         is_repeatable = current.asked.function in READING_FUNCTIONS and current.is_wanted
-        if self._hearing.instead() and is_repeatable and current.retries < self.settings.retries:
-            current.owed += not self._hearing.has_begun()
+        if self._hearing.verdict is Verdict.BROKEN and is_repeatable and current.retries < self.settings.retries:
+            current.owed += not self._hearing.has_answered()
             current.retries += 1
             current.counts.retries += 1
             self.busy_seconds += now - self._sent_at
@@ -239,9 +255,8 @@ class Line:
     def _lose(self, current: Transaction, now: float) -> None:
         """The transaction has failed."""
         heard = self._hearing.instead()
-        self._report.given_up(current, now, heard=heard, is_echo=self._hearing.is_the_request(heard))
-        self._hearing.lost(heard, now)
-        self._turns.failed(current, now, disturbed=bool(heard))
+        self._report.given_up(current, now, heard=heard, is_echo=self._hearing.verdict is Verdict.ECHO)
+        self._turns.failed(current, heard, now)
         self._fail(current, errors.BrokenResponse() if heard else errors.ResponseTimeout(), now)
 
     def _fail(self, current: Transaction, error: RequestError, now: float) -> None:
@@ -260,6 +275,8 @@ class Line:
         response = outcome if isinstance(outcome, Frame) else None
         self._current = None
         self.busy_seconds += now - self._sent_at
+        if self._rate_has_changed:
+            self._follow_rate(now)
         try:
             transaction.device.finished(transaction, response)
             if self.observer is not None:
@@ -275,10 +292,6 @@ class Line:
     def __repr__(self) -> str:
         state = "down" if self._write is None else repr(self._current) if self._current else "idle"
         return f"<Line {self.settings.name} {state} waiting={self.waiting}>"
-
-
-def _earliest(one: float, other: float | None) -> float:
-    return one if other is None or one < other else other
 
 
 def _fail_all(transactions: list[Transaction], error: RequestError) -> None:

@@ -7,7 +7,7 @@ its answer would be a copy of it on a line that echoes.
 from gateway import errors
 from gateway.errors import RequestError
 from gateway.lines.hearing import Hearing
-from gateway.lines.late import WORTH_WAITING, LateWindows
+from gateway.lines.late import WORTH_WAITING, LateResponse, LateWindows
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
@@ -18,19 +18,17 @@ from gateway.modbus.frame import Frame, ResponseFramer
 class Turns:
     """The waiting requests of one line, its late windows and its resting units.
 
-    `expired`, `next_expiry` and `clear` are those of its queue.
+    `expired` and `clear` are those of its queue.
     """
 
-    def __init__(self, settings: LineSettings, hearing: Hearing, report: Report) -> None:
+    def __init__(self, settings: LineSettings, hearing: Hearing, late: LateWindows, report: Report) -> None:
         self._hearing = hearing
         self._report = report
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
-        self._late = LateWindows()
-        self._late_window = settings.late_window
+        self._late = late
         self._resting: set[Addressee] = set()
         self._held_until = 0.0
         self.expired = self._queue.expired
-        self.next_expiry = self._queue.next_expiry
         self.clear = self._queue.clear
 
     def __len__(self) -> int:
@@ -76,38 +74,41 @@ class Turns:
 
     def deadline(self, sends_at: float) -> float | None:
         """When the next one can be sent, on a line that is free at `sends_at`, or has waited too long."""
-        expiry = self.next_expiry()
-        if expiry is None:
-            return None
-        sends_at = max(sends_at, self._held_until)
-        return min(expiry, sends_at)
+        if not len(self._queue):
+            return self.next_alarm()
+        return earliest(max(sends_at, self._held_until), self.next_alarm())
+
+    def next_alarm(self) -> float | None:
+        """When the next one has waited too long, or silence may have ended a late answer."""
+        if not self._late.windows:
+            return self._queue.next_expiry()
+        return earliest(self._queue.next_expiry(), self._late.deadline())
 
     def received(self, data: bytes, now: float) -> list[Frame]:
-        """Take bytes that the line delivers; those of them that are late answers."""
-        if not self._late.windows:
-            return []
+        """Take bytes that the line delivers while late answers are awaited; those of them that are late answers."""
         self._held_until = 0.0
-        late = self._late.received(data, now)
-        for transaction, frame in late:
-            self._report.late_response(transaction, now)
-            self.heard(transaction.device)
-            transaction.device.finished(transaction, frame)
-        return [frame for _, frame in late]
+        return self._came_late(self._late.received(data, now, self._hearing.listen()), now)
+
+    def tick(self, now: float) -> None:
+        """Let time pass: a silence may have ended a late answer."""
+        if self._late.windows:
+            self._came_late(self._late.tick(now), now)
 
     def await_late(self, transaction: Transaction, framer: ResponseFramer, now: float, owed: int) -> list[Transaction]:
         """So many answers to `transaction` may come late, which `framer` looks for.
 
         Takes out all that could take one for its own and would have to wait too long for it.
         """
-        self._late.open(transaction, framer, self._window_end(transaction, now), owed)
+        self._late.open(transaction, framer, now + self._hearing.late_window(transaction), owed)
         return self._queue.drop(lambda waiting: self._is_overdue(waiting, now))
 
-    def failed(self, transaction: Transaction, now: float, *, disturbed: bool) -> None:
-        """No answer has come; `disturbed` if something else did. Then two units may have spoken at once."""
-        if disturbed and self._late.any_but(transaction.unit, now):
+    def failed(self, transaction: Transaction, heard: bytes, now: float) -> None:
+        """No answer has come, but this was heard. If it is another unit's late answer, both may have spoken at once."""
+        unit = transaction.unit
+        if any(frame.unit != unit for frame in self._hearing.late) or self._late.has_begun_in(heard, unit, now):
             return
         device = transaction.device
-        if device.breaker.failed(transaction.limit, self._window_end(transaction, now)):
+        if device.breaker.failed(transaction.limit, now + self._hearing.late_window(transaction)):
             self._resting.add(device)
             self._report.resting(device, now)
 
@@ -141,7 +142,16 @@ class Turns:
         until = self._late.forbid_until(transaction, now)
         return until is not None and until - now > WORTH_WAITING
 
-    def _window_end(self, transaction: Transaction, now: float) -> float:
-        """Until when a late answer is awaited: by default twice the limit, or the device's slowest answer."""
-        length = self._late_window
-        return now + (max(2 * transaction.limit, transaction.device.answer_time.slowest) if length is None else length)
+    def _came_late(self, responses: list[LateResponse], now: float) -> list[Frame]:
+        for transaction, frame in responses:
+            self._report.late_response(transaction, now)
+            self.heard(transaction.device)
+            transaction.device.finished(transaction, frame)
+        return [frame for _, frame in responses]
+
+
+def earliest(one: float | None, other: float | None) -> float | None:
+    """The earlier of two times, of which each may be None."""
+    if one is None or other is None:
+        return other if one is None else one
+    return min(one, other)

@@ -41,6 +41,11 @@ class AsciiFramer:
     encode = staticmethod(encode)
 
     @property
+    def is_clean(self) -> bool:
+        """Whether nothing but frames that were handed over has been received since `expect`."""
+        return not (self.heard_noise or self._buffer)
+
+    @property
     def unfinished(self) -> int:
         """Characters of a frame that is not complete yet."""
         return len(self._buffer)

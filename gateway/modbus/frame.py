@@ -21,6 +21,10 @@ class ResponseFramer(Protocol):
     #: Whether something that is no frame has been received since `expect`.
     heard_noise: bool
 
+    @property
+    def is_clean(self) -> bool:
+        """Whether nothing but frames that were handed over has been received since `expect`."""
+
     def encode(self, unit: int, pdu: bytes) -> bytes:
         """The ADU as it goes on the line."""
 

@@ -17,6 +17,7 @@ from gateway.modbus.checks import crc_fits, with_crc
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.foretell import request_size, response_size
 from gateway.modbus.frame import Frame
+from gateway.modbus.passing import places
 from gateway.modbus.pdu import RequestPdu
 
 #: The unit identifier before the PDU and the CRC behind it.
@@ -60,6 +61,11 @@ class ResponseFramer:
         self.heard_noise = False
 
     encode = staticmethod(encode)
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether nothing but frames that were handed over has been received since `expect`."""
+        return not (self.heard_noise or self._buffer)
 
     def expect(self, unit: int | None, asked: RequestPdu) -> None:
         """A request goes on the line: forget what was received, look for its response from `unit`, None from any."""
@@ -138,9 +144,9 @@ class ResponseFramer:
             at = found - self._unknown
             size = self._size_of(at, patient=patient)
             if at + size > len(buffer):
-                if patient:
+                if patient and not self._is_inside_a_frame(at):
                     return -1, 0, found
-            elif size >= _SHORTEST and crc_fits(bytes(buffer[at : at + size])):
+            elif size >= _SHORTEST and self._is_frame(bytes(buffer[at : at + size])):
                 return at, size, None
             found = buffer.find(self._head, found + 1)
         return -1, 0, None
@@ -154,6 +160,14 @@ class ResponseFramer:
             return size if size <= self._longest else 0
         rest = len(self._buffer) - at
         return rest + patient if rest <= MAX_RTU_ADU else 0  # while it is not silent, there may be more
+
+    def _is_frame(self, adu: bytes) -> bool:
+        """Whether the CRC fits. Where silence ends the frame it would fit without a NUL at the end too: undecided."""
+        return crc_fits(adu) and bool(self._size or self._longest or adu[-1])
+
+    def _is_inside_a_frame(self, at: int) -> bool:
+        """Whether what stands at `at` is the data of a frame that began earlier and is complete."""
+        return at > 0 and any(start < at < end for start, end in places(bytes(self._buffer)))
 
     def _find_refusal(self, end: int | None) -> int:
         """Where the first exception begins whose head stands before `end`, or -1."""
@@ -288,11 +302,6 @@ def responses_from(unit: int, data: bytes) -> Iterator[Frame]:
         if frame is not None:
             yield frame
         at = data.find(unit, at + 1)
-
-
-def requests_in(data: bytes) -> list[Frame]:
-    """The frames in `data` that read as requests, noise between them left out."""
-    return list(_frames(data, request_size))
 
 
 def _complete(data: bytes | bytearray, foretell: Foretell) -> int:

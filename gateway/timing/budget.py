@@ -35,8 +35,8 @@ class AnswerTime:
 
     @property
     def slowest(self) -> float:
-        """The longest time allowed for anything the device is asked."""
-        return self.timeout if self.fixed else max(self.timeout, self.margin * self.table.slowest)
+        """The longest time that anything the device is asked may take, whatever time is allowed for it."""
+        return max(self.timeout, self.margin * self.table.slowest)
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,7 +118,7 @@ class Traffic(Bench):
             assert request in request.origin.answers, f"{request} has no answer"
         counts = self.counts
         assert sum(getattr(counts, result) for result in RESULTS) == len(self.serials), "each request has one result"
-        self.line._turns._late.any_but(0, self.now)
+        self.line._turns._late.count(self.now)
         assert not self.line._turns._late.windows
         assert is_empty(self.line)
         assert self.line.deadline() is None

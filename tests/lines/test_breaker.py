@@ -6,7 +6,7 @@ from gateway.events import UnitRecovered, UnitResting
 from gateway.lines.breaker import FAILURES, Breaker
 from gateway.modbus.chartime import LineTiming
 from kit.asker import Asker
-from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench, is_empty
+from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench, frame, is_empty
 
 OTHER_FUNCTION = "04 00 10 00 01"
 #: Long enough for the window after a time-out, and for the first rest behind that (nine limits are more than 1 s).
@@ -245,15 +245,48 @@ def test_a_broken_frame_is_a_failure(bench: Bench) -> None:
     assert len(bench.told(UnitResting)) == 1
 
 
-def test_a_broken_frame_while_another_unit_is_in_its_window_is_no_failure(bench: Bench) -> None:
+@pytest.mark.parametrize("late", ["02 03 55 AA", "02 83 55", frame(2, RESPONSE)])
+def test_when_another_units_late_answer_is_heard_it_is_no_failure(bench: Bench, late: str) -> None:
     """The two may have spoken at once."""
+    for _ in range(FAILURES):
+        fail(bench, 1, unit=2)
+        bench.devices[2].breaker.heard()
+        bench.ask()
+        bench.hear(late)
+        bench.pass_time(1.0)
+    assert bench.told(UnitResting) == []
+
+
+def test_noise_while_another_unit_is_in_its_window_is_a_failure(bench: Bench) -> None:
     for _ in range(FAILURES):
         fail(bench, 1, unit=2)
         bench.devices[2].breaker.heard()
         bench.ask()
         bench.hear("55 AA")
         bench.pass_time(1.0)
-    assert bench.told(UnitResting) == []
+    assert [event.unit for event in bench.told(UnitResting)] == [1]
+
+
+@pytest.mark.parametrize("comes", ["noise", "echo"])
+def test_two_dead_units_rest_though_something_comes_each_time(comes: str) -> None:
+    """They take a small part of the line's time."""
+    bench = Bench(virtual=False)
+    began, dead = bench.now, 0.0
+    while bench.now < began + 60.0:
+        for unit in range(1, 11):
+            count, sent, asked_at = len(bench.client.answers), len(bench.written), bench.now
+            bench.ask(unit=unit)
+            while len(bench.client.answers) == count:
+                bench.pass_time(0.005)
+                if len(bench.written) > sent and bench.line._current is not None:
+                    sent = len(bench.written)
+                    bench.hear(bench.written[-1] if comes == "echo" else "00")
+                    bench.pass_time(0.005)
+                    if unit > 2:
+                        bench.respond(unit=unit)
+                        bench.pass_time(0.01)
+            dead += (bench.now - asked_at) * (unit <= 2)
+    assert dead < 0.2 * (bench.now - began)
 
 
 def test_silence_while_another_unit_is_in_its_window_is_a_failure() -> None:

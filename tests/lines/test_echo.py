@@ -3,6 +3,7 @@
 import pytest
 
 from gateway.events import BadFrame, EchoHeard
+from gateway.lines.ear import ECHOES
 from gateway.lines.echo import _KEPT, Echo
 from gateway.lines.quirks import LoneDevice
 from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
@@ -225,22 +226,81 @@ def test_an_echo_that_is_cut_by_the_end_of_its_request_is_one(real: Bench) -> No
     assert len(real.told(EchoHeard)) == 1
 
 
-def test_the_echo_of_a_read_may_come_later(real: Bench) -> None:
-    """It cannot be the response, so it is an echo whenever it comes: here with the response in one chunk."""
+@pytest.mark.parametrize("later", [0.002, 0.05])
+def test_an_echo_that_comes_later_is_one_when_it_came_to_three_requests_in_a_row(real: Bench, later: float) -> None:
+    """Another client's request may be a copy of ours; hardly of each of ours."""
+    for _ in range(ECHOES):
+        assert real.told(EchoHeard) == []
+        real.ask()
+        real.pass_time(REQUEST_TIME + later)
+        real.hear(READ_FRAME)
+        real.hear(RESPONSE_FRAME)
+        real.pass_time(5.0)
     real.ask()
-    real.pass_time(0.05)
-    real.hear(READ_FRAME + RESPONSE_FRAME)
-    assert real.client.answers == [RESPONSE]
+    assert real.client.answers == [RESPONSE] * ECHOES
     assert len(real.told(EchoHeard)) == 1
 
 
-def test_the_echo_of_a_read_alone_is_told_too(real: Bench) -> None:
+def test_copies_now_and_then_are_no_echo(real: Bench) -> None:
+    for copies in (1, 1, 0, 1, 1, 0):
+        real.ask()
+        real.pass_time(0.05)
+        real.hear(READ_FRAME * copies + RESPONSE_FRAME)
+        real.pass_time(5.0)
     real.ask()
-    real.pass_time(0.05)
+    assert real.told(EchoHeard) == []
+
+
+def test_a_known_echo_is_no_other_clients_request_however_late_it_comes(real: Bench) -> None:
+    hear_an_echo(real)
+    for pdu in (READ, "03 00 20 00 01", READ):
+        real.ask(pdu)
+        real.pass_time(0.05)
+        real.hear(frame(1, pdu) + RESPONSE_FRAME)
+        real.pass_time(0.01)
+    assert real.client.answers == [RESPONSE] * 3
+
+
+def test_a_second_copy_is_another_clients_request_though_the_adapter_echoes(announced: Bench) -> None:
+    announced.ask()
+    announced.pass_time(0.05)
+    announced.hear(READ_FRAME + READ_FRAME + RESPONSE_FRAME)
+    announced.pass_time(0.01)
+    announced.ask("03 00 20 00 01")
+    announced.hear(frame(1, "03 00 20 00 01"))
+    announced.pass_time(0.05)
+    announced.hear(frame(1, "03 02 DE AD"))
+    assert announced.client.answers == [RESPONSE, "83 0B"]
+
+
+def test_writes_whose_responses_come_twice_are_confirmed_by_an_echo_that_comes_late(real: Bench) -> None:
+    """The first one cannot be told from the response; what comes behind it tells, when it has happened three times."""
+    for _ in range(ECHOES + 1):
+        real.ask(WRITE)
+        real.pass_time(REQUEST_TIME + 0.012)
+        real.hear(WRITE_FRAME)
+        real.pass_time(0.01)
+        real.hear(WRITE_FRAME)
+        real.pass_time(0.5)
+    real.ask(WRITE)
+    assert len(real.told(EchoHeard)) == 1
+    assert real.client.answers[-1] == "86 0B"
+
+
+def test_an_announced_echo_is_not_told_though_parity_bits_hide_it() -> None:
+    announced = Bench(echo=True, virtual=False, timing=ASCII)
+    announced.ask()
+    announced.hear(bytes(each | 0x80 for each in bytes.fromhex(announced.frame(1, READ))).hex())
+    announced.pass_time(1.0)
+    assert announced.told(EchoHeard) == []
+
+
+def test_an_echo_alone_is_no_broken_frame_so_it_is_not_sent_again() -> None:
+    real = Bench(virtual=False, retries=1)
+    real.ask()
     real.hear(READ_FRAME)
-    real.pass_time(0.2)
-    assert real.client.answers == ["83 0B"]
-    assert len(real.told(EchoHeard)) == 1
+    real.pass_time(0.3)
+    assert real.written == [READ_FRAME]
 
 
 def test_two_copies_of_a_writes_response_behind_noise_are_no_echo(real: Bench) -> None:

@@ -289,6 +289,30 @@ def test_only_the_first_of_two_copies_is_late_the_other_is_nobodys(bench: Bench)
     assert bench.counts.late_responses == 1
 
 
+UNKNOWN, UNKNOWN_RESPONSE = "41 01 02", "41 99"
+
+
+def test_silence_ends_a_late_response_of_unknown_size(bench: Bench) -> None:
+    time_out(bench, UNKNOWN)
+    bench.respond(UNKNOWN_RESPONSE)
+    assert bench.counts.late_responses == 0
+    bench.pass_time(0.02)
+    assert bench.counts.late_responses == 1
+    assert bench.line.deadline() is None
+    bench.ask(UNKNOWN)
+    assert bench.written == [bench.frame(1, UNKNOWN)]
+
+
+@pytest.mark.parametrize("unit", [1, 2])
+def test_it_ends_beside_another_transaction_too(bench: Bench, unit: int) -> None:
+    time_out(bench, UNKNOWN)
+    bench.ask(unit=unit)
+    bench.ask("04 00 10 00 01", unit=unit)
+    bench.respond(UNKNOWN_RESPONSE)
+    bench.pass_time(0.02)
+    assert bench.counts.late_responses == 1
+
+
 # --- the port ---
 
 
@@ -320,6 +344,13 @@ def test_a_device_asked_at_0_is_not_asked_while_any_unit_may_answer_late(bench: 
     """Its answer is taken from whatever address it comes."""
     lone = LoneDevice(bench.device(unit=0).settings, bench.line)
     time_out(bench, unit=7)
+    lone.submit(bench.client.ask(READ), bench.now)
+    assert bench.client.answers == ["83 0B"]
+
+
+def test_nor_while_a_unit_may_answer_another_function_late(bench: Bench) -> None:
+    lone = LoneDevice(bench.device(unit=0).settings, bench.line)
+    time_out(bench, "04 00 10 00 01", unit=7)
     lone.submit(bench.client.ask(READ), bench.now)
     assert bench.client.answers == ["83 0B"]
 
@@ -360,6 +391,13 @@ def test_while_a_move_may_be_confirmed_late_nobody_is_asked_the_same(bench: Benc
     time_out(bench, MOVE_TO_5)
     bench.ask("10 00 01 00 01 02 00 07", unit=2)
     assert bench.client.answers == ["90 0B"]
+
+
+def test_a_broadcast_is_answered_by_nobody_so_it_goes_on(bench: Bench, silo: RestlessDevice) -> None:
+    time_out(bench, MOVE_TO_5)
+    bench.broadcast("10 00 01 00 01 02 00 05")
+    bench.pass_time(0.01)
+    assert bench.written == [bench.frame(0, "10 00 01 00 01 02 00 05")]
 
 
 def test_a_move_waits_for_the_windows_of_all_units(bench: Bench, silo: RestlessDevice) -> None:

@@ -3,6 +3,7 @@
 import pytest
 
 from gateway.events import AddressMoved, BaudChanged, Event
+from gateway.lines.line import RATE_CHANGE_PAUSE
 from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.profiles.profile import Profile
 from kit.line_bench import RESPONSE, Bench, frame
@@ -54,6 +55,21 @@ class Hall(Bench):
 @pytest.fixture
 def hall() -> Hall:
     return Hall()
+
+
+def test_a_late_change_of_rate_waits_for_the_end_of_the_transaction_on_the_line(hall: Hall) -> None:
+    hall.ask_silo(TO_19200)
+    hall.pass_time(0.2)
+    hall.ask_silo(READ)
+    hall.hear(frame(1, RATE_SET))
+    hall.hear(frame(1, WEIGHT))
+    assert hall.client.answers[1:] == [WEIGHT]
+    assert hall.line.settings.timing.baud == 19200
+    hall.silo.submit(hall.client.ask(READ, now=hall.now), hall.now)
+    hall.pass_time(RATE_CHANGE_PAUSE - 0.001)
+    assert len(hall.written) == 2
+    hall.pass_time(0.002)
+    assert len(hall.written) == 3
 
 
 # --- moves ---

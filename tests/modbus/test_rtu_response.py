@@ -376,3 +376,24 @@ def test_an_exception_further_behind_a_beginning_than_a_frame_is_long_is_found_a
     for chunks in chunkings(data):
         framer = asked(UNKNOWN)
         assert [frame for chunk in chunks for frame in framer.received(chunk, 0.0)] == [(UNIT, refused[1:-2])]
+
+
+def test_nul_bytes_behind_a_response_of_unknown_size_leave_it_undecided():
+    """They leave the CRC right: which of the frames was sent, nobody can tell."""
+    framer = asked(UNKNOWN)
+    assert hear(framer, encode(UNIT, bytes.fromhex("41 07")) + b"\0") == []
+    assert hear(asked(UNKNOWN), encode(UNIT, bytes.fromhex("41 07"))) == [(UNIT, bytes.fromhex("41 07"))]
+
+
+def test_a_response_of_unknown_size_whose_crc_ends_with_nul_is_undecided_too():
+    ends_with_nul = next(pdu for each in range(256) if encode(UNIT, pdu := bytes((0x41, each)))[-1] == 0)
+    assert hear(asked(UNKNOWN), encode(UNIT, ends_with_nul)) == []
+
+
+def test_an_exception_behind_a_foreign_frame_that_holds_the_beginning_of_a_response():
+    """The beginning is another unit's data, so no response is coming that the exception could be a part of."""
+    asks_125 = bytes.fromhex("03 00 00 00 7D")
+    foreign = encode(UNIT + 1, bytes((3, 4, UNIT, 3, 0xFA, 0)))
+    exception = Frame(UNIT, b"\x83\x02")
+    for chunks in chunkings(foreign + encode(*exception)):
+        assert hear(asked(asks_125), *chunks) == [exception]

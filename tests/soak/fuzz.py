@@ -24,6 +24,7 @@ if __name__ == "__main__":
 from gateway.errors import NotModbus, RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
+from gateway.modbus.passing import frames_in
 from gateway.modbus.pdu import RequestPdu, parse_request
 from kit.asker import Asker
 from kit.noise import random_chunks
@@ -210,7 +211,7 @@ def rtu_shared_line(data: Bytes) -> tuple[bytes, Decode]:
 def rtu_overheard(data: Bytes) -> tuple[bytes, Decode]:
     """Frames looked for in what was heard; in one piece."""
     return data.mixture(lambda: rtu.encode(data.dice.choice(UNITS), data.pdu())), lambda chunks: [
-        *rtu.requests_in(b"".join(chunks)),
+        *frames_in(b"".join(chunks))[0],
         *rtu.responses_in(b"".join(chunks)),
     ]
 

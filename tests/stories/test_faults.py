@@ -35,11 +35,11 @@ HARMLESS = [
 ]  # fmt: skip
 FATAL = [
     Fault.LATE, Fault.LATE_EXCEPTION, Fault.NOISE_THEN_LATE, Fault.HALF_LATE, Fault.CUT, Fault.NOISE_BETWEEN,
-    Fault.SILENT, Fault.OTHER_CLIENT,
+    Fault.SILENT,
 ]  # fmt: skip
 ECHO_FATAL = [Fault.ECHO_LOST, Fault.ECHO_DAMAGED, Fault.ECHO_ALONE]
-#: Faults after which half of the devices answer rightly all the same.
-FOREIGN = [Fault.FOREIGN_UNIT, Fault.FOREIGN_FUNCTION, Fault.WRONG_SIZE]
+#: Faults after which half of the devices answer rightly all the same; another client's read only hides a read's answer.
+FOREIGN = [Fault.FOREIGN_UNIT, Fault.FOREIGN_FUNCTION, Fault.WRONG_SIZE, Fault.OTHER_CLIENT]
 
 
 async def answers_under(fault: Fault, line: str, requests: int = 30) -> Counter[str]:

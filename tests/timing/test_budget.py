@@ -95,7 +95,7 @@ def test_rtu_counts_eleven_bits_a_character():
     [
         pytest.param({}, 1.0, id="the timeout for functions without a row"),
         pytest.param({"timeout": 0.1}, 0.75, id="the table's longest with its margin"),
-        pytest.param({"timeout": 0.1, "fixed": True}, 0.1, id="the device's own timeout"),
+        pytest.param({"timeout": 0.1, "fixed": True}, 0.75, id="the same whatever its own timeout allows"),
     ],
 )
 def test_the_slowest_answer(changes, slowest):

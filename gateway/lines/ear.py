@@ -1,0 +1,190 @@
+"""Other clients on a line: what they have asked, as long as it may still be answered.
+
+A response does not say who asked. While another client's request to the same unit is unanswered, a response that would
+fit ours may be theirs. So every byte is heard, in order, whatever else it is part of: while nothing is asked, while our
+own request leaves, before and behind our answer. A request is remembered until a response that fits it is heard, or
+until no answer to it can come any more. Each response that is heard counts for one request only.
+
+Copies of our own request are an echo, or the request of another client who asks the same; see `Ear.begin`.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from gateway.errors import RequestError
+from gateway.lines.transaction import Transaction
+from gateway.modbus.ascii import AsciiFramer
+from gateway.modbus.chartime import Mode
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.modbus.frame import Frame
+from gateway.modbus.passing import PassingFrames
+from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
+
+#: So many requests to one unit are remembered.
+_PER_UNIT: Final = 16
+#: A request to a unit that is never asked by us is forgotten after so many seconds.
+_LONGEST: Final = 300.0
+#: So many chunks may wait to be looked at.
+_CHUNKS: Final = 256
+#: After so many requests in a row of which a copy came back, it is the adapter.
+ECHOES: Final = 3
+
+
+class Stranger(NamedTuple):
+    """Another client's request, and when it was heard."""
+
+    at: float
+    frame: Frame
+    asked: RequestPdu
+
+
+class Ear:
+    """Hears one line. What is heard is looked at by `listen`, or not at all when `skip` says that it is the answer.
+
+    `awaits` says whether a frame is an answer that is late; `patience(asked)` after how many seconds nothing can answer
+    `asked` any more, if the unit is the one that we ask at the moment. `strangers` are the unanswered requests of other
+    clients by unit, `doubts` those that the answer to the current request may belong to.
+    """
+
+    def __init__(self, mode: Mode, awaits: Callable[[Frame], bool], patience: Callable[[RequestPdu], float]) -> None:
+        self.strangers: dict[int, deque[Stranger]] = {}
+        self.doubts: list[Stranger] = []
+        #: Of how many requests in a row a copy was heard beside the answer.
+        self.echoes_in_a_row = 0
+        self._awaits = awaits
+        self._patience = patience
+        self._cutter = AsciiFramer() if mode == "ascii" else PassingFrames()
+        self._heard: list[tuple[float, bytes]] = []
+        #: What was asked last, whether its answer is still awaited, and whether it has come.
+        self._asked: Transaction | None = None
+        self._is_asking = False
+        self._is_answered = False
+        self._began = self._deaf_until = self._echo_until = 0.0
+        #: Copies of it that were heard beside its answer, and whether one that comes late is an echo.
+        self._copies = 0
+        self._echoes = False
+
+    def begin(
+        self, transaction: Transaction, now: float, deaf_until: float, echo_until: float, *, echoes: bool
+    ) -> None:
+        """The request goes on the line; nothing is its answer before `deaf_until`.
+
+        A copy of it is an echo if it can be the response too, or if it comes before `echo_until`, and one copy if the
+        adapter is known to echo. Otherwise another client asks the same.
+        """
+        self.echoes_in_a_row = self.echoes_in_a_row + 1 if self._copies else 0
+        self._copies = 0
+        self._echoes = echoes
+        self._asked = transaction
+        self._is_asking = transaction.expects_answer
+        self._is_answered = False
+        self._began = now
+        self._deaf_until = deaf_until
+        self._echo_until = echo_until
+        if self.doubts:
+            self.doubts = []
+        if self.strangers:
+            self._forget(transaction.unit, now)
+
+    def end(self) -> None:
+        """The request is not awaited any more."""
+        self._is_asking = False
+
+    def hear(self, data: bytes, now: float) -> None:
+        """These bytes came at `now`."""
+        self._heard.append((now, data))
+        if len(self._heard) > _CHUNKS:
+            self.listen()
+
+    def may_doubt(self, transaction: Transaction) -> bool:
+        """Whether another client's request may be answered in place of this one, or was."""
+        if self.doubts or not self.strangers:
+            return bool(self.doubts)
+        return transaction.answers_from is None or transaction.unit in self.strangers
+
+    def skip(self) -> None:
+        """What was heard since the last look is the answer, and nothing else."""
+        self._heard.clear()
+        self._is_asking = False
+
+    def listen(self) -> list[Frame]:
+        """Look at what was heard since the last time; the responses in it that other clients' requests were given."""
+        heard, self._heard = self._heard, []
+        frames = [(frame, at) for at, data in heard for frame in self._cutter.received(data, at)]
+        return [frame for frame, at in frames if self._is_settled(frame, at)]
+
+    def _is_settled(self, frame: Frame, at: float) -> bool:
+        """Take a frame; whether it is the response to another client's request."""
+        asked = self._asked
+        if asked is not None and self._is_asking and at >= self._deaf_until and asked.accepts(frame):
+            is_first, self._is_answered = not self._is_answered, True
+            near = self._near(frame, asked) if is_first or _is_echo_shaped(asked) else []
+            self.doubts += near
+            if is_first and not near:
+                return False
+        if self._settle(frame):
+            return True
+        is_ours = asked is not None and self._is_echo(frame, at, asked)
+        if not (is_ours or self._awaits(frame)):
+            self._remember(frame, at)
+        return False
+
+    def _near(self, frame: Frame, asked: Transaction) -> list[Stranger]:
+        """Others' requests that `frame` may answer. One for the same as ours, heard since, has the same answer."""
+        sent = asked.unit, asked.asked.data
+        return [
+            stranger
+            for unit in {frame.unit, asked.unit}
+            for stranger in self.strangers.get(unit, ())
+            if stranger.at + self._patience(stranger.asked) >= self._began
+            and (stranger.frame != sent or stranger.at < self._began)
+        ]
+
+    def _settle(self, frame: Frame) -> bool:
+        """Forget the oldest request that `frame` answers; False if there is none."""
+        strangers = self.strangers.get(frame.unit, ())
+        for stranger in strangers:
+            asked = stranger.asked
+            is_repeated = frame.pdu == asked.data != asked.response_head
+            if not is_repeated and asked.accepts(frame.pdu):
+                self.strangers[frame.unit].remove(stranger)
+                self._drop_empty(frame.unit)
+                return True
+        return False
+
+    def _is_echo(self, frame: Frame, at: float, asked: Transaction) -> bool:
+        """Whether `frame` is what we have sent, a second copy of its answer, or an answer to a broadcast."""
+        if frame.pdu != asked.asked.data or asked.unit not in (frame.unit, BROADCAST_UNIT):
+            return False
+        self._copies += self._is_asking or _is_echo_shaped(asked)
+        if at < self._echo_until or _is_echo_shaped(asked):
+            return True
+        echoes, self._echoes = self._echoes, False
+        return echoes
+
+    def _remember(self, frame: Frame, at: float) -> None:
+        try:
+            asked = parse_request(frame.pdu)
+        except RequestError:
+            return
+        if asked.function in KNOWN_FUNCTIONS:
+            self.strangers.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(Stranger(at, frame, asked))
+
+    def _forget(self, unit: int, now: float) -> None:
+        """Forget what can be answered no more. How long units may take that we do not ask now is not known."""
+        for each, strangers in list(self.strangers.items()):
+            while (
+                strangers and strangers[0].at + (self._patience(strangers[0].asked) if each == unit else _LONGEST) < now
+            ):
+                strangers.popleft()
+            self._drop_empty(each)
+
+    def _drop_empty(self, unit: int) -> None:
+        if not self.strangers[unit]:
+            del self.strangers[unit]
+
+
+def _is_echo_shaped(transaction: Transaction) -> bool:
+    """Whether a copy of the request can be its response."""
+    return transaction.asked.accepts(transaction.asked.data)

@@ -1,0 +1,60 @@
+"""Frames that pass on an RTU line: found wherever they begin and however they are cut, each once."""
+
+from gateway.modbus.frame import Frame
+from gateway.modbus.passing import PassingFrames, frames_in, places
+from gateway.modbus.rtu import encode
+from kit.noise import chunkings, noise, random_chunks
+
+REQUEST = Frame(1, bytes.fromhex("03 00 10 00 01"))
+RESPONSE = Frame(1, bytes.fromhex("03 02 01 10"))
+EXCEPTION = Frame(2, bytes.fromhex("83 02"))
+WRITE = Frame(9, bytes.fromhex("10 00 01 00 02 04 00 01 00 02"))
+ALL = [REQUEST, RESPONSE, EXCEPTION, WRITE]
+STREAM = b"".join(encode(*frame) for frame in ALL)
+
+
+def passed(*chunks: bytes) -> list[Frame]:
+    frames = PassingFrames()
+    return [frame for chunk in chunks for frame in frames.received(chunk, 0.0)]
+
+
+def test_requests_and_responses_however_they_are_cut():
+    for chunks in chunkings(STREAM):
+        assert passed(*chunks) == ALL
+
+
+def test_with_noise_before_between_and_behind():
+    data = b"".join(noise(7, seed=seed) + encode(*frame) for seed, frame in enumerate(ALL)) + b"\x00\x00"
+    for seed in range(50):
+        assert passed(*random_chunks(data, seed)) == ALL
+
+
+def test_a_frame_behind_a_beginning_that_never_ends():
+    assert passed(bytes.fromhex("01 03 FA") + encode(*EXCEPTION)) == [EXCEPTION]
+
+
+def test_what_silence_ends_or_is_damaged_or_too_long_is_not_found():
+    assert passed(encode(1, b"\x41\x01"), encode(1, bytes.fromhex("03 FF") + bytes(255))) == []
+    assert passed(encode(*RESPONSE)[:-1] + b"\x00") == []
+
+
+def test_little_is_kept():
+    frames = PassingFrames()
+    for seed in range(20):
+        frames.received(noise(500, seed), 0.0)
+    assert len(frames._buffer) < 256
+    assert frames.received(encode(*RESPONSE), 0.0) == [RESPONSE]
+    assert frames._buffer == b""
+
+
+def test_frames_and_what_is_between_them():
+    data = b"\x55" + encode(*REQUEST) + b"\x66" + encode(*RESPONSE) + b"\x77"
+    assert frames_in(data) == ([REQUEST, RESPONSE], b"\x55\x66\x77")
+    assert frames_in(b"") == ([], b"")
+
+
+def test_a_frame_inside_the_data_of_another_is_data():
+    inside = encode(*EXCEPTION) + b"\0"
+    outer = Frame(1, bytes((3, len(inside))) + inside)
+    assert frames_in(encode(*outer)) == ([outer], b"")
+    assert list(places(encode(*outer))) == [(0, 11), (3, 8)]
