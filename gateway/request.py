@@ -14,8 +14,8 @@ class Origin(Protocol):
         """Who it is, for events: `10.2.0.7:49152`."""
 
     @property
-    def may_write(self) -> bool:
-        """Whether the client may use functions that can change a device."""
+    def host(self) -> str:
+        """The address it asks from, `10.2.0.7`, on which its rights depend; empty when it has none."""
 
     def wants(self, request: "Request") -> bool:
         """Whether a request that still waits should be sent: not for a client that has left."""
@@ -28,10 +28,10 @@ class Request:
     """A request PDU for a unit, with the way back to its client.
 
     Exactly one of `respond`, `fail` and `end` is called, once, by whoever finishes the request. It may happen before
-    `submit` returns, and it never raises.
+    `submit` returns, and it never raises. `error` is what it has failed with.
     """
 
-    __slots__ = ("origin", "pdu", "received_at", "transaction", "unit")
+    __slots__ = ("error", "origin", "pdu", "received_at", "transaction", "unit")
 
     def __init__(self, unit: int, pdu: bytes, origin: Origin, received_at: float, transaction: int = 0) -> None:
         """`unit` is the client's number for it; `transaction` is the origin's own mark for the response."""
@@ -40,6 +40,7 @@ class Request:
         self.origin = origin
         self.received_at = received_at
         self.transaction = transaction
+        self.error: RequestError | None = None
 
     def respond(self, pdu: bytes) -> None:
         """Answer with a response PDU."""
@@ -47,6 +48,7 @@ class Request:
 
     def fail(self, error: RequestError) -> None:
         """Answer with the exception response that `error` stands for. The only place that makes one."""
+        self.error = error
         self.origin.answer(self, exception_response(self.pdu[0], error.code))
 
     def end(self) -> None:

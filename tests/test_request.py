@@ -8,7 +8,7 @@ class Client:
     """An origin that keeps what it is answered."""
 
     client = "10.2.0.7:49152"
-    may_write = True
+    host = "127.0.0.1"
     gone = False
 
     def __init__(self) -> None:

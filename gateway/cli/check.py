@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from gateway.cli.columns import aligned
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.cli.rights import rights_as_json, rights_as_text
 from gateway.config.duration import show_duration
 from gateway.config.forecast import (
     FunctionLimits,
@@ -84,7 +85,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts = ["\n".join(map(str, loaded.problems))] if loaded.problems else []
     if plan is None:
         return "\n".join([*parts, _verdict(loaded.problems)])
-    parts.append(_listeners(plan.listeners))
+    parts += [_listeners(plan.listeners), rights_as_text(plan)]
     parts += [_line(line) for line in plan.lines]
     parts += [_upstream(upstream) for upstream in plan.upstreams]
     parts += [_server(server, plan) for server in plan.servers]
@@ -260,6 +261,7 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
             }
             for one in plan.listeners
         ]
+        picture["rights"] = rights_as_json(plan)
         picture["lines"] = [_line_as_json(line) for line in plan.lines]
         picture["remembered"] = _remembered_as_json(plan)
         picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]

@@ -57,6 +57,12 @@ class Address:
         return mine.is_unspecified and (mine.version, others.version) == (6, 4)
 
     @property
+    def ip_version(self) -> int | None:
+        """4 or 6; None for a name, which may stand for addresses of both kinds."""
+        ip = None if self.host == "localhost" else _ip(self.host)
+        return None if ip is None else ip.version
+
+    @property
     def is_loopback(self) -> bool:
         """Whether only programs on this machine can reach it."""
         ip = _ip(self.host)

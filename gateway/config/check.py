@@ -6,6 +6,7 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from gateway.config.address import Address
+from gateway.config.check_access import CONTROL, check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_units import (
     check_device_rows,
@@ -14,9 +15,9 @@ from gateway.config.check_units import (
     check_references,
 )
 from gateway.config.check_upstreams import check_upstreams
-from gateway.config.not_yet import check_built, is_refused, unbuilt_tables
+from gateway.config.not_yet import check_built, unbuilt_tables
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
-from gateway.config.schema import Access, Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
+from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
 from gateway.config.values import fits_mode
 
 #: What keeps the port at a path from being used, as far as can be seen without opening it; None if nothing does.
@@ -28,9 +29,6 @@ _CLIENT_KEYS: Final = (
     *("queue", "max_wait", "retries", "coalesce", "broadcast"),
 )
 _SERVER_KEYS: Final = ("serves", "on_failure", "answer_within", "broadcast_to")
-
-#: What [[access]] calls the control socket.
-_CONTROL: Final = "control"
 
 
 def check(
@@ -59,7 +57,6 @@ def _misfits(
     yield from places
     yield from _check_ipv6(config)
     yield from _check_names(config, {problem.path[:-1] for problem in places})
-    yield from _check_rights(config, failed)
     yield from _look_at_ports(config, port_trouble)
     for line in config.line:
         yield from _check_device_server(line)
@@ -67,7 +64,7 @@ def _misfits(
         yield from _check_role(line)
     yield from _check_profiles(config, failed)
     yield from _check_spoken(config)
-    yield from _check_access(config, failed)
+    yield from check_access(config, failed)
     yield from check_device_rows(config)
     yield from check_overlaps(config)
     yield from check_passing_through(config)
@@ -88,8 +85,8 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
     listeners: tuple[Listen | Line, ...] = (*config.listen, *servers)
     kept_open: tuple[Line | Upstream, ...] = (*config.line, *config.upstream)
     for listener in listeners:
-        if listener.name == _CONTROL:
-            yield error((*listener.path, "name"), f'"{_CONTROL}" is what [[access]] calls the control socket')
+        if listener.name == CONTROL:
+            yield error((*listener.path, "name"), f'"{CONTROL}" is what [[access]] calls the control socket')
     for called in (listeners, kept_open):
         yield from _repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
     yield from _repeated("name", ((image.label, image) for image in config.image))
@@ -115,22 +112,6 @@ def _check_ipv6(config: Config) -> Iterator[Problem]:
         if ipv4 is not None and not ipv4.bind.is_wildcard:
             remedy = f'to serve every IPv4 address, write "{replace(ipv4.bind, host="0.0.0.0")}" in {ipv4.source}'  # noqa: S104 - advice
             what = f"takes IPv6 clients only, because {ipv4.source} has an IPv4 address with the same port"
-            yield warning((*listen.path, "bind"), what, remedy)
-
-
-def _check_rights(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    if config.access or failed & {"access"}:
-        return
-    later = " (not built yet in this version)" if is_refused(Access) else ""
-    for listen in config.listen:
-        row = ""
-        if listen.bind.scheme == "udp":
-            what = "UDP clients may only read without [[access]]: a datagram can name any address as its sender"
-            row = f'listen = ["{listen.label}"]'
-        elif not listen.bind.is_loopback:
-            what, row = "clients from other machines may only read without [[access]]", 'from = ["10.2.0.0/24"]'
-        if row:
-            remedy = f'to let them write, add [[access]] with {row} and allow = ["read", "write"]{later}'
             yield warning((*listen.path, "bind"), what, remedy)
 
 
@@ -218,17 +199,6 @@ def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
             elif more.time < fewer.time:
                 what = f"function {function} takes less time for {more.items} items than for {fewer.items}"
                 yield error((*more.path, "time"), what, "more items cannot take less time")
-
-
-def _check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    servers = [line.label for line in config.line if line.role == "server"]
-    known = [*(listen.label for listen in config.listen), *servers, _CONTROL]
-    for row in config.access:
-        for index, name in enumerate(row.listen or ()):
-            if name not in known and not failed & {"listen", "line"}:
-                yield error((*row.path, "listen", index), f'there is no listener "{name}"', did_you_mean(name, known))
-        if (row.allow is None) == (row.functions is None):
-            yield error(row.path, "must have one of allow and functions", 'such as allow = ["read", "write"]')
 
 
 def _repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}"') -> Iterator[Problem]:

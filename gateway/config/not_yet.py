@@ -30,7 +30,7 @@ class Gap:
 REFUSED: Final = (
     Gap(Listen, "bind", lambda listen: listen.bind.scheme == "tls", "a tls:// listener"),
     Gap(Upstream, "to", lambda upstream: upstream.to.scheme == "tls", "an upstream over tls://", says_all=False),
-    Gap(Access, "", lambda _: True, "[[access]]"),
+    Gap(Access, "role", lambda access: access.role is not None, "the role of a TLS client", says_all=False),
     Gap(Web, "", lambda _: True, "[web]"),
 )
 
@@ -60,11 +60,6 @@ def refusal(kind: type[Table], path: Path) -> Problem | None:
     """What is said of a table that cannot even be read, if every table of this kind is refused."""
     gap = next((gap for gap in REFUSED if gap.kind is kind and not gap.key), None)
     return None if gap is None else error(path, f"{gap.what} is not built yet in this version")
-
-
-def is_refused(kind: type[Table]) -> bool:
-    """Whether every table of this kind is refused."""
-    return any(gap.kind is kind and not gap.key for gap in REFUSED)
 
 
 def _tables(config: Config) -> Iterator[Table]:

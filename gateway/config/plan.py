@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from gateway.config.address import Address
 from gateway.config.ranges import joined_ranges
-from gateway.config.schema import Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
+from gateway.config.schema import Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.images.image import ImageSettings
 from gateway.images.mirror import MirrorSettings
 from gateway.images.polls import Poll
@@ -19,6 +19,7 @@ from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.profiles.profile import Profile
+from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import Point, TimingTable
 
@@ -35,6 +36,8 @@ _IDLE_CHARACTERS: Final = 3.5
 _SHORTEST_TURNAROUND: Final = 0.1
 #: Anything but a read at address 0 is a broadcast.
 _ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
+
+_RIGHTS: Final = {"read": READING, "write": WRITING}
 
 DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterFormat(7, "E", 1)}
 
@@ -104,6 +107,7 @@ class Plan:
     upstreams: tuple[UpstreamPlan, ...] = ()
     images: tuple[ImageSettings, ...] = ()
     mirrors: tuple[MirrorSettings, ...] = ()
+    access: tuple[Row, ...] = DEFAULT_ROWS
     log: LogSettings = LogSettings()
     #: Where the control socket is; None for the usual place.
     control: str | None = None
@@ -130,6 +134,7 @@ def resolve(config: Config) -> Plan:
         upstreams=upstreams,
         images=images,
         mirrors=mirrors,
+        access=tuple(map(_access, config.access)) or DEFAULT_ROWS,
         log=_log(config.log),
         control=None if config.control is None else config.control.socket,
     )
@@ -310,6 +315,22 @@ def _mirror(image: Image, device: DeviceSettings) -> MirrorSettings:
     return MirrorSettings(
         image.unit, image.label, device.name, device.profile, polls, areas, image.stale, source=image.source
     )
+
+
+def _access(row: Access) -> Row:
+    return Row(
+        right=_right(row),
+        networks=row.networks,
+        listeners=None if row.listen is None else frozenset(row.listen),
+        units=None if row.units == "all" else frozenset(row.units),
+        source=row.source,
+    )
+
+
+def _right(row: Access) -> Right:
+    if row.functions is not None:
+        return right_to(row.functions)
+    return NOTHING.union(*(_RIGHTS[name] for name in row.allow or ()))
 
 
 def _log(log: Log) -> LogSettings:

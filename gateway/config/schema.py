@@ -385,19 +385,27 @@ class ProfileTable(Table):
 
 
 class Access(Table):
-    """A right; the first row that fits a request counts."""
+    """Who may do what. The first row that fits client and unit counts; what no row fits is refused."""
 
-    networks: Networks | None = Field(None, alias="from", description="Networks of the clients that are meant.")
+    networks: Networks | None = Field(
+        None, alias="from", description="Networks of the clients that are meant, or single addresses. Default: all."
+    )
     listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
-        None, description="Listeners that are meant, by name; server lines and `control` too."
+        None,
+        description="Listeners that are meant, by name; server lines and `control` too. Default: all. A server line "
+        "keeps all rights until a row names it, and UDP clients write only by a row that names their listener.",
     )
     role: str | None = Field(None, description="The role that a TLS client's certificate names.")
-    units: UnitsOrAll = Field("all", description="Units that are meant.")
+    units: UnitsOrAll = Field(
+        "all", description="Units that are meant, as clients call them. A broadcast needs the right at every unit."
+    )
     allow: Annotated[tuple[Literal["read", "write"], ...], ListOf] | None = Field(
-        None, description="What is allowed; or name `functions`."
+        None,
+        description="What is allowed; or name `functions`. `read` is functions 1, 2, 3, 4, 7, 11, 12, 17, 20, 24 and "
+        "43/14, `write` is every other one. `[]`: nothing.",
     )
     functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
-        None, description="Functions that are allowed."
+        None, description="Functions that are allowed, and no others."
     )
 
 

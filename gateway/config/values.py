@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from ipaddress import IPv4Network, IPv6Network, ip_network
+from ipaddress import IPv4Network, IPv6Network, ip_interface, ip_network
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import PlainValidator, Strict
@@ -28,6 +28,7 @@ from gateway.profiles.profile import Range
 DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": "rtu", "ascii+tcp": "ascii"}
 
 _LONGEST_NAME: Final = 64
+_IPV4_MAPPED: Final = IPv6Network("::ffff:0:0/96")
 _FUNCTION = re.compile(r"[0-9]{1,9}")
 
 
@@ -167,9 +168,21 @@ def _network(text: object) -> IPv4Network | IPv6Network:
     if not isinstance(text, str):
         raise WrongValue(f"{text} is no network", 'write it as "10.2.0.0/24"')
     try:
-        return ip_network(text, strict=True)
+        interface = ip_interface(text)
     except ValueError as wrong:
-        raise WrongValue(f'"{text}" is no network: {wrong}', 'write it as "10.2.0.0/24" or "10.2.0.7"') from wrong
+        raise WrongValue(f'"{text}" is no network', 'write it as "10.2.0.0/24" or "10.2.0.7"') from wrong
+    network = interface.network
+    if interface.ip != network.network_address:
+        what = f'"{text}" is an address in the network {network}, and not that network'
+        raise WrongValue(what, f'write "{network}" for all of it, or "{interface.ip}" for that address')
+    return _plain_ipv4(network)
+
+
+def _plain_ipv4(network: IPv4Network | IPv6Network) -> IPv4Network | IPv6Network:
+    """IPv4 clients that come to an IPv6 listener are IPv4 clients."""
+    if network.version == 6 and network.prefixlen >= _IPV4_MAPPED.prefixlen and network.subnet_of(_IPV4_MAPPED):
+        return ip_network((int(network.network_address) & 0xFFFFFFFF, network.prefixlen - _IPV4_MAPPED.prefixlen))
+    return network
 
 
 def _in_quotes(seconds: float | None) -> str:

@@ -246,12 +246,13 @@ class _Write:
         self._original = original
         self._poller = poller
         self.client = original.origin.client
-        self.may_write = original.origin.may_write
+        self.host = original.origin.host
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - it is the original's client who wants it or not
         return self._original.origin.wants(self._original)
 
-    def answer(self, request: Request, pdu: bytes | None) -> None:  # noqa: ARG002 - the original gets the answer
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        self._original.error = request.error
         self._poller.written(self._original, pdu)
 
 

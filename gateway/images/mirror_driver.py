@@ -17,7 +17,7 @@ class MirrorDriver:
     An error that nobody foresaw ends here: it is told, the request that met it fails, and polling goes on.
     """
 
-    may_write = False
+    host = ""
 
     def __init__(
         self, settings: MirrorSettings, device: MirroredDevice, loop: asyncio.AbstractEventLoop, emit: Emit

@@ -17,14 +17,14 @@ class MbapSession(Session):
         self,
         client: str,
         *,
-        may_write: bool,
+        host: str,
         router: Target,
         connection: Connection,
         settings: ListenSettings,
         now: float,
     ) -> None:
         """See Session."""
-        super().__init__(client, may_write=may_write, router=router, connection=connection, settings=settings, now=now)
+        super().__init__(client, host=host, router=router, connection=connection, settings=settings, now=now)
         self._framer = mbap.MbapFramer()
 
     @property

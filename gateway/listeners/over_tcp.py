@@ -45,14 +45,14 @@ class OverTcpSession(Session):
         self,
         client: str,
         *,
-        may_write: bool,
+        host: str,
         router: Target,
         connection: Connection,
         settings: ListenSettings,
         now: float,
     ) -> None:
         """See Session."""
-        super().__init__(client, may_write=may_write, router=router, connection=connection, settings=settings, now=now)
+        super().__init__(client, host=host, router=router, connection=connection, settings=settings, now=now)
         self._limit += 1  # the awaited one: what comes behind it tells that it is awaited no more
         self._answers_unit0 = isinstance(settings.unit0, int)
         self._framer = AsciiFramer() if settings.scheme == "ascii+tcp" else RequestFramer(SILENCE)

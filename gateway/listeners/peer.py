@@ -18,14 +18,14 @@ class Peer:
     request with the same transaction identifier takes the place of the earlier one, whose response is dropped.
     """
 
-    __slots__ = ("_limit", "_router", "_send", "_under_way", "client", "gone", "last_asked", "may_write")
+    __slots__ = ("_limit", "_router", "_send", "_under_way", "client", "gone", "host", "last_asked")
 
     def __init__(
-        self, client: str, *, may_write: bool, router: Target, send: Callable[[bytes], None], in_flight: int
+        self, client: str, *, host: str, router: Target, send: Callable[[bytes], None], in_flight: int
     ) -> None:
-        """`client` names the peer in events; `send` sends a datagram to it."""
+        """`client` names the peer in events, `host` is its address; `send` sends a datagram to it."""
         self.client = client
-        self.may_write = may_write
+        self.host = host
         self.gone = False
         self.last_asked = 0.0
         self._router = router

@@ -88,7 +88,8 @@ class Counts:
 class SerialSession:
     """The Origin of the outside client's requests, one at a time. `wake` is called when `tick` has something to do."""
 
-    may_write = True
+    #: There is no address on a line.
+    host = ""
 
     def __init__(self, settings: ServerSettings, router: Target, wake: Callable[[], None], emit: events.Emit) -> None:
         self.settings = settings

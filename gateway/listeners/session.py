@@ -16,6 +16,10 @@ SENDING_DEADLINE: Final = 10.0
 #: How long a client may leave its responses untaken, in seconds.
 TAKING_DEADLINE: Final = 30.0
 
+#: Why a client is sent away before a byte of it is read.
+NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
+NO_ROOM: Final = "too many clients, and all of them have requests under way"
+
 
 @dataclass(frozen=True, slots=True)
 class ListenSettings:
@@ -75,22 +79,22 @@ class Session(ABC):
 
     __slots__ = (
         "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_in_flight", "_limit", "_out",
-        "_paused", "_router", "_whole_at", "client", "gone", "last_asked", "may_write",
+        "_paused", "_router", "_whole_at", "client", "gone", "host", "last_asked",
     )  # fmt: skip
 
     def __init__(
         self,
         client: str,
         *,
-        may_write: bool,
+        host: str,
         router: Target,
         connection: Connection,
         settings: ListenSettings,
         now: float,
     ) -> None:
-        """`client` names the peer in events; `router` takes its requests."""
+        """`client` names the peer in events, `host` is its address; `router` takes its requests."""
         self.client = client
-        self.may_write = may_write
+        self.host = host
         self.gone = False
         self.last_asked = now
         self._router = router

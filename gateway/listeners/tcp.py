@@ -10,7 +10,7 @@ from typing import Final, cast
 from gateway import events
 from gateway.listeners.mbap import MbapSession
 from gateway.listeners.over_tcp import OverTcpSession
-from gateway.listeners.session import Counts, ListenSettings, Session
+from gateway.listeners.session import NO_RIGHTS, NO_ROOM, Counts, ListenSettings, Session
 from gateway.listeners.sockets import (
     BACKLOG,
     OpenSockets,
@@ -23,7 +23,6 @@ from gateway.listeners.sockets import (
     written,
 )
 from gateway.ports.clock import Alarm
-from gateway.routing.access import may_write
 from gateway.routing.router import Router
 
 #: A connection whose client takes no responses keeps at most so many bytes for it.
@@ -156,11 +155,12 @@ class TcpListener:
         host, client = plain(host), written(host, port)
         loop = asyncio.get_running_loop()
         try:
-            if self._make_room():
+            refusal = self._refusal(host)
+            if not refusal:
                 await loop.connect_accepted_socket(lambda: TcpConnection(self, host, client, loop.time), sock)
             else:
                 sock.close()
-                self.rejected(client, "too many clients, and all of them have requests under way")
+                self.rejected(client, refusal)
         except Exception as error:  # noqa: BLE001 - the border of a connection that has just begun
             sock.close()
             self.failed(f"client {client}", error)
@@ -171,6 +171,12 @@ class TcpListener:
         self.rejected(client or "unknown", reason)
         if client is None:
             await asyncio.sleep(ACCEPT_PAUSE)
+
+    def _refusal(self, host: str) -> str:
+        """Why a client from this address is not let in; empty when there is a place for it now."""
+        if not self.router.rights.admits(host):
+            return NO_RIGHTS
+        return "" if self._make_room() else NO_ROOM
 
     def _make_room(self) -> bool:
         """Whether there is room for one more client, after closing the longest idle one if need be (T 4.2.1.1).
@@ -228,7 +234,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         session = MbapSession if listener.settings.scheme == "tcp" else OverTcpSession
         self.session = session(
             client,
-            may_write=may_write(host),
+            host=host,
             router=listener.router,
             connection=self,
             settings=listener.settings,

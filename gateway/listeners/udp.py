@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from gateway import events
 from gateway.listeners.peer import Peer
-from gateway.listeners.session import Counts, ListenSettings
-from gateway.listeners.sockets import OpenSockets, door_address, doors, written
+from gateway.listeners.session import NO_RIGHTS, NO_ROOM, Counts, ListenSettings
+from gateway.listeners.sockets import OpenSockets, door_address, doors, plain, written
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
 from gateway.routing.router import Router
@@ -45,9 +45,9 @@ class DatagramCounts(Counts):
 class UdpListener:
     """One `[[listen]]` table with udp://: answers datagrams, forgets peers that ask nothing any more.
 
-    A peer may only read: nobody can tell whether a datagram comes from the address that it names. At most `clients`
-    peers are known at a time; for another one the longest idle is forgotten, one of the address with the most peers.
-    While all of them have requests under way, what others send is dropped.
+    Datagrams from an address without any right are dropped. At most `clients` peers are known at a time; for another
+    one the longest idle is forgotten, one of the address with the most peers. While all of them have requests under
+    way, what others send is dropped.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -136,19 +136,19 @@ class UdpListener:
             peer.received(adu, asyncio.get_running_loop().time())
 
     def _peer(self, door: socket.socket, asked: Asked, address: tuple[Any, ...]) -> Peer | None:
-        """Who sent a datagram to one of our addresses; None when there is no room for one more."""
+        """Who sent a datagram to one of our addresses; None when it may do nothing, or there is no room for it."""
         key = (*address, *asked)
         peer = self._peers.get(key)
         if peer is not None:
             return peer
-        client = written(*address[:2])
-        if not self._make_room():
+        client, host = written(*address[:2]), plain(address[0])
+        refusal = self._refusal(host)
+        if refusal:
             self.counts.rejected += 1
-            reason = "too many clients, and all of them have requests under way"
-            self.emit(events.ClientRejected(self.settings.name, client, reason))
+            self.emit(events.ClientRejected(self.settings.name, client, refusal))
             return None
         send = partial(self._send, door, _from_where_it_was_asked(asked), address)
-        peer = Peer(client, may_write=False, router=self.router, send=send, in_flight=self.settings.in_flight)
+        peer = Peer(client, host=host, router=self.router, send=send, in_flight=self.settings.in_flight)
         self._peers[key] = peer
         self.counts.accepted += 1
         self.emit(events.ClientConnected(self.settings.name, client))
@@ -159,6 +159,12 @@ class UdpListener:
             door.sendmsg([data], asked, 0, address)
         except OSError:  # as good as lost on its way, and the client knows what to do then
             self.counts.unsent += 1
+
+    def _refusal(self, host: str) -> str:
+        """Why datagrams from this address are dropped; empty when there is a place for a peer there now."""
+        if not self.router.rights.admits(host):
+            return NO_RIGHTS
+        return "" if self._make_room() else NO_ROOM
 
     def _make_room(self) -> bool:
         if len(self._peers) < self.settings.clients:

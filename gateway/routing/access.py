@@ -1,18 +1,137 @@
-"""Who may do what, as long as the config names no rights: clients on this machine write, all others only read."""
+"""Who may do what: a table of rows, of which the first that means a client and a unit counts.
 
-from ipaddress import IPv6Address, ip_address
+The table is turned into look-ups: `Rights` has for each client a tuple, and in that for each unit the functions that
+the client may use there.
+"""
 
-from gateway.modbus.codes import READING_FUNCTIONS, READING_IDENTIFICATION
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
+from typing import Final, Literal
+
+from gateway.modbus.codes import (
+    BROADCAST_UNIT,
+    FIRST_UNIT,
+    LAST_UNIT,
+    READING_FUNCTIONS,
+    READING_IDENTIFICATION,
+)
+
+Network = IPv4Network | IPv6Network
+
+#: What may be asked of a unit: functions that are known to only read, by their number; others by how their requests
+#: begin, because it can depend on more than the function. One look-up then tells that a request is a read, and allowed.
+Right = frozenset[int | bytes]
+
+NOTHING: Final[Right] = frozenset()
+READING: Final[Right] = READING_FUNCTIONS | {READING_IDENTIFICATION}
+#: Whatever is not known to only read.
+WRITING: Final[Right] = frozenset(bytes((function,)) for function in range(256) if function not in READING_FUNCTIONS)
+EVERYTHING: Final[Right] = READING | WRITING
+
+#: Clients whose rights are remembered at a time. They come from anywhere, so there must be a bound.
+MOST_CLIENTS: Final = 1000
 
 
-def may_write(host: str) -> bool:
-    """Whether a client from the address `host` may change devices: from loopback only, `::ffff:127.0.0.1` included."""
+def right_to(functions: Iterable[int]) -> Right:
+    """The right to exactly these functions."""
+    return frozenset(each if each in READING_FUNCTIONS else bytes((each,)) for each in functions)
+
+
+def only_reads(pdu: bytes) -> bool:
+    """Whether a request is known to change nothing."""
+    return pdu[0] in READING_FUNCTIONS or pdu.startswith(READING_IDENTIFICATION)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What clients from `networks` that come through `listeners` may do at `units`; None stands for all of them.
+
+    `source` is its place in the config.
+    """
+
+    right: Right
+    networks: tuple[Network, ...] | None = None
+    listeners: frozenset[str] | None = None
+    units: frozenset[int] | None = None
+    source: str = field(default="", compare=False)
+
+    def means(self, address: IPv4Address | IPv6Address | None) -> bool:
+        """Whether it is for a client from `address`; None is a client without one."""
+        return self.networks is None or (address is not None and any(address in network for network in self.networks))
+
+
+LOOPBACK: Final = (ip_network("127.0.0.0/8"), ip_network("::1"))
+
+#: The table as long as nobody has written one: clients on this machine do everything, all others read.
+DEFAULT_ROWS: Final = (Row(EVERYTHING, networks=LOOPBACK), Row(READING))
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """Where clients come in. Their `name` for it is that of the listener, or of the line where we are a server.
+
+    The address of a `datagram` can be forged. A `cable` is in the cabinet: whoever is on it has no address.
+    `unit0` is the unit that stands in for unit 0; None when all of them are meant.
+    """
+
+    name: str
+    kind: Literal["connection", "datagram", "cable"] = "connection"
+    unit0: int | None = None
+
+
+class Rights(dict[str, tuple[Right, ...]]):
+    """The rights at one door: by the client's address, then by unit. They are found when a client first asks.
+
+    "" is the address of a client that has none. An IPv4 address may look like an IPv6 one.
+
+    Datagrams only read, except by a row that names their listener. Those on a cable do everything until a row names it.
+    A request to all units needs the right at each of them.
+    """
+
+    def __init__(self, rows: Iterable[Row], door: Door) -> None:
+        super().__init__()
+        self._door = door
+        self._rows = tuple(_rows_at(door, tuple(rows)))
+
+    def admits(self, host: str) -> bool:
+        """Whether a client from this address may do anything at all."""
+        return any(self[host])
+
+    def __missing__(self, host: str) -> tuple[Right, ...]:
+        if len(self) >= MOST_CLIENTS:
+            self.clear()
+        address = _address(host)
+        rights = self[host] = _by_unit(tuple(row for row in self._rows if row.means(address)), self._door.unit0)
+        return rights
+
+
+def _rows_at(door: Door, rows: tuple[Row, ...]) -> Iterable[Row]:
+    if door.kind == "cable" and not any(door.name in (row.listeners or ()) for row in rows):
+        return [Row(EVERYTHING)]
+    here = [row for row in rows if row.listeners is None or door.name in row.listeners]
+    if door.kind == "datagram":
+        return [replace(row, right=row.right & READING) if row.listeners is None else row for row in here]
+    return here
+
+
+@lru_cache(maxsize=256)
+def _by_unit(rows: tuple[Row, ...], unit0: int | None) -> tuple[Right, ...]:
+    """The right at each unit identifier, 0 to 255. Clients for whom the same rows are meant share it."""
+    rights = [NOTHING] * 256
+    for row in reversed(rows):
+        for unit in range(256) if row.units is None else row.units:
+            rights[unit] = row.right
+    everywhere = frozenset.intersection(*rights[FIRST_UNIT : LAST_UNIT + 1])
+    rights[BROADCAST_UNIT] = everywhere if unit0 is None else rights[unit0]
+    return tuple(rights)
+
+
+def _address(host: str) -> IPv4Address | IPv6Address | None:
+    if not host:
+        return None
     address = ip_address(host)
     if isinstance(address, IPv6Address) and address.ipv4_mapped is not None:
-        address = address.ipv4_mapped
-    return address.is_loopback
-
-
-def allows(may_write: bool, pdu: bytes) -> bool:  # noqa: FBT001 - a right is a truth value
-    """Whether the request is within the client's rights; whatever is not known to only read is a write."""
-    return may_write or pdu[0] in READING_FUNCTIONS or pdu.startswith(READING_IDENTIFICATION)
+        return address.ipv4_mapped
+    return address

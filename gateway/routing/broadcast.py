@@ -45,7 +45,7 @@ class _Copies:
         self._original = original
         self._open = count + 1
         self.client = original.origin.client
-        self.may_write = original.origin.may_write
+        self.host = original.origin.host
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - all copies share the fate of the original
         return self._original.origin.wants(self._original)

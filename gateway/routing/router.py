@@ -1,11 +1,13 @@
 """From a request to its target: one look-up for the route, one for the right."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gateway import errors, events
 from gateway.request import Request, Target
-from gateway.routing.access import allows
+from gateway.routing.access import Door, Rights, only_reads
+from gateway.routing.audit import Audited
+from gateway.routing.broadcast import Broadcast
 
 
 @dataclass(slots=True)
@@ -17,24 +19,46 @@ class Counts:
 
 
 class Router:
-    """The routes of one listener. Its policy for unit 0 is a route too: none, a broadcast, or that of another unit."""
+    """The crossroads behind one `door`. Nobody has a route or a right until somebody sets `routes` and `rights`.
 
-    def __init__(self, routes: Mapping[int, Target], emit: events.Emit) -> None:
-        self.routes = routes
+    Both may be replaced at any time: every request asks for them. The policy for unit 0 is a route too: none, a
+    broadcast, or that of another unit.
+    """
+
+    def __init__(self, door: Door, clock: Callable[[], float], emit: events.Emit) -> None:
+        """`clock` tells the time of the requests."""
+        self.door = door
+        self.routes: Mapping[int, Target] = {}
+        self.rights = Rights((), door)
         self.counts = Counts()
+        self._clock = clock
         self._emit = emit
 
     def submit(self, request: Request, now: float) -> None:
         """Hand the request to its unit's target. Without a route it is answered 0A, without a right 01."""
-        target = self.routes.get(request.unit)
+        unit = request.unit
+        target = self.routes.get(unit)
+        if target is not None and request.pdu[0] in self.rights[request.origin.host][unit]:
+            target.submit(request, now)
+        else:
+            self._submit_other(request, target, now)
+
+    def _submit_other(self, request: Request, target: Target | None, now: float) -> None:
+        """What is no read with a right and a route."""
+        pdu = request.pdu
+        if not only_reads(pdu):
+            unanswered = "broadcast" if isinstance(target, Broadcast) else "unwanted"
+            request.origin = Audited(request.origin, self.door.name, unanswered, self._clock, self._emit)
         if target is None:
             self.counts.no_route += 1
             refusal = errors.NoRoute("no such unit")
             self._emit(events.RequestRefused.of(request, refusal))
             request.fail(refusal)
-        elif not allows(request.origin.may_write, request.pdu):
-            self.counts.denied += 1
-            self._emit(events.AccessDenied(request.origin.client, request.unit, request.pdu[0]))
-            request.fail(errors.AccessDenied())
-        else:
+            return
+        right = self.rights[request.origin.host][request.unit]
+        if pdu[:1] in right or pdu[:2] in right:
             target.submit(request, now)
+        else:
+            self.counts.denied += 1
+            self._emit(events.AccessDenied(self.door.name, request.origin.client, request.unit, pdu[0]))
+            request.fail(errors.AccessDenied())

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.events import Emit
@@ -22,6 +23,7 @@ from gateway.listeners.udp import UdpListener
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.ports.port import Opener
 from gateway.request import Target
+from gateway.routing.access import Door, Rights
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
@@ -59,9 +61,10 @@ class Gateway:
         return (*self.lines, *self.servers, *self.upstreams)
 
     def route(self) -> None:
-        """Let every request take the routes of this gateway from now on, and events name the lines of its file."""
+        """Let every request go by these routes and the rights of the plan, and events name the lines of its file."""
         for router, routes in self.routes:
             router.routes = routes
+            router.rights = Rights(self.plan.access, router.door)
         for line, line_plan in zip(self.lines, self.plan.lines, strict=True):
             line.renumber(line_plan.devices)
         for upstream, upstream_plan in zip(self.upstreams, self.plan.upstreams, strict=True):
@@ -85,7 +88,7 @@ def build(
     lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit) for one in plan.lines)
     upstreams = tuple(old.upstream(one) or GatewayUpstream(one, loop, opener, emit) for one in plan.upstreams)
     servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit) for one in plan.servers)
-    listeners = tuple(old.listener(one) or _listener(one, emit) for one in plan.listeners)
+    listeners = tuple(old.listener(one) or _listener(one, loop, emit) for one in plan.listeners)
     images = tuple(old.image(one) or _image(one, store, old, emit) for one in plan.images)
     behind: tuple[LineOrUpstream, ...] = (*lines, *upstreams)
     devices = {device.name: device for part in behind for device in part.devices.values()}
@@ -156,8 +159,14 @@ def _image(settings: ImageSettings, store: Store | None, old: _Old, emit: Emit) 
     return PersistentImage(settings, store.values(settings.name) if kept is None else kept, keep, emit)
 
 
-def _listener(settings: ListenSettings, emit: Emit) -> Listener:
-    return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, Router({}, emit), emit)
+def _listener(settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit) -> Listener:
+    router = Router(_door(settings), loop.time, emit)
+    return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
+
+
+def _door(settings: ListenSettings) -> Door:
+    kind: Literal["connection", "datagram"] = "datagram" if settings.scheme == "udp" else "connection"
+    return Door(settings.name, kind, settings.unit0 if isinstance(settings.unit0, int) else None)
 
 
 def _recipient(image: Image) -> Recipient:

@@ -18,6 +18,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import Opener, Port, PortUser, SerialSettings
+from gateway.routing.access import Door
 from gateway.routing.router import Router
 from gateway.service import remembered
 from gateway.service.state import Memory
@@ -94,7 +95,7 @@ class GatewayServer:
     def __init__(self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
         self.plan = plan
         self.name = plan.line.name
-        self.router = Router({}, emit)
+        self.router = Router(Door(self.name, "cable"), loop.time, emit)
         self.driver = SerialListener(plan.line, self.router, loop, emit)
         self.keeper = Keeper(self.name, plan.port.port, opener(plan.port), self.driver, emit)
 

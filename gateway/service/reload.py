@@ -108,6 +108,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
         **{f"upstream {one.upstream.name}": one for one in plan.upstreams},
         **{f"image {one.name}": one for one in plan.images},
         **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
+        "access": plan.access,
     }
 
 

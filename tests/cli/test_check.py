@@ -55,6 +55,11 @@ def test_the_picture_of_a_file(config, capsys):
           scada  tcp://127.0.0.1:1502  32       never   refuse
           six    tcp://[::1]:1502      32       10 min  41
 
+        Rights: the first row that fits counts
+          FROM          THROUGH       UNITS  MAY
+          this machine  any listener  all    read, write
+          anywhere      any listener  all    read
+
         Line hall-a: /dev/null
           rtu 19200 8E1, gap 2.01 ms, latency 5 ms
           UNIT  ON THE WIRE  DEVICE     PROFILE  LONGEST WAIT

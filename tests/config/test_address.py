@@ -62,6 +62,11 @@ def test_only_loopback_addresses_are_for_this_machine_alone(host, loopback):
     assert Address("tcp", host, 502).is_loopback is loopback
 
 
+@pytest.mark.parametrize(("host", "version"), [("10.0.0.1", 4), ("::", 6), ("plc", None), ("localhost", None)])
+def test_a_name_may_stand_for_addresses_of_both_kinds(host, version):
+    assert Address("tcp", host, 502).ip_version == version
+
+
 def test_an_address_is_shown_as_it_is_written():
     assert str(Address("tcp", "10.0.0.1", 502)) == "tcp://10.0.0.1:502"
     assert str(Address("tcp", "::", 502)) == "tcp://[::]:502"

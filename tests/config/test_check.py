@@ -169,28 +169,6 @@ def test_an_ipv4_listener_leaves_the_wildcard_of_ipv6_no_ipv4_clients(ipv4):
         assert not [one for one in problems(text) if said[:22] in one]
 
 
-def test_udp_clients_only_read():
-    row = 'to let them write, add [[access]] with listen = ["field"] and allow = ["read", "write"]'
-    what = "UDP clients may only read without [[access]]: a datagram can name any address as its sender"
-    (said,) = problems(LINE + '[[listen]]\nname = "field"\nbind = "udp://127.0.0.1:502"\n')
-    assert said.startswith(f"warning: listen[0].bind: {what} | {row}")
-
-
-NETWORK = '[[listen]]\nbind = "tcp://0.0.0.0:502"\n'
-
-
-def test_who_listens_to_the_network_is_told_that_others_only_read():
-    row = 'to let them write, add [[access]] with from = ["10.2.0.0/24"] and allow = ["read", "write"]'
-    said = f"warning: listen[0].bind: clients from other machines may only read without [[access]] | {row}"
-    assert problems(LINE + NETWORK) == [said]
-    assert problems(LINE + NETWORK, built=False) == [f"{said} (not built yet in this version)"]
-
-
-@pytest.mark.parametrize("access", ['[[access]]\nallow = ["read"]\n', '[[access]]\nallow = "read"\n'])
-def test_who_has_written_rights_is_not_told_about_them(access):
-    assert not [said for said in problems(LINE + NETWORK + access) if "may only read" in said]
-
-
 # Ports
 
 
@@ -601,33 +579,6 @@ def test_addresses_of_a_mirror_count_from_0_too():
     ]
 
 
-# Access
-
-
-def test_a_right_names_listeners_server_lines_and_the_control_socket():
-    text = LINE + SERVER + 'serves = 1\n[[listen]]\nname = "scada"\nbind = "tcp://0.0.0.0:502"\n'
-    text += '[[access]]\nlisten = ["scada", "panel", "control"]\nallow = ["read"]\n'
-    assert problems(text) == []
-
-
-def test_a_right_for_an_unknown_listener():
-    text = LINE + '[[listen]]\nname = "scada"\nbind = "tcp://0.0.0.0:502"\n'
-    text += '[[access]]\nlisten = ["control", "skada"]\nallow = ["read"]\n'
-    assert problems(text) == ['error: access[0].listen[1]: there is no listener "skada" | did you mean "scada"?']
-
-
-def test_a_right_for_a_listener_that_failed():
-    text = LINE + '[[listen]]\nname = "scada"\n[[access]]\nlisten = ["scada"]\nallow = ["read"]\n'
-    assert problems(text) == ["error: listen[0].bind: is missing"]
-
-
-@pytest.mark.parametrize("row", ["", 'allow = ["read"]\nfunctions = [3]\n'])
-def test_a_right_says_in_one_way_what_it_allows(row):
-    assert problems(LINE + "[[access]]\n" + row) == [
-        'error: access[0]: must have one of allow and functions | such as allow = ["read", "write"]'
-    ]
-
-
 # Not built yet
 
 
@@ -639,7 +590,7 @@ def test_a_right_says_in_one_way_what_it_allows(row):
             '[[upstream]]\nto = "tls://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n',
             "upstream[0].to: an upstream over tls://",
         ),
-        ('[[access]]\nallow = ["read"]\n', "access[0]: [[access]]"),
+        ('[[access]]\nrole = "fitter"\nallow = ["read"]\n', "access[0].role: the role of a TLS client"),
         ('[web]\nbind = "http://127.0.0.1:8502"\n', "web: [web]"),
     ],
 )
@@ -650,7 +601,6 @@ def test_what_is_not_built_is_refused_plainly(text, said):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[[access]]\n", "access[0]: [[access]]"),
         ('[[listen]]\nname = "control"\nbind = "tls://0.0.0.0"\n', "listen[0].bind: a tls:// listener"),
     ],
 )

@@ -38,7 +38,7 @@ def test_its_examples_have_no_error(text):
         '| `mode` | `"rtu"` or `"ascii"` | `"rtu"` | What is spoken on the line. |',
         "| `unit` | units | **must be given** | The units that the other server knows. |",
         "| `values` | list of values | **must be given** | The values: 0-65535, or `true` and `false`. |",
-        '| `allow` | list of `"read"` or `"write"` |  | What is allowed; or name `functions`. |',
+        "| `functions` | list of functions |  | Functions that are allowed, and no others. |",
         "| `read` | list of tables |  | Mirrors: what to poll, and how often. |",
         "| `margin` | number | `1.5` | Times are multiplied by it, to be safe. |",
         "| `mint` | Mint motion controller |",

@@ -1,5 +1,6 @@
 """What a config means to the parts."""
 
+from ipaddress import ip_network
 from textwrap import dedent
 
 import pytest
@@ -15,6 +16,7 @@ from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import parse_request
 from gateway.ports.port import SerialSettings, TcpSettings
+from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, WRITING, Row, right_to
 from gateway.timing.budget import AnswerTime
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\n'
@@ -388,3 +390,41 @@ def test_passing_through_leaves_out_the_units_of_upstreams():
     line = only_line(LINE + '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ as = "37-38", unit = "1-2" }]\n')
     assert not {37, 38} & {device.known_as for device in line.devices}
     assert len(line.devices) == 245
+
+
+# Rights
+
+
+def test_rights():
+    rows = """\
+        [[access]]
+        from   = ["10.2.0.0/24"]
+        listen = ["default"]
+        units  = ["1-2", 7]
+        allow  = ["read", "write"]
+
+        [[access]]
+        functions = [3, 16]
+        """
+    assert plan_of(LINE + dedent(rows)).access == (
+        Row(EVERYTHING, (ip_network("10.2.0.0/24"),), frozenset(["default"]), frozenset([1, 2, 7]), "gateway.toml:4"),
+        Row(right_to([3, 16]), source="gateway.toml:10"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("allow", "right"),
+    [
+        ([], NOTHING),
+        (["read"], READING),
+        (["write"], WRITING),
+        (["write", "read"], EVERYTHING),
+    ],
+)
+def test_what_is_allowed(allow, right):
+    (row,) = plan_of(LINE + f"[[access]]\nallow = {allow}\n").access
+    assert row.right == right
+
+
+def test_nobody_has_written_rights():
+    assert plan_of(LINE).access == DEFAULT_ROWS

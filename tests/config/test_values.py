@@ -35,6 +35,7 @@ from gateway.modbus.chartime import CharacterFormat
         (parse_item, True, 1),
         (parse_limits, {"3": 99}, {3: 99}),
         (parse_networks, ["10.2.0.0/24", "::1"], (ip_network("10.2.0.0/24"), ip_network("::1/128"))),
+        (parse_networks, ["::ffff:10.2.0.0/120", "::/0"], (ip_network("10.2.0.0/24"), ip_network("::/0"))),
         (parse_units_or_all, "all", "all"),
         (parse_units_or_all, "1-2", (1, 2)),
     ],
@@ -69,7 +70,12 @@ def test_what_a_value_means(parse, value, meaning):
         (parse_limits, {"3": True}, "the limit of function 3 must be a whole number from 1"),
         (parse_networks, "10.2.0.0/24", "must be a list"),
         (parse_networks, [5], "5 is no network"),
-        (parse_networks, ["10.2.0.1/24"], '"10.2.0.1/24" is no network: 10.2.0.1/24 has host bits set'),
+        (parse_networks, ["10.2.0.0/33"], '"10.2.0.0/33" is no network'),
+        (
+            parse_networks,
+            ["10.2.0.1/24"],
+            '"10.2.0.1/24" is an address in the network 10.2.0.0/24, and not that network',
+        ),
     ],
 )
 def test_what_is_refused(parse, value, what):

@@ -16,7 +16,7 @@ SIX = "03 02 00 06"
 class Bench:
     """A mirror, its device, its poller and its clients in one: whoever asks is written beside what was asked."""
 
-    may_write = True
+    host = "127.0.0.1"
     client = "mirror"
 
     def __init__(self, *polls: Poll, stale: float = 2.0, profile: Profile | None = None) -> None:
@@ -76,7 +76,7 @@ class Bench:
 
 
 class Client:
-    may_write = True
+    host = "127.0.0.1"
 
     def __init__(self, bench: Bench, client: str = "10.0.0.9:1") -> None:
         self.client = client

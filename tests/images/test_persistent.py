@@ -23,7 +23,7 @@ class Disk:
 
 
 class Client:
-    may_write = True
+    host = "127.0.0.1"
 
     def __init__(self, image: PersistentImage, client: str = "10.0.0.9:1") -> None:
         self.client = client

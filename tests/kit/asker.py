@@ -6,9 +6,9 @@ from gateway.request import Request
 class Asker:
     """An Origin. `answers` holds the response PDUs in hex, in the order they came; None for a broadcast that ended."""
 
-    def __init__(self, client: str = "10.0.0.9:49152", *, may_write: bool = True) -> None:
+    def __init__(self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1") -> None:
         self.client = client
-        self.may_write = may_write
+        self.host = host
         self.gone = False
         self.answers: list[str | None] = []
 

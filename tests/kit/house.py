@@ -22,15 +22,17 @@ PATIENCE = 30.0
 class Client:
     """A Modbus TCP client without a socket. `responses` holds (transaction, unit, PDU in hex) as they came."""
 
-    def __init__(self, gateway: Gateway, name: str = "10.0.0.9:49152", *, may_write: bool = True) -> None:
+    def __init__(
+        self, gateway: Gateway, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0
+    ) -> None:
         self._loop = asyncio.get_running_loop()
-        listener = gateway.listeners[0]
+        door = gateway.listeners[listener]
         self.session = MbapSession(
             name,
-            may_write=may_write,
-            router=listener.router,
+            host=host,
+            router=door.router,
             connection=self,
-            settings=listener.settings,
+            settings=door.settings,
             now=self._loop.time(),
         )
         self.responses: asyncio.Queue[tuple[int, int, str]] = asyncio.Queue()
@@ -97,8 +99,8 @@ class House:
         loop = asyncio.get_running_loop()
         self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append)
 
-    def client(self, name: str = "10.0.0.9:49152", *, may_write: bool = True) -> Client:
-        return Client(self.gateway, name, may_write=may_write)
+    def client(self, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0) -> Client:
+        return Client(self.gateway, name, host=host, listener=listener)
 
     def attach(self, port: str, devices: SimulatedLine) -> None:
         """Let simulated devices answer on the line at `port`."""

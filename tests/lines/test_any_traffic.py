@@ -35,7 +35,7 @@ class Client:
 
     def __init__(self, name: str) -> None:
         self.client = name
-        self.may_write = True
+        self.host = "127.0.0.1"
         self.gone = False
         self.answers: dict[Request, str | None] = {}
 

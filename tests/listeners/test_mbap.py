@@ -56,7 +56,7 @@ class Client:
         self.connection = Connection()
         self.session = MbapSession(
             "10.0.0.9:49152",
-            may_write=True,
+            host="127.0.0.1",
             router=self.target,
             connection=self.connection,
             settings=ListenSettings("scada", "::", 502, in_flight=3),

@@ -79,7 +79,7 @@ class Client:
         self.connection = Connection()
         self.session = OverTcpSession(
             "10.0.0.9:49152",
-            may_write=True,
+            host="127.0.0.1",
             router=self.target,
             connection=self.connection,
             settings=ListenSettings("field", "::", 502, in_flight=in_flight, unit0=unit0, scheme=scheme),

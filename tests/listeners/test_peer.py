@@ -26,7 +26,7 @@ class Client:
     def __init__(self) -> None:
         self.target = Target()
         self.sent: list[bytes] = []
-        self.peer = Peer("10.0.0.9:49152", may_write=True, router=self.target, send=self.sent.append, in_flight=3)
+        self.peer = Peer("10.0.0.9:49152", host="127.0.0.1", router=self.target, send=self.sent.append, in_flight=3)
 
     def ask(self, transaction: int, pdu: bytes = READ, unit: int = 7) -> None:
         self.peer.received(TcpFrame(transaction, unit, pdu), 5.0)

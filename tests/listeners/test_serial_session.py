@@ -23,7 +23,7 @@ class TestOnBothKindsOfLine:
         bench = ServerBench(timing)
         request = bench.ask(READ)
         assert (request.unit, request.pdu, request.origin.client) == (41, bytes.fromhex(READ), "panel")
-        assert request.origin.may_write
+        assert request.origin.host == ""
         assert request.origin.wants(request)
         bench.pass_time(0.1)
         request.respond(RESPONSE)

@@ -131,7 +131,7 @@ def test_a_log_that_nobody_reads_stops_nobody_and_says_later_what_is_missing() -
         emit(LOST)
         assert stream.asked.wait(PATIENCE)
         for unit in range(MOST_WAITING + 8):
-            emit(AccessDenied("10.0.0.9:1", unit, 3))
+            emit(AccessDenied("scada", "10.0.0.9:1", unit, 3))
         stream.released.set()
     *told, last = logged(stream)
     assert [line.get("unit") for line in told] == [None, *range(MOST_WAITING)]

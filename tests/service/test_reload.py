@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.events import ConfigApplied, ConfigRejected, LineUp
+from gateway.routing.access import READING
 from gateway.service.build import build
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
@@ -40,7 +41,14 @@ unit = 200
 name = "shift"
 holding = 10
 """
-READ = "03 00 00 00 01"
+SERVER = """
+[[line]]
+name   = "panel"
+port   = "/dev/panel"
+role   = "server"
+serves = 41
+"""
+READ, WRITE = "03 00 00 00 01", "06 00 00 00 07"
 
 
 class Doors:
@@ -73,9 +81,9 @@ class Service:
     """A gateway that serves the config in `file`."""
 
     def __init__(self, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._make_listener = build.__globals__["_listener"]
         monkeypatch.setattr("gateway.service.build._listener", self._doors)
         monkeypatch.setattr("gateway.service.reload.load", self._load)
-        self._make_listener = build.__globals__["TcpListener"]
         self.file = file
         self.home = House(file.read_text())
         self.events = self.home.events
@@ -100,8 +108,8 @@ class Service:
         self.home.gateway = self.running.gateway
         return self.home.client()
 
-    def _doors(self, settings, emit):
-        return Doors(self._make_listener(settings, build.__globals__["Router"]({}, emit), emit))
+    def _doors(self, settings, loop, emit):
+        return Doors(self._make_listener(settings, loop, emit))
 
     def _rebuild(self, plan, gateway):
         loop = asyncio.get_running_loop()
@@ -168,6 +176,20 @@ async def test_open_connections_take_the_new_routes(serving):
         assert await client.asks(201, READ) == "03 02 00 00"
         assert await client.asks(200, READ) == "83 0A"
         assert await client.asks(2, READ) == "03 02 00 00"
+
+
+async def test_open_connections_take_the_new_rights(serving):
+    async with serving(LISTEN + HALL_A + SERVER) as service:
+        client, panel = service.client(), service.part("panel").router
+        assert await client.asks(41, WRITE) == WRITE
+        outcome = await service.reload(LISTEN + HALL_A + SERVER + '[[access]]\nlisten = ["panel"]\nallow = ["read"]\n')
+        assert outcome == Outcome(changed=("access",))
+        assert await client.asks(41, WRITE) == "86 01"
+        assert await client.asks(41, READ) == "83 01"
+        assert service.part("panel").router is panel
+        assert panel.rights[""][41] == READING
+        await service.reload(LISTEN + HALL_A + SERVER)
+        assert await client.asks(41, WRITE) == WRITE
 
 
 async def test_a_line_that_goes_finishes_what_is_on_the_wire_and_refuses_what_waits(serving):

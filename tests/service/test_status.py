@@ -183,7 +183,7 @@ async def test_units_behind_another_server() -> None:
 
 async def test_listeners_and_what_they_refuse() -> None:
     async with house(CONFIG) as home:
-        reader = home.client(may_write=False)
+        reader = home.client(host="10.0.0.9")
         await reader.asks(41, "06 00 01 00 05")
         await reader.asks(99, READ)
         await reader.asks(99, READ)

@@ -345,7 +345,7 @@ class Client:
         name = f"10.0.0.{self._number}:{self._connections}"
         self._session = MbapSession(
             name,
-            may_write=True,
+            host="127.0.0.1",
             router=listener.router,
             connection=self,
             settings=listener.settings,

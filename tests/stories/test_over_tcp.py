@@ -34,7 +34,7 @@ class Client:
         listener = home.gateway.listeners[0]
         self.session = OverTcpSession(
             "10.0.0.9:49152",
-            may_write=True,
+            host="127.0.0.1",
             router=listener.router,
             connection=self,
             settings=listener.settings,

@@ -100,7 +100,7 @@ async def test_writes_arrive_and_are_read_back() -> None:
 async def test_a_reader_from_elsewhere_reads_and_cannot_write() -> None:
     async with house(CONFIG) as home:
         devices = furnish(home)
-        reader = home.client(may_write=False)
+        reader = home.client(host="10.0.0.9")
         assert await reader.asks(46, "03 0001 0001") == "03 02 2E 01"
         assert await reader.asks(46, "06 0001 0001") == "86 01"
         assert [frame.pdu[0] for frame in devices[46].heard] == [3]

@@ -110,7 +110,7 @@ async def test_a_unit_behind_another_server_can_be_mirrored() -> None:
 async def test_a_read_only_client_writes_nothing_upstream() -> None:
     async with house(CONFIG) as home:
         server = Server(home)
-        assert await home.client(may_write=False).asks(37, "06 00 01 00 05") == "86 01"
+        assert await home.client(host="10.0.0.9").asks(37, "06 00 01 00 05") == "86 01"
         assert server.asked == []
 
 

@@ -15,7 +15,8 @@ from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
-from gateway.routing.router import Router
+from gateway.routing.access import Door
+from kit.crossroads import router
 from kit.process import PATIENCE
 
 #: Units of the scripted target.
@@ -90,7 +91,8 @@ class House:
         self.plant = Plant()
         self.events: list[Event] = []
         routes = dict.fromkeys((PROMPT, PATIENT, DEFECTIVE), self.plant)
-        self.listener = UdpListener(settings, Router(routes, self.events.append), self.events.append)
+        crossroads = router(routes, self.events.append, door=Door("field", "datagram"))
+        self.listener = UdpListener(settings, crossroads, self.events.append)
         self.clients: list[Client] = []
 
     @property
@@ -191,7 +193,7 @@ async def test_nobody_may_write_and_an_unknown_unit_is_0a() -> None:
         client = home.client()
         assert await client.asks(pdu=WRITE) == encode(1, PROMPT, b"\x86\x01")
         assert await client.asks(UNKNOWN) == encode(1, UNKNOWN, b"\x83\x0a")
-        assert home.told(AccessDenied) == [AccessDenied(client.name, PROMPT, 6)]
+        assert home.told(AccessDenied) == [AccessDenied("field", client.name, PROMPT, 6)]
         assert home.plant.requests == []
 
 

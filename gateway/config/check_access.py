@@ -1,0 +1,127 @@
+"""Cross-checks of who may do what: rows that mean nobody, and what is so without any row."""
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from gateway.config.check_units import served_units
+from gateway.config.plan import DEFAULT_LISTENER
+from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.schema import Access, Config, Listen
+from gateway.config.unitset import show_units
+from gateway.routing.access import LOOPBACK, Network
+
+#: What [[access]] calls the control socket.
+CONTROL: Final = "control"
+
+_FIRST_RIGHT: Final = 'allow = ["read", "write"]; whoever no [[access]] means is refused then'
+
+
+def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Each row allows something in one way, names listeners that exist, and can match. `failed` as in `check`."""
+    if not config.access and "access" not in failed:
+        yield from _defaults(config)
+    for index, row in enumerate(config.access):
+        yield from _check_content(row)
+        if not failed & {"listen", "line"}:
+            yield from _check_listeners(row, config)
+            yield from _check_networks(row, config)
+        if not failed & {"line", "image", "upstream"}:
+            yield from _check_units(row, config)
+        yield from _check_order(row, config.access[:index])
+
+
+def _defaults(config: Config) -> Iterator[Problem]:
+    for listen in config.listen:
+        row = ""
+        if listen.bind.scheme == "udp":
+            what = "UDP clients may only read without [[access]]: a datagram can name any address as its sender"
+            row = f'listen = ["{listen.label}"]'
+        elif not listen.bind.is_loopback:
+            what = "clients from other machines may only read without [[access]]"
+            row = 'from = ["127.0.0.1", "10.2.0.0/24"]'
+        if row:
+            remedy = f"to let them write, add [[access]] with {row} and {_FIRST_RIGHT}"
+            yield warning((*listen.path, "bind"), what, remedy)
+
+
+def _check_content(row: Access) -> Iterator[Problem]:
+    if (row.allow is None) == (row.functions is None):
+        remedy = 'such as allow = ["read", "write"]; allow = [] refuses everything'
+        yield error(row.path, "must have one of allow and functions", remedy)
+    for key, value in (("from", row.networks), ("listen", row.listen)):
+        if value == ():
+            yield error((*row.path, key), "is empty, so the row means nobody", "leave it out, and it means everybody")
+
+
+def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
+    cables = [*(line.label for line in config.line if line.role == "server"), CONTROL]
+    known = [*(listen.label for listen in _listeners(config)), *cables]
+    for index, name in enumerate(row.listen or ()):
+        path = (*row.path, "listen", index)
+        if name not in known:
+            yield error(path, f'there is no listener "{name}"', did_you_mean(name, known))
+        elif name in cables and row.networks is not None:
+            what = f'clients of "{name}" have no network, so a row with from never means them'
+            yield warning(path, what, "name it in a row of its own, without from")
+
+
+def _listeners(config: Config) -> tuple[Listen, ...]:
+    """Those in the file, or the one that is there without any."""
+    default = DEFAULT_LISTENER
+    bind = f"{default.scheme}://{default.host}:{default.port}"
+    return config.listen or (Listen.model_validate({"name": default.name, "bind": bind}),)
+
+
+def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
+    """Somebody from each network can connect, as far as the addresses in the file tell."""
+    listeners = _listeners(config)
+    meant = [listen for listen in listeners if row.listen is None or listen.label in row.listen]
+    for index, network in enumerate(row.networks or ()):
+        reasons = [_why_nobody_comes(listen, network, listeners) for listen in meant]
+        if reasons and all(reasons):
+            yield warning((*row.path, "from", index), f"nobody comes from {network}: {reasons[0]}")
+
+
+def _why_nobody_comes(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
+    """Why no client from `network` can connect to a listener; empty when one can."""
+    bind, version = listen.bind, listen.bind.ip_version
+    if bind.is_loopback and not any(_overlap(network, own) for own in LOOPBACK):
+        return f"{listen.label} is for programs on this machine ({bind})"
+    takes_both = bind.is_wildcard and not any(bind.takes_ipv4_of(other.bind) for other in everyone)
+    if version == network.version or version is None or (version == 6 and takes_both):
+        return ""
+    return f"{listen.label} takes IPv{version} clients only ({bind})"
+
+
+def _check_units(row: Access, config: Config) -> Iterator[Problem]:
+    if row.units != "all" and not served_units(config) & set(row.units):
+        yield warning((*row.path, "units"), f"nobody answers for {show_units(row.units)}, so the row means nothing")
+
+
+def _check_order(row: Access, earlier: Iterable[Access]) -> Iterator[Problem]:
+    """The first row that fits counts, so one that means less must stand before one that means more."""
+    first = next((other for other in earlier if _covers(other, row)), None)
+    if first is not None:
+        what = f"never counts, because the row in {first.source} means all that it means"
+        yield warning(row.path, what, "the first row that fits counts: put the special one before the general one")
+
+
+def _covers(earlier: Access, row: Access) -> bool:
+    """Whether `earlier` means every client and unit that `row` means."""
+    listeners = earlier.listen is None or (row.listen is not None and set(row.listen) <= set(earlier.listen))
+    units = earlier.units == "all" or (row.units != "all" and set(row.units) <= set(earlier.units))
+    return earlier.role in (None, row.role) and listeners and units and _covers_networks(earlier.networks, row.networks)
+
+
+def _covers_networks(earlier: tuple[Network, ...] | None, networks: tuple[Network, ...] | None) -> bool:
+    if earlier is None:
+        return True
+    return networks is not None and all(any(_contains(big, small) for big in earlier) for small in networks)
+
+
+def _contains(big: Network, small: Network) -> bool:
+    return _overlap(big, small) and big.prefixlen <= small.prefixlen
+
+
+def _overlap(one: Network, other: Network) -> bool:
+    return one.version == other.version and one.overlaps(other)

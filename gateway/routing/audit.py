@@ -1,0 +1,66 @@
+"""Writes are accounted for: each one is told, once it is known what became of it."""
+
+from collections.abc import Callable
+
+from gateway.errors import RequestError
+from gateway.events import Emit, WriteAudit
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.pdu import parse_request
+from gateway.request import Origin, Request
+
+
+class Audited:
+    """Stands between a write and its origin, and tells what the answer says before it is handed on.
+
+    `unanswered` is the result of a write that ends without an answer: `broadcast`, or `unwanted`. `clock` tells the
+    time, in the seconds of the request's `received_at`: an answer comes without one.
+    """
+
+    __slots__ = ("_clock", "_emit", "_listener", "_origin", "_unanswered", "client", "host")
+
+    def __init__(self, origin: Origin, listener: str, unanswered: str, clock: Callable[[], float], emit: Emit) -> None:
+        self.client = origin.client
+        self.host = origin.host
+        self._origin = origin
+        self._listener = listener
+        self._unanswered = unanswered
+        self._clock = clock
+        self._emit = emit
+
+    def wants(self, request: Request) -> bool:
+        """Whether the origin still wants it to be sent."""
+        return self._origin.wants(request)
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Tell of the write, and let the origin have the answer."""
+        address, count = _written(request.pdu)
+        self._emit(
+            WriteAudit(
+                client=self.client,
+                listener=self._listener,
+                unit=request.unit,
+                function=request.pdu[0],
+                address=address,
+                count=count,
+                result=self._result(request, pdu),
+                code=f"{pdu[1]:02X}" if pdu is not None and pdu[0] & EXCEPTION_BIT else "",
+                elapsed_ms=round((self._clock() - request.received_at) * 1000, 1),
+            )
+        )
+        self._origin.answer(request, pdu)
+
+    def _result(self, request: Request, pdu: bytes | None) -> str:
+        if request.error is not None:
+            return request.error.result
+        if pdu is None:
+            return self._unanswered
+        return "exception" if pdu[0] & EXCEPTION_BIT else "ok"
+
+
+def _written(pdu: bytes) -> tuple[int, int] | tuple[None, None]:
+    """Address and number of what is to be written, as far as the request tells."""
+    try:
+        span = parse_request(pdu).write
+    except RequestError:
+        span = None
+    return (None, None) if span is None else (span.start, span.count)

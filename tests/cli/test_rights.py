@@ -1,0 +1,109 @@
+"""The rights that `check` prints."""
+
+import json
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from gateway.cli.main import main
+
+FILE = """\
+[[listen]]
+name = "scada"
+bind = "tcp://0.0.0.0:1502"
+
+[[listen]]
+name = "field"
+bind = "udp://0.0.0.0:1502"
+
+[[image]]
+unit    = 41
+holding = 10
+
+[[line]]
+name   = "panel"
+port   = "/dev/null"
+role   = "server"
+serves = 41
+"""
+ROWS = """\
+[[access]]
+from  = ["10.2.0.66"]
+allow = []
+
+[[access]]
+from  = ["10.2.0.0/24", "fd00::/8"]
+units = ["41-43", 46]
+allow = ["read", "write"]
+
+[[access]]
+listen    = ["scada"]
+functions = [3, 16, 43]
+
+[[access]]
+from  = ["10.3.0.0/24"]
+allow = ["write"]
+"""
+
+
+def rights(folder: Path, capsys: pytest.CaptureFixture[str], text: str) -> str:
+    """The paragraph about rights."""
+    file = folder / "gateway.toml"
+    file.write_text(text)
+    main(["check", str(file)])
+    said = capsys.readouterr().out
+    return said[said.index("Rights") :].partition("\n\n")[0]
+
+
+def test_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert rights(tmp_path, capsys, FILE) == dedent(
+        """\
+        Rights: the first row that fits counts
+          FROM          THROUGH       UNITS  MAY
+          this machine  any listener  all    read, write
+          anywhere      any listener  all    read
+          the line      panel         41     read, write, broadcast
+          Through field (UDP) clients only read, as no row names it."""
+    )
+
+
+def test_with_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert rights(tmp_path, capsys, FILE + ROWS) == dedent(
+        """\
+        Rights: the first row that fits counts
+          FROM                   THROUGH       UNITS      MAY
+          10.2.0.66              any listener  all        nothing
+          10.2.0.0/24, fd00::/8  any listener  41-43, 46  read, write
+          anywhere               scada         all        functions 3, 16, 43
+          10.3.0.0/24            any listener  all        write
+          all else                                        nothing
+          the line               panel         41         read, write, broadcast
+          Through field (UDP) clients only read, as no row names it."""
+    )
+
+
+def test_what_a_row_names_is_in_the_table_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    row = '[[access]]\nlisten = ["panel", "field"]\nallow = ["read"]\n'
+    assert rights(tmp_path, capsys, FILE + row) == dedent(
+        """\
+        Rights: the first row that fits counts
+          FROM      THROUGH       UNITS  MAY
+          anywhere  field, panel  all    read
+          all else                       nothing"""
+    )
+
+
+def test_for_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(FILE + ROWS)
+    main(["check", "--json", str(file)])
+    _, some, functions, _ = json.loads(capsys.readouterr().out)["rights"]
+    assert some == {
+        "from": ["10.2.0.0/24", "fd00::/8"],
+        "listen": None,
+        "units": [41, 42, 43, 46],
+        "may": "read, write",
+        "source": "gateway.toml:22",
+    }
+    assert (functions["from"], functions["listen"], functions["may"]) == (None, ["scada"], "functions 3, 16, 43")

@@ -1,0 +1,186 @@
+"""Who may do what: each rule with a file that breaks it."""
+
+import pytest
+
+from gateway.config.load import parse
+from gateway.config.problem import dotted
+
+UNITS = "[[image]]\nunit = 7\ncoils = 1\n[[image]]\nunit = 8\ncoils = 1\n"
+SCADA = '[[listen]]\nname = "scada"\nbind = "tcp://0.0.0.0:502"\n'
+FIELD = '[[listen]]\nname = "field"\nbind = "udp://127.0.0.1:502"\n'
+PANEL = '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\nserves = 7\n'
+READ = 'allow = ["read"]\n'
+
+
+def problems(text):
+    found = parse(UNITS + text, "gateway.toml", lambda _: None, str).problems
+    return [
+        f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "") for one in found
+    ]
+
+
+def access(*rows, listen=SCADA):
+    return problems(listen + "".join(f"[[access]]\n{row}" + ("" if "allow" in row else READ) for row in rows))
+
+
+# Without any row
+
+
+@pytest.mark.parametrize(
+    ("listen", "what", "row"),
+    [
+        (
+            FIELD,
+            "UDP clients may only read without [[access]]: a datagram can name any address as its sender",
+            'listen = ["field"]',
+        ),
+        (
+            SCADA,
+            "clients from other machines may only read without [[access]]",
+            'from = ["127.0.0.1", "10.2.0.0/24"]',
+        ),
+    ],
+)
+def test_who_may_only_read_is_told_and_how_that_is_changed(listen, what, row):
+    remedy = f'to let them write, add [[access]] with {row} and allow = ["read", "write"]'
+    after = "; whoever no [[access]] means is refused then"
+    assert problems(listen) == [f"warning: listen[0].bind: {what} | {remedy}{after}"]
+
+
+def test_a_listener_for_this_machine_needs_no_rights():
+    assert problems('[[listen]]\nbind = "tcp://127.0.0.1:502"\n') == []
+
+
+@pytest.mark.parametrize("row", [READ, 'allow = "read"\n'])
+def test_who_has_written_rights_is_not_told_about_them(row):
+    assert not [said for said in problems(SCADA + "[[access]]\n" + row) if "may only read" in said]
+
+
+# Rows
+
+
+@pytest.mark.parametrize("row", ["allow = []\n", 'allow = ["write"]\n', "functions = [3, 16]\n"])
+def test_a_row_allows_rights_or_functions_or_nothing(row):
+    assert problems(SCADA + "[[access]]\n" + row) == []
+
+
+@pytest.mark.parametrize("row", ["", 'allow = ["read"]\nfunctions = [3]\n'])
+def test_a_row_says_in_one_way_what_it_allows(row):
+    remedy = 'such as allow = ["read", "write"]; allow = [] refuses everything'
+    assert problems(SCADA + "[[access]]\n" + row) == [
+        f"error: access[0]: must have one of allow and functions | {remedy}"
+    ]
+
+
+@pytest.mark.parametrize("key", ["from", "listen"])
+def test_an_empty_list_means_nobody(key):
+    assert access(f"{key} = []\n") == [
+        f"error: access[0].{key}: is empty, so the row means nobody | leave it out, and it means everybody"
+    ]
+
+
+def test_a_row_names_listeners_server_lines_and_the_control_socket():
+    assert access('listen = ["scada", "panel", "control"]\n', listen=SCADA + PANEL) == []
+    assert access('listen = ["default"]\n', listen="") == []
+
+
+def test_a_row_for_an_unknown_listener():
+    said = 'error: access[0].listen[1]: there is no listener "skada" | did you mean "scada"?'
+    assert access('listen = ["control", "skada"]\n') == [said]
+
+
+def test_a_row_for_a_listener_that_failed():
+    assert access('listen = ["scada"]\n', listen='[[listen]]\nname = "scada"\n') == [
+        "error: listen[0].bind: is missing"
+    ]
+
+
+def test_who_is_on_a_cable_has_no_network():
+    what = 'clients of "panel" have no network, so a row with from never means them'
+    assert access('listen = ["scada", "panel"]\nfrom = ["10.2.0.0/24"]\n', listen=SCADA + PANEL) == [
+        f"warning: access[0].listen[1]: {what} | name it in a row of its own, without from"
+    ]
+
+
+# Networks
+
+
+@pytest.mark.parametrize(
+    ("bind", "network", "why"),
+    [
+        ("tcp://0.0.0.0:1", "10.2.0.0/24", ""),
+        ("tcp://0.0.0.0:1", "fe80::/10", "scada takes IPv4 clients only (tcp://0.0.0.0:1)"),
+        ("tcp://[fd00::1]:1", "10.2.0.0/24", "scada takes IPv6 clients only (tcp://[fd00::1]:1)"),
+        ("tcp://[fd00::1]:1", "fd00::/8", ""),
+        ("tcp://[::]:1", "10.2.0.0/24", ""),
+        ("tcp://[::]:1", "fd00::/8", ""),
+        ("tcp://plc.example:1", "10.2.0.0/24", ""),
+        ("tcp://127.0.0.1:1", "10.2.0.0/24", "scada is for programs on this machine (tcp://127.0.0.1:1)"),
+        ("tcp://127.0.0.1:1", "127.0.0.2", ""),
+        ("tcp://127.0.0.1:1", "0.0.0.0/0", ""),
+        ("tcp://localhost:1", "::1", ""),
+    ],
+)
+def test_a_network_from_which_nobody_comes(bind, network, why):
+    said = access(f'from = ["{network}"]\n', listen=f'[[listen]]\nname = "scada"\nbind = "{bind}"\n')
+    assert said == ([f"warning: access[0].from[0]: nobody comes from {network}: {why}"] if why else [])
+
+
+def test_without_a_listener_clients_come_from_this_machine_only():
+    why = "default is for programs on this machine (tcp://127.0.0.1:5020)"
+    said = [f"warning: access[0].from[1]: nobody comes from 10.2.0.0/24: {why}"]
+    assert access('from = ["127.0.0.1", "10.2.0.0/24"]\n', listen="") == said
+
+
+def test_ipv4_clients_go_where_an_ipv4_address_is():
+    both = '[[listen]]\nname = "six"\nbind = "tcp://[::]:502"\n' + SCADA
+    assert access('from = ["10.2.0.0/24"]\n', listen=both) == []
+    assert access('from = ["10.2.0.0/24"]\nlisten = ["six"]\n', listen=both) == [
+        "warning: access[0].from[0]: nobody comes from 10.2.0.0/24: six takes IPv6 clients only (tcp://[::]:502)"
+    ]
+
+
+# Units, and the order of rows
+
+
+def test_a_row_for_units_that_nobody_answers_for():
+    assert access('units = ["1-3", 5]\n') == [
+        "warning: access[0].units: nobody answers for 1-3, 5, so the row means nothing"
+    ]
+    assert access("units = [1, 7]\n") == []
+
+
+@pytest.mark.parametrize(
+    ("earlier", "row"),
+    [
+        ("", 'from = ["10.2.0.0/24"]\n'),
+        ("", 'listen = ["scada"]\nunits = 7\n'),
+        ("units = [7, 8]\n", "units = 7\n"),
+        ('listen = ["scada", "panel"]\n', 'listen = ["panel"]\n'),
+        ('from = ["10.0.0.0/8", "fd00::/8"]\n', 'from = ["10.2.0.0/24", "10.3.0.1"]\n'),
+    ],
+)
+def test_a_row_that_an_earlier_one_hides(earlier, row):
+    (said,) = access(earlier, row, listen=SCADA.replace("0.0.0.0", "[::]") + PANEL)
+    what = "never counts, because the row in gateway.toml:15 means all that it means"
+    assert (
+        said
+        == f"warning: access[1]: {what} | the first row that fits counts: put the special one before the general one"
+    )
+
+
+@pytest.mark.parametrize(
+    ("earlier", "row"),
+    [
+        ('from = ["10.2.0.0/24"]\n', ""),
+        ('from = ["10.2.0.0/24"]\n', 'from = ["10.0.0.0/8"]\n'),
+        ('from = ["10.2.0.0/24"]\n', 'from = ["10.2.0.0/24", "10.3.0.0/24"]\n'),
+        ('from = ["10.0.0.0/8"]\n', 'from = ["fd00::/8"]\n'),
+        ("units = 7\n", "units = [7, 8]\n"),
+        ("units = 7\n", ""),
+        ('listen = ["scada"]\n', ""),
+        ('listen = ["scada"]\n', 'listen = ["scada", "panel"]\n'),
+    ],
+)
+def test_a_row_that_means_more_than_the_earlier_one_counts(earlier, row):
+    assert access(earlier, row, listen=SCADA.replace("0.0.0.0", "[::]") + PANEL) == []

@@ -1,0 +1,34 @@
+"""A router for tests, of a listener that is called `scada`."""
+
+from collections.abc import Iterable, Mapping
+
+from gateway.events import Emit, Event
+from gateway.request import Target
+from gateway.routing.access import DEFAULT_ROWS, Door, Rights, Row
+from gateway.routing.router import Router
+
+_SCADA = Door("scada")
+
+
+def _nobody_listens(event: Event) -> None:
+    pass
+
+
+def router(
+    routes: Mapping[int, Target],
+    emit: Emit = _nobody_listens,
+    *,
+    rows: Iterable[Row] = DEFAULT_ROWS,
+    door: Door = _SCADA,
+    now: float = 0.0,
+) -> Router:
+    """A router whose clock stands at `now`."""
+    crossroads = Router(door, lambda: now, emit)
+    crossroads.routes = routes
+    crossroads.rights = Rights(rows, door)
+    return crossroads
+
+
+def to_everywhere(target: Target) -> Router:
+    """A router that leads from every unit to the same target."""
+    return router(dict.fromkeys(range(256), target))
