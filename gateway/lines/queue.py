@@ -6,12 +6,14 @@
 - **A mirror's polls last**, but one after at most `YIELDS` others, so that values do not become stale on a busy line.
 - **Order.** A client's requests to one device keep their order. Its broadcasts keep theirs to all that it asks before
   and behind them. What must not be sent yet lets others pass, but not those.
-- **Equal reads share one transaction** as long as it waits, and as long as nothing but reads has come since. A read
-  that is on the line already is never shared: every answer is newer than its question.
+- **Equal reads share one transaction** as long as it waits, and as long as nothing but reads has come since. It waits
+  in the row of each of its clients and goes when the first of them has its turn: nobody waits longer for sharing. A
+  read that is on the line already is never shared: every answer is newer than its question.
 """
 
 from collections import deque
 from collections.abc import Callable
+from itertools import takewhile
 from typing import Final
 
 from gateway.lines.transaction import Addressee, Transaction
@@ -52,19 +54,26 @@ class _Row:
 
     def next(self, is_held: Held | None) -> Transaction | None:
         """The first one that may go: not held, and not behind a held one whose order it keeps."""
-        first = self.waiting[0]
-        if is_held is None and not first.follows:
-            return first  # as nearly always
+        if is_held is None:
+            return self.waiting[0]  # as nearly always
         held: list[Addressee] = []
         for transaction in self.waiting:
-            keeps_order = held and (transaction.device in held or not transaction.expects_answer)
-            must_wait = keeps_order or (transaction.follows and transaction.must_follow)
-            if not must_wait and (is_held is None or not is_held(transaction)):
+            must_wait = held and (transaction.device in held or not transaction.expects_answer)
+            if not must_wait and not is_held(transaction):
                 return transaction
             if not transaction.expects_answer:
                 return None
             held.append(transaction.device)
         return None
+
+    def holds_back(self, transaction: Transaction) -> bool:
+        """Whether `transaction`, which waits here, would overtake something whose order it keeps."""
+        before = takewhile(lambda each: each is not transaction, self.waiting)
+        return any(older.device is transaction.device or not older.expects_answer for older in before)
+
+    def replace(self, old: Transaction, new: Transaction) -> None:
+        """Let another transaction wait in the place of `old`."""
+        self.waiting[self.waiting.index(old)] = new
 
 
 class WaitingQueue:
@@ -86,8 +95,6 @@ class WaitingQueue:
         self._expiries: deque[tuple[float, Request]] = deque()
         #: The reads that others may join, by device and PDU.
         self._reads: dict[tuple[Addressee, bytes], Transaction] = {}
-        #: What a client has joined, by client and device.
-        self._joined: dict[tuple[str, Addressee], Transaction] = {}
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -101,7 +108,9 @@ class WaitingQueue:
         request = transaction.requests[0]
         shared = self._join(transaction, request) if self._reads else None
         if shared is None:
-            self._append(transaction)
+            self._append(transaction, transaction.client)
+            if self._coalesce:
+                self._offer(transaction)
         self._waiting[request] = shared or transaction
         self._expiries.append((now + self._max_wait, request))
         return True
@@ -115,6 +124,8 @@ class WaitingQueue:
                 if transaction is not None:
                     self._overtakes = self._overtakes + 1 if ring is self._urgent else 0
                     self._yields = self._yields + 1 if self._polls and ring is not self._polls else 0
+                    if len(transaction.requests) > 1:
+                        transaction = self._part(transaction)
                     self._remove(transaction)
                     if ring and ring[0] is row:
                         ring.rotate(-1)
@@ -140,7 +151,8 @@ class WaitingQueue:
 
     def drop(self, is_doomed: Held) -> list[Transaction]:
         """Remove the transactions of which this is true."""
-        doomed = [transaction for row in self._rows.values() for transaction in row.waiting if is_doomed(transaction)]
+        waiting = dict.fromkeys(transaction for row in self._rows.values() for transaction in row.waiting)
+        doomed = [transaction for transaction in waiting if is_doomed(transaction)]
         for transaction in doomed:
             self._remove(transaction)
         return doomed
@@ -157,9 +169,7 @@ class WaitingQueue:
             return self._plain, self._urgent, self._polls
         return self._urgent, self._plain, self._polls
 
-    def _append(self, transaction: Transaction) -> None:
-        transaction.waits = True
-        client = transaction.client
+    def _append(self, transaction: Transaction, client: str) -> None:
         row = self._rows.get(client)
         if row is None:
             row = self._rows[client] = _Row(client, self._plain)
@@ -167,9 +177,6 @@ class WaitingQueue:
             row.ring = self._ring_for(transaction)
             row.ring.append(row)
         row.waiting.append(transaction)
-        if self._coalesce:
-            self._offer(transaction)
-            transaction.follows = self._joined_before(transaction) if self._joined else ()
 
     def _ring_for(self, transaction: Transaction) -> deque[_Row]:
         if transaction.yields:
@@ -186,14 +193,6 @@ class WaitingQueue:
         else:
             self._reads.clear()
 
-    def _joined_before(self, transaction: Transaction) -> tuple[Transaction, ...]:
-        """What its client has joined and must be sent before it: all of that if it is a broadcast."""
-        client = transaction.client
-        if transaction.expects_answer:
-            shared = self._joined.get((client, transaction.device))
-            return () if shared is None else (shared,)
-        return tuple(shared for (who, _), shared in self._joined.items() if who == client)
-
     def _join(self, transaction: Transaction, request: Request) -> Transaction | None:
         """The waiting transaction that `request` can share. Not if it could overtake its client's older requests."""
         shared = self._reads.get((transaction.device, transaction.asked.data))
@@ -205,45 +204,53 @@ class WaitingQueue:
         older = row.waiting if row is not None else ()
         if any(waiting.device is device or not waiting.expects_answer for waiting in older):
             return None
-        if (client, device) in self._joined:
-            return None
         shared.counts.coalesced += 1
         shared.requests.append(request)
-        self._joined[client, device] = shared
+        self._append(shared, client)
         return shared
 
+    def _part(self, transaction: Transaction) -> Transaction:
+        """A shared transaction has its turn in one row: take out the requests that would overtake nothing in theirs."""
+        stay = [each for each in transaction.requests if self._rows[each.origin.client].holds_back(transaction)]
+        if not stay:
+            return transaction
+        go = [each for each in transaction.requests if each not in stay]
+        part = type(transaction)(go[0], transaction.asked, transaction.device)
+        part.requests = go
+        for request in go:
+            self._rows[request.origin.client].replace(transaction, part)
+            self._waiting[request] = part
+        transaction.requests = stay
+        transaction.client = stay[0].origin.client
+        transaction.counts.coalesced -= 1
+        return part
+
     def _remove(self, transaction: Transaction) -> None:
-        """Let a transaction wait no more. Its client's row keeps its place as long as it stays in its ring."""
-        row = self._rows[transaction.client]
+        """Let a transaction wait no more."""
+        for request in transaction.requests:
+            self._leave_row(request.origin.client, transaction)
+            del self._waiting[request]
+        if self._reads:
+            self._withdraw_offer(transaction)
+
+    def _leave_row(self, client: str, transaction: Transaction) -> None:
+        """Take a transaction out of one client's row, which keeps its place as long as it stays in its ring."""
+        row = self._rows[client]
         row.waiting.remove(transaction)
         ring = self._ring_for(row.waiting[0]) if row.waiting else None
         if ring is not row.ring:
             row.ring.remove(row)
         if ring is None:
             if len(self._rows) > _EMPTY_ROWS:
-                del self._rows[row.client]
+                del self._rows[client]
         elif ring is not row.ring:
             row.ring = ring
             ring.append(row)
-        for request in transaction.requests:
-            del self._waiting[request]
-        transaction.waits = False
-        transaction.follows = ()
-        if self._reads:
-            self._withdraw_offer(transaction)
-        if self._joined:
-            for request in transaction.requests:
-                self._leave(request, transaction)
 
     def _withdraw_offer(self, transaction: Transaction) -> None:
         key = (transaction.device, transaction.asked.data)
         if self._reads.get(key) is transaction:
             del self._reads[key]
-
-    def _leave(self, request: Request, transaction: Transaction) -> None:
-        client = request.origin.client
-        if client != transaction.client:
-            self._joined.pop((client, transaction.device), None)
 
     def _withdraw(self, request: Request) -> None:
         """Let a request wait no more, and its transaction if that was its only one."""
@@ -251,9 +258,9 @@ class WaitingQueue:
         if len(transaction.requests) == 1:
             self._remove(transaction)
             return
+        self._leave_row(request.origin.client, transaction)
         transaction.requests.remove(request)
         del self._waiting[request]
-        self._leave(request, transaction)
 
     def _drop_unwanted(self) -> None:
         """Let go of requests whose clients have left; they end without a response."""

@@ -47,7 +47,7 @@ class QuirkyLine(TakesTransactions, Protocol):
 class Whereabouts:
     """The unit identifiers that the devices of one line answer to, as far as they are known.
 
-    A device whose move was not confirmed may be at two; each is held until an answer from one of them settles it.
+    A device whose moves were not confirmed may be at several; each is held until an answer from one settles it.
     """
 
     def __init__(self) -> None:
@@ -162,9 +162,9 @@ class RestlessDevice(Device):
         self._whereabouts = whereabouts
         self._is_alone = is_alone
         self._remember = remember
-        #: Where it answered last, and where else it may be: since a move that nobody confirmed, or because it rests.
+        #: Where it answered last, and where else it may be: since moves that nobody confirmed, or because it rests.
         self._known_at = settings.unit
-        self._maybe_at: int | None = None
+        self._maybe_at: list[int] = []
         whereabouts.place(self.name, self.unit)
 
     def begin_at(self, unit: int) -> None:
@@ -192,27 +192,29 @@ class RestlessDevice(Device):
 
     def _lose_track(self, unit: int) -> None:
         """It was told to move to `unit` and nobody answered: the move may have happened or not."""
-        if unit != self._known_at:
+        if unit != self._known_at and unit not in self._maybe_at:
             self._doubt(unit, "old or new: no answer came")
 
     def _doubt(self, unit: int, why: str) -> None:
-        """It may be at `unit` too: both addresses are held until it answers from one of them."""
-        self._maybe_at = unit
-        self._whereabouts.place(self.name, self._known_at, unit)
-        advice = f"{why}; it is at {self._known_at} or {unit}, and its next answer settles it"
+        """It may be at `unit` too: all its addresses are held until it answers from one of them."""
+        self._maybe_at.append(unit)
+        places = [self._known_at, *self._maybe_at]
+        self._whereabouts.place(self.name, *places)
+        advice = f"{why}; it is at {' or '.join(map(str, places))}, and its next answer settles it"
         self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
 
     def _look_elsewhere(self) -> None:
-        """It did not answer where it was asked: the next request tries the other place, if there are two.
+        """It did not answer where it was asked: the next request tries the next place, if there are several.
 
         If it rests, and the config names another place, that is the other one: it may have been set back by hand.
         """
         configured = self.settings.unit
-        may_be_back = self._maybe_at is None and self.breaker.failures >= FAILURES and configured != self._known_at
+        may_be_back = not self._maybe_at and self.breaker.failures >= FAILURES and configured != self._known_at
         if may_be_back and self._whereabouts.is_free(configured, self.name):
             self._doubt(configured, "it does not answer where it moved to")
-        if self._maybe_at is not None:
-            self.unit = self._maybe_at if self.unit == self._known_at else self._known_at
+        if self._maybe_at:
+            places = [self._known_at, *self._maybe_at]
+            self.unit = places[(places.index(self.unit) + 1) % len(places)]
 
     def _found(self, unit: int) -> None:
         """It has answered from `unit`."""
@@ -222,10 +224,10 @@ class RestlessDevice(Device):
             advice = f"requests follow it; {remedy}"
             self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
             self._remember(unit)
-        elif self._maybe_at is None:
+        elif not self._maybe_at:
             return
         self.unit = self._known_at = unit
-        self._maybe_at = None
+        self._maybe_at = []
         self._whereabouts.place(self.name, unit)
 
     def _rate_changed(self, baud: float, response: Frame | None) -> None:

@@ -37,8 +37,7 @@ class Transaction:
     """
 
     __slots__ = (
-        "asked", "client", "counts", "device", "ends_at", "follows", "limit", "owed", "requests", "retries", "unit",
-        "waits", "yields",
+        "asked", "client", "counts", "device", "ends_at", "limit", "owed", "requests", "retries", "unit", "yields",
     )  # fmt: skip
 
     #: Whether somebody answers: not to a broadcast (S 2.1).
@@ -52,9 +51,6 @@ class Transaction:
         self.counts = device.counts[asked.function]
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
-        #: Whether it is in the queue, and what must leave the queue before it.
-        self.waits = False
-        self.follows: tuple[Transaction, ...] = ()
         #: It lets the requests of clients go first: a mirror's poll.
         self.yields = False
         #: When the last character of the request leaves, and how long after that it has failed.
@@ -82,14 +78,6 @@ class Transaction:
     def accepts(self, frame: Frame) -> bool:
         """Whether `frame` is the answer: unit, function, size and echoed fields fit, or it is the unit's exception."""
         return frame.unit == self.unit and self.asked.accepts(frame.pdu)
-
-    @property
-    def must_follow(self) -> bool:
-        """Whether an older request of the same client, which shares another transaction, still waits."""
-        for transaction in self.follows:  # noqa: SIM110 - see is_wanted
-            if transaction.waits:
-                return True
-        return False
 
     @property
     def is_wanted(self) -> bool:

@@ -22,6 +22,7 @@ from gateway.listeners.sockets import (
     why,
     written,
 )
+from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.ports.clock import Alarm
 from gateway.routing.router import Router
 
@@ -244,7 +245,9 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self.transport = cast("asyncio.Transport", transport)
-        self.transport.set_write_buffer_limits(UNSENT_BYTES)
+        # those that are under way when reading stops are answered too
+        room = UNSENT_BYTES - self._listener.settings.in_flight * MAX_TCP_ADU
+        self.transport.set_write_buffer_limits(max(room, 0))
         self._listener.connected(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the session's buffer has its own size

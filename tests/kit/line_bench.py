@@ -123,5 +123,5 @@ def is_empty(line: Line) -> bool:
     queue = line._turns._queue
     queue.expired(0.0)  # forgets those that wait no more
     rows = [row for row in queue._rows.values() if row.waiting]
-    left = (queue._waiting, queue._reads, queue._joined, queue._urgent, queue._plain, queue._expiries, rows)
+    left = (queue._waiting, queue._reads, queue._urgent, queue._plain, queue._expiries, rows)
     return not any(left) and line._current is None and line._again is None

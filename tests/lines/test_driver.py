@@ -124,6 +124,18 @@ async def three_clients(driven: Driven) -> list[Asker]:
     return clients
 
 
+async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too() -> None:
+    driven = Driven()
+    clients = await three_clients(driven)
+    driven.line._hearing.received = defect  # type: ignore[method-assign]
+    driven.line.observer = defect
+    driven.driver.received(bytes.fromhex(RESPONSE_FRAME))
+    assert driven.port.closed
+    assert [type(event) for event in driven.events].count(PartFailed) == 2
+    assert [len(client.answers) for client in clients] == [1] * 4
+    driven.driver.close()
+
+
 @pytest.mark.parametrize("where", ["encode", "write", "finished", "observer"])
 async def test_a_defect_loses_no_request_each_gets_exactly_one_answer(where: str) -> None:
     driven = Driven()

@@ -65,7 +65,7 @@ class Waiting:
         queue = self.queue
         queue.expired(self.now)
         rows = [row for row in queue._rows.values() if row.waiting]
-        left = (queue._waiting, queue._expiries, queue._reads, queue._joined, queue._urgent, queue._plain, rows)
+        left = (queue._waiting, queue._expiries, queue._reads, queue._urgent, queue._plain, rows)
         return not any(left) and len(queue) == 0 and queue.next_expiry() is None
 
 
@@ -355,6 +355,34 @@ def test_a_second_equal_read_of_a_client_is_a_transaction_of_its_own(waiting: Wa
     waiting.put("B")
     assert waiting.take_all() == ["A+B1", "B1"]
     assert waiting.is_empty()
+
+
+def test_a_shared_read_goes_at_whichever_turn_comes_first(waiting: Waiting) -> None:
+    for unit in (2, 3, 4):
+        waiting.put("A", unit=unit)
+    waiting.put("A")
+    waiting.put("B")
+    assert waiting.take_all() == ["A2", "A+B1", "A3", "A4"]
+    assert waiting.is_empty()
+
+
+def test_who_must_not_overtake_its_own_older_requests_lets_the_others_go(waiting: Waiting) -> None:
+    for pdu in ("03 00 01 00 01", "03 00 02 00 01", "03 00 03 00 01", READ):
+        waiting.put("A", pdu)
+    waiting.put("B")
+    waiting.put("C")
+    assert waiting.coalesced == 2
+    assert waiting.take_all() == ["A1", "B+C1", "A1", "A1", "A1"]
+    assert waiting.coalesced == 1
+    assert waiting.is_empty()
+
+
+def test_while_the_clients_turn_is_held_another_one_may_go_with_what_is_shared(waiting: Waiting) -> None:
+    waiting.put("A", OTHER, unit=2)
+    waiting.put("A")
+    waiting.put("B")
+    assert waiting.queue.take(lambda transaction: transaction.device.unit == 2).device.unit == 1
+    assert waiting.take_all() == ["A2"]
 
 
 # --- expiry, departure, room ---

@@ -57,6 +57,34 @@ def hall() -> Hall:
     return Hall()
 
 
+def test_after_two_moves_that_nobody_confirmed_it_is_sought_at_three_places_and_all_are_held(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.pass_time(5.0)
+    hall.ask_silo(READ)
+    hall.pass_time(5.0)
+    hall.ask_silo("10 01 00 00 01 02 00 07")
+    hall.pass_time(5.0)
+    for unit in (1, 5, 7):
+        assert not hall.whereabouts.is_free(unit, "another")
+    sought = []
+    for _ in range(4):
+        sought.append(hall.silo.unit)
+        hall.silo.breaker.heard()
+        hall.ask_silo(READ)
+        hall.pass_time(5.0)
+    assert sorted(sought[:3]) == [1, 5, 7]
+    assert sought[3] == sought[0]
+    hall.silo.breaker.heard()
+    hall.ask_silo(READ)
+    hall.respond(WEIGHT, unit=hall.silo.unit)
+    assert (
+        hall.whereabouts.is_free(5, "another")
+        + hall.whereabouts.is_free(7, "another")
+        + hall.whereabouts.is_free(1, "another")
+        == 2
+    )
+
+
 def test_a_late_change_of_rate_waits_for_the_end_of_the_transaction_on_the_line(hall: Hall) -> None:
     hall.ask_silo(TO_19200)
     hall.pass_time(0.2)
