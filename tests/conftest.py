@@ -8,6 +8,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from gateway.ports.exact_loop import exact_loop
 from kit.virtual_time import VirtualTimeLoop
 
 _TESTS = Path(__file__).parent
@@ -21,7 +22,7 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[], asyncio.AbstractEventLoop]]:
     if _in_real_time(item):
-        return {"real-time": asyncio.SelectorEventLoop}
+        return {"real-time": exact_loop}
     return {"virtual-time": VirtualTimeLoop}
 
 

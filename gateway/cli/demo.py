@@ -18,6 +18,7 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.errors import GatewayError
+from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
 from gateway.service.running import Running
@@ -46,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         DemoError: a simulator or the gateway did not start.
     """
-    return asyncio.run(_until_signal(once=args.once))
+    return run_exactly(_until_signal(once=args.once))
 
 
 async def _until_signal(*, once: bool) -> int:

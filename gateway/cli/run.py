@@ -15,6 +15,7 @@ from gateway.config.plan import Plan, resolve
 from gateway.images.store import Store
 from gateway.listeners.sockets import OpenSockets
 from gateway.observe.log import open_log
+from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
 from gateway.service.control import control_open, control_path
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
             for remembered in in_force(plan, memory):
                 emit(remembered)
             control = args.control or plan.control or control_path(file)
-            asyncio.run(_run(plan, file, Path(control), memory, store, emit))
+            run_exactly(_run(plan, file, Path(control), memory, store, emit))
     return FINE
 
 

@@ -17,6 +17,7 @@ from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.unitset import parse_units, show_units
 from gateway.config.values import parse_format
 from gateway.modbus.chartime import CharacterFormat
+from gateway.ports.exact_loop import run_exactly
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import Faults
 from gateway.simulator.kinds import KINDS
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         return WRONG_USAGE
     pace = "whatever rate the port is set to" if args.baud is None else f"{args.baud} baud"
     ready = f"{_who(groups)} at {args.port}: {mode} {format_}, {pace}. Ctrl-C ends it."
-    asyncio.run(_serve(line, f"{ready}\n\n{_config(groups, args, mode, format_)}\n", end))
+    run_exactly(_serve(line, f"{ready}\n\n{_config(groups, args, mode, format_)}\n", end))
     return FINE
 
 

@@ -1,0 +1,53 @@
+"""An event loop that runs its timers when they are due, and not up to a millisecond later.
+
+asyncio waits in `epoll_wait`, which counts in milliseconds. A silence of t3.5 lasts 1.75 ms above 19200 baud, so that
+millisecond is a tenth of what a fast line can carry. `select` counts in microseconds, and can wait for the descriptor
+of an epoll. Why not a timer descriptor for each line: docs/adr/0009-exact-timers.md
+"""
+
+import asyncio
+import select
+import selectors
+from collections.abc import Coroutine
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+T = TypeVar("T")
+
+#: A wait is exact in its last part, in seconds: longer than the millisecond that `epoll_wait` may come too late.
+EXACT_PART: Final = 0.002
+#: `select` knows descriptors below this number only (select(2)).
+_SELECTABLE: Final = 1024
+#: The kernel may let a thread sleep so many nanoseconds longer, 50 000 if nothing is set (proc(5)).
+_SLACK: Final = Path("/proc/self/timerslack_ns")
+
+
+def run_exactly(main: Coroutine[Any, Any, T]) -> T:
+    """Run `main` as asyncio.run does, in an exact loop."""
+    with asyncio.Runner(loop_factory=exact_loop) as runner:
+        return runner.run(main)
+
+
+def exact_loop() -> asyncio.AbstractEventLoop:
+    """A new event loop with exact timers, for the main thread."""
+    with suppress(OSError):  # then timers are 50 us later
+        _SLACK.write_text("1")
+    return asyncio.SelectorEventLoop(ExactSelector())
+
+
+class ExactSelector(selectors.EpollSelector):
+    """Waits to the microsecond, never less than asked for by more than EXACT_PART: asyncio then asks again."""
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """Wait for descriptors; see selectors.BaseSelector."""
+        if timeout is None or timeout <= 0 or not self._is_selectable:
+            return super().select(timeout)
+        if timeout > EXACT_PART:
+            return super().select(timeout - EXACT_PART)
+        select.select((self.fileno(),), (), (), timeout)
+        return super().select(0)
+
+    @property
+    def _is_selectable(self) -> bool:
+        return self.fileno() < _SELECTABLE

@@ -1,0 +1,85 @@
+"""The event loop of a running gateway, in real time: never early, and late by much less than a millisecond."""
+
+import asyncio
+import selectors
+import socket
+import time
+from contextlib import closing
+
+import pytest
+
+from gateway.ports import exact_loop as exact_loop_module
+from gateway.ports.exact_loop import EXACT_PART, ExactSelector, exact_loop, run_exactly
+
+#: asyncio runs what is due within this time.
+CLOCK_RESOLUTION = time.get_clock_info("monotonic").resolution
+
+
+async def lateness(delay: float) -> float:
+    """How many seconds after its time a timer was called."""
+    loop = asyncio.get_running_loop()
+    due = loop.time() + delay
+    called: asyncio.Future[float] = loop.create_future()
+    loop.call_at(due, lambda: called.set_result(loop.time()))
+    return await called - due
+
+
+@pytest.mark.parametrize("delay", [0.00105, EXACT_PART, 0.0121])
+async def test_timers_are_late_by_much_less_than_a_millisecond_and_never_early(delay: float) -> None:
+    late = sorted([await lateness(delay) for _ in range(40)])
+    assert late[0] >= -CLOCK_RESOLUTION
+    assert late[10] < 0.0005  # of asyncio's own loop nearly a millisecond, and a busy machine adds its own
+
+
+def test_a_descriptor_ends_an_exact_wait() -> None:
+    near, far = socket.socketpair()
+    with near, far, closing(ExactSelector()) as selector:
+        selector.register(near, selectors.EVENT_READ, "near")
+        far.send(b"x")
+        [(key, _)] = selector.select(EXACT_PART)
+        assert key.data == "near"
+
+
+@pytest.mark.parametrize("timeout", [EXACT_PART, 3 * EXACT_PART])
+def test_it_waits_for_nothing_no_longer_than_it_was_told(timeout: float) -> None:
+    with closing(ExactSelector()) as selector:
+        started = time.monotonic()
+        assert selector.select(timeout) == []
+        assert timeout - EXACT_PART <= time.monotonic() - started
+
+
+@pytest.mark.parametrize("timeout", [0, -1])
+def test_it_does_not_wait_when_it_shall_not(timeout: float) -> None:
+    with closing(ExactSelector()) as selector:
+        assert selector.select(timeout) == []
+
+
+def test_with_too_many_descriptors_open_it_waits_as_asyncio_does() -> None:
+    with closing(BeyondSelect()) as selector:
+        started = time.monotonic()
+        assert selector.select(0.0005) == []
+        assert time.monotonic() - started >= 0.0005
+
+
+class BeyondSelect(ExactSelector):
+    """Its descriptor has a number that `select` does not know."""
+
+    def fileno(self) -> int:
+        return 1024
+
+
+def test_it_runs_a_program_and_hands_over_its_result() -> None:
+    async def program() -> bool:
+        return isinstance(asyncio.get_running_loop()._selector, ExactSelector)
+
+    assert run_exactly(program())
+
+
+def test_a_kernel_that_keeps_its_slack_is_no_obstacle(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    monkeypatch.setattr(exact_loop_module, "_SLACK", tmp_path / "absent" / "slack")
+    exact_loop().close()
+
+
+def test_the_kernel_takes_the_slack() -> None:
+    exact_loop().close()
+    assert exact_loop_module._SLACK.read_text() == "1\n"
