@@ -1,0 +1,71 @@
+"""A client of RTU or ASCII over TCP without a socket."""
+
+import asyncio
+
+from gateway.listeners.over_tcp import OverTcpSession
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import rtu
+from gateway.modbus.ascii import AsciiFramer
+from gateway.ports.clock import Alarm
+from gateway.service.build import Listener
+
+ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
+
+
+class OverTcpClient:
+    """A client as programs for serial ports are: whatever comes after its request is the response to it."""
+
+    def __init__(self, listener: Listener, name: str = "10.0.0.9:49152") -> None:
+        self._loop = asyncio.get_running_loop()
+        self._encode = ENCODE[listener.settings.scheme]
+        self.session = OverTcpSession(
+            name,
+            host="127.0.0.1",
+            router=listener.router,
+            connection=self,
+            settings=listener.settings,
+            now=self._loop.time(),
+        )
+        self._alarm = Alarm(self._loop, self._proceed)
+        self._heard = bytearray()
+
+    def ask(self, pdu: str, unit: int = 1) -> None:
+        adu = self._encode(unit, bytes.fromhex(pdu))
+        self._heard.clear()
+        self.session.room()[: len(adu)] = adu
+        self.session.received(len(adu), self._loop.time())
+
+    async def asks(self, pdu: str, time_out: float, unit: int = 1) -> bytes:
+        """The response's ADU, or nothing after the time-out."""
+        self.ask(pdu, unit)
+        await asyncio.sleep(time_out)
+        return bytes(self._heard)
+
+    def pdu_of(self, adu: bytes, unit: int) -> bytes:
+        """The PDU of a response from `unit`; anything else as it came."""
+        if not adu:
+            return b""
+        frames = AsciiFramer().received(adu, 0.0) if adu.startswith(b":") else rtu.responses_in(adu)
+        whole = len(frames) == 1 and self._encode(*frames[0]) == adu and frames[0].unit == unit
+        return frames[0].pdu if whole else adu
+
+    def send(self, data: bytes) -> None:
+        self._heard += data
+
+    def pause(self) -> None:
+        pass
+
+    def resume(self) -> None:
+        self.wake(0.0)
+
+    def wake(self, when: float | None) -> None:
+        self._alarm.set(when)
+
+    def close(self) -> None:
+        self.session.closed()
+
+    def reject(self, reason: str) -> None:
+        raise AssertionError(reason)
+
+    def _proceed(self) -> None:
+        self.session.proceed(self._loop.time())
