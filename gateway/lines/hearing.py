@@ -140,11 +140,15 @@ class Hearing:
             return False
         return is_damaged(self._mode, self._instead.rest, current.asked, current.answers_from)
 
-    def late_window(self, transaction: Transaction) -> float:
-        """How long a late answer is awaited: by default twice the limit, or the device's slowest answer."""
-        if self._late_window is not None:
-            return self._late_window
-        return max(2 * transaction.limit, transaction.device.answer_time.slowest)
+    def window_end(self, transaction: Transaction, now: float) -> float:
+        """Until when a late answer is awaited: by default for twice the limit, or the device's slowest answer.
+
+        That begins with the end of the limit, also for a transaction that has failed before.
+        """
+        length = self._late_window
+        if length is None:
+            length = max(2 * transaction.limit, transaction.device.answer_time.slowest)
+        return max(now, transaction.fails_at) + length
 
     def hand_over(self) -> ResponseFramer:
         """The framer that looks for the answer, for those who go on looking."""

@@ -99,7 +99,7 @@ class Turns:
 
         Takes out all that could take one for its own and would have to wait too long for it.
         """
-        self._late.open(transaction, framer, now + self._hearing.late_window(transaction), owed)
+        self._late.open(transaction, framer, self._hearing.window_end(transaction, now), owed)
         return self._queue.drop(lambda waiting: self._is_overdue(waiting, now))
 
     def failed(self, transaction: Transaction, heard: bytes, now: float) -> None:
@@ -108,7 +108,7 @@ class Turns:
         if any(frame.unit != unit for frame in self._hearing.late) or self._late.has_begun_in(heard, unit, now):
             return
         device = transaction.device
-        if device.breaker.failed(transaction.limit, now + self._hearing.late_window(transaction)):
+        if device.breaker.failed(transaction.limit, self._hearing.window_end(transaction, now)):
             self._resting.add(device)
             self._report.resting(device, now)
 
