@@ -230,6 +230,7 @@ class Line:
         if outcome is None:
             return
         if isinstance(outcome, RequestError):
+            self._quiet_at = max(self._quiet_at, current.fails_at)  # its own answer comes next: nobody speaks into it
             self._fail(current, outcome, now)
             return
         current.counts.responses += 1

@@ -9,7 +9,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
-from kit.line_bench import ASCII, READ, RESPONSE, TIMING, Bench
+from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench
 
 #: What another client asks, and its answer, which would fit our READ.
 THEIRS = "03 00 30 00 01"
@@ -111,6 +111,28 @@ def test_the_answer_that_follows_an_ambiguous_one_is_late(bench: Bench) -> None:
     bench.respond()
     assert bench.client.answers == ["83 0B", "83 0B"]
     assert bench.counts.late_responses == 1
+
+
+def test_nobody_speaks_into_the_true_answer_that_comes_after_an_ambiguous_one(bench: Bench) -> None:
+    bench.ask()
+    bench.respond(THEIRS)
+    bench.respond(THEIR_RESPONSE)
+    bench.ask(unit=2)
+    bench.pass_time(LIMIT - 0.01)
+    assert len(bench.written) == 1
+    bench.pass_time(0.05)
+    assert len(bench.written) == 2
+
+
+def test_the_late_window_of_an_ambiguous_answer_counts_from_the_limits_end(bench: Bench) -> None:
+    bench.ask()
+    bench.respond(THEIRS)
+    bench.respond(THEIR_RESPONSE)
+    bench.pass_time(2.9 * LIMIT)
+    bench.ask("03 00 20 00 01")
+    assert len(bench.written) == 1
+    bench.pass_time(LIMIT)
+    assert len(bench.written) == 2
 
 
 def test_an_ambiguous_response_is_no_failure_of_the_unit(bench: Bench) -> None:

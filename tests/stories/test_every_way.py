@@ -140,7 +140,7 @@ class UdpClient:
         self._dice = dice
         self._answers: dict[int, bytes] = {}
         router = home.gateway.listeners[3].router
-        self._peer = Peer("10.0.0.5:1", may_write=False, router=router, send=self._take, in_flight=16)
+        self._peer = Peer("10.0.0.5:1", host="127.0.0.1", router=router, send=self._take, in_flight=16)
         self._transaction = 0
 
     async def ask(self, unit: int, address: int, time_out: float) -> bytes:
