@@ -8,19 +8,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 import structlog
 
-from gateway.events import Emit, Event, Level
+from gateway.events import Emit, Event, Level, WriteAudit
 from gateway.observe.backlog import Entry
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
 from gateway.observe.writer import StandardError, Stream, Writer
 
 LogFormat = Literal["auto", "console", "json", "journald"]
-
-#: An event that is never suppressed, however often it comes: each one is a write that somebody may have to account for.
-_AUDIT: Final = "write_audit"
 
 
 @contextmanager
@@ -65,7 +62,8 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
 
 
 def _is_limited(event: Event) -> bool:
-    return event.level < Level.ERROR and event.name != _AUDIT
+    """Errors are rare, and somebody may have to account for each write."""
+    return event.level < Level.ERROR and not isinstance(event, WriteAudit)
 
 
 def _entry(level: int, name: str, fields: dict[str, object], *, is_limited: bool = True) -> Entry:

@@ -140,9 +140,10 @@ def test_all_units_at_once_need_the_right_at_each_of_them(kind: Literal["connect
     assert Rights([row(EVERYTHING, listen="scada", units="7")], door)[""][0] == NOTHING
 
 
-def test_unit_0_in_the_place_of_another_unit_has_the_rights_at_that_one() -> None:
-    rights = Rights([row(READING, units="7"), row(EVERYTHING)], Door("scada", unit0=7))[ANYWHERE]
-    assert (rights[0], rights[7], rights[8]) == (READING, READING, EVERYTHING)
+@pytest.mark.parametrize(("unit", "right"), [(7, READING), (8, EVERYTHING)])
+def test_unit_0_in_the_place_of_another_unit_has_the_rights_at_that_one(unit: int, right: Right) -> None:
+    rights = Rights([row(READING, units="7"), row(EVERYTHING)], Door("scada", unit0=unit))[ANYWHERE]
+    assert rights[0] == rights[unit] == right
 
 
 def test_the_rights_of_many_clients_are_not_all_remembered() -> None:

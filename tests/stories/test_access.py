@@ -184,6 +184,14 @@ async def test_who_may_write_to_all_but_one_unit_does_not_reach_it_by_unit_0() -
             assert lines.heard == []
 
 
+async def test_unit_0_in_the_place_of_a_unit_needs_the_right_at_that_one_only() -> None:
+    rows = '[[access]]\nunits = 41\nallow = ["read", "write"]\n[[access]]\nallow = ["read"]\n'
+    async with house(CONFIG + rows) as home:
+        lines = Lines(home)
+        await home.client(listener=OFFICE).asks(0, "06 0000 0007")
+        assert [unit for _, unit, pdu in lines.heard if writes(pdu)] == [1]
+
+
 async def test_only_the_named_functions_pass() -> None:
     async with house(CONFIG + "[[access]]\nfunctions = [3, 16]\n") as home:
         lines = Lines(home)
