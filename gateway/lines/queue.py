@@ -117,6 +117,8 @@ class WaitingQueue:
 
     def take(self, is_held: Held | None = None) -> Transaction | None:
         """The next transaction in turn; None if there is none that may be sent now."""
+        if not self._waiting:
+            return None
         for ring in self._in_turn():
             for _ in range(len(ring)):
                 row = ring[0]

@@ -56,9 +56,15 @@ class LineTiming:
     format: CharacterFormat
     #: One character on the line.
     character: float = field(init=False, repr=False, compare=False)
+    #: Characters of a frame for each byte of its PDU, and around them.
+    _each: int = field(init=False, repr=False, compare=False)
+    _around: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "character", self.format.bits / self.baud)
+        # RTU: unit, PDU, CRC.  ASCII: two digits for each byte of unit, PDU and LRC, between : and CR LF.
+        object.__setattr__(self, "_each", 2 if self.mode == "ascii" else 1)
+        object.__setattr__(self, "_around", 7 if self.mode == "ascii" else 3)
 
     @property
     def t15(self) -> float:
@@ -81,13 +87,7 @@ class LineTiming:
 
     def frame(self, pdu_size: int) -> float:
         """The frame around a PDU of so many bytes, from its first bit to its last."""
-        return self.characters(pdu_size) * self.character
-
-    def characters(self, pdu_size: int) -> int:
-        """Characters of the frame around a PDU of so many bytes."""
-        if self.mode == "ascii":
-            return 1 + 2 * (pdu_size + 2) + 2
-        return pdu_size + 3
+        return (self._each * pdu_size + self._around) * self.character
 
     @property
     def longest_frame(self) -> float:

@@ -63,6 +63,9 @@ class MbapFramer:
 
     def room(self) -> memoryview:
         """Where the next bytes go; empty while complete ADUs fill the buffer."""
+        if self._start == self._end:  # as nearly always
+            self._start = self._end = 0
+            return self._view
         if self._start:
             rest = self._buffer[self._start : self._end]
             self._view[: len(rest)] = rest

@@ -24,7 +24,7 @@ What else the response of a function without items must keep to is in `services`
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from struct import Struct
 
@@ -60,9 +60,11 @@ class RequestPdu:
     """A request PDU whose structure has been checked.
 
     `read` and `write` are the items it reads and changes; both are None for a function that has none or is not known
-    here. `records` is the number of registers that it reads or writes in files or reads from a queue.
+    here. `records` is the number of registers that it reads or writes in files or reads from a queue. `items` is the
+    larger of the two quantities, or the records; 0 for a function that counts nothing.
     A normal response begins with `response_head` and has `response_size` bytes. Where that is None, the response's own
-    first bytes tell its size, at most `response_limit`; if that is 0 too, only silence ends it.
+    first bytes tell its size, at most `response_limit`; if that is 0 too, only silence ends it. `longest_response` is
+    the most bytes that a normal response can have; 0 when that is not known.
     """
 
     data: bytes
@@ -73,16 +75,14 @@ class RequestPdu:
     response_size: int | None
     response_limit: int = 0
     records: int = 0
+    items: int = field(init=False)
+    longest_response: int = field(init=False)
 
-    @property
-    def items(self) -> int:
-        """The larger of the two quantities, or the records; 0 for a function that counts nothing."""
-        return max(self.records, *(span.count if span else 0 for span in (self.read, self.write)))
-
-    @property
-    def longest_response(self) -> int:
-        """The most bytes that a normal response can have; 0 when that is not known."""
-        return self.response_limit if self.response_size is None else self.response_size
+    def __post_init__(self) -> None:
+        items = max(self.records, *(span.count if span else 0 for span in (self.read, self.write)))
+        object.__setattr__(self, "items", items)
+        longest = self.response_limit if self.response_size is None else self.response_size
+        object.__setattr__(self, "longest_response", longest)
 
     def accepts(self, response: bytes) -> bool:
         """Whether `response` can be the answer: function, size and echoed fields fit, or it is an exception."""
