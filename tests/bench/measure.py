@@ -1,0 +1,108 @@
+"""One run of one scenario, and its figures."""
+
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import programs
+from programs import BenchError
+from scenarios import Scenario
+
+#: What a program between clients and lines does after its start, before it is measured, in seconds.
+SETTLING = 0.5
+
+Figures = dict[str, float]
+
+
+def run(scenario: Scenario, tools: Path, between: str) -> Figures:
+    """Measure `gateway` or `relay`, or `direct`, a client on the line itself.
+
+    Raises:
+        BenchError: something has not started, or the load has not come to its end.
+    """
+    with tempfile.TemporaryDirectory(prefix="bench.") as name, _devices(scenario, tools, Path(name)) as ttys:
+        if between == "direct":
+            return _figures(scenario, _load(scenario, programs.load_on_line(scenario, tools, ttys[0])))
+        return _run(scenario, tools, Path(name), ttys, between)
+
+
+def _run(scenario: Scenario, tools: Path, folder: Path, ttys: list[Path], between: str) -> Figures:
+    port = programs.free_port()
+    if between == "relay":
+        command = programs.relay(scenario, tools, ttys, port)
+    else:
+        command = programs.gateway(scenario, folder, ttys, port)
+    log = folder / "log"
+    with log.open("w") as output:
+        program = programs.start(command, programs.processors()[1], stdout=output, stderr=output)
+    try:
+        programs.wait_for_listener(port, program)
+        time.sleep(SETTLING)
+        before = resident(program.pid)
+        counted = _load(scenario, programs.load(scenario, tools, port, program.pid))
+        figures = _figures(scenario, counted)
+        figures["memory_each"] = (counted["gw_rss_kb"] - before) / (scenario.idle or scenario.clients)
+    except BenchError as error:
+        raise BenchError(f"{between}: {error}; its log ends: {log.read_text()[-500:]}") from error
+    finally:
+        programs.end(program)
+    return figures
+
+
+@contextmanager
+def _devices(scenario: Scenario, tools: Path, folder: Path) -> Iterator[list[Path]]:
+    """Simulated lines; their ports."""
+    ttys = [folder / f"tty{i}" for i in range(scenario.lines)]
+    command = programs.devices(scenario, tools, ttys)
+    simulator = programs.start(command, programs.processors()[0], stdout=-1)
+    try:
+        if simulator.stdout.readline().strip() != "READY":
+            raise BenchError("the simulated devices did not start")
+        yield ttys
+    finally:
+        programs.end(simulator)
+
+
+def _load(scenario: Scenario, command: list[str | Path]) -> dict[str, Any]:
+    generator = programs.start(command, programs.processors()[0], stdout=-1)
+    try:
+        output, _ = generator.communicate(timeout=scenario.warmup + scenario.seconds + 60)
+    finally:
+        programs.end(generator)
+    if generator.returncode:
+        raise BenchError(f"the load ended with status {generator.returncode}")
+    return json.loads(output)
+
+
+def _figures(scenario: Scenario, counted: dict[str, Any]) -> Figures:
+    """Rates a second, times in milliseconds, `cpu` in microseconds an answer, `memory` in MiB."""
+    return {
+        "rate": counted["rate"],
+        "of_line": counted["pace"] / scenario.line_limit if scenario.baud else 0.0,
+        "p50": counted["p50_us"] / 1000,
+        "p99": counted["p99_us"] / 1000,
+        "longest": counted["max_us"] / 1000,
+        "cpu": counted["gw_cpu_ms_per_1000"],
+        "load": counted["gw_cpu_s"] / counted["seconds"],
+        "memory": counted["gw_rss_kb"] / 1024,
+        "wrong": sum(counted[kind] for kind in ("bad_tid", "bad_unit", "bad_data", "bad_frame", "stale")),
+        "lost": counted["timeouts"] + counted["closed"],
+        "exceptions": counted["exceptions"],
+    }
+
+
+def resident(process: int) -> int:
+    """Resident memory in KiB."""
+    status = Path(f"/proc/{process}/status").read_text()
+    return int(status.split("VmRSS:")[1].split()[0])
+
+
+def medians(runs: list[Figures]) -> Figures:
+    """The median of each figure, but all wrong and lost answers."""
+    found = {name: median(each[name] for each in runs) for name in runs[0]}
+    return found | {name: sum(each[name] for each in runs) for name in ("wrong", "lost")}

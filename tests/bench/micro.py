@@ -1,0 +1,158 @@
+"""What the pieces of a request's way cost without a kernel, each beside an empty call of Python in the same run.
+
+    .venv/bin/python tests/bench/micro.py
+
+The best of several repetitions: other work on the machine can only make a piece slower. `whole way` is a request from
+the client's bytes to the line's and back, with everything but sockets, ports and the loop.
+"""
+
+import asyncio
+from collections.abc import Callable
+from timeit import Timer
+
+from gateway.config.load import parse
+from gateway.config.plan import resolve
+from gateway.listeners.mbap import MbapSession
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import mbap, rtu
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.modbus.checks import crc16, lrc
+from gateway.modbus.frame import ResponseFramer
+from gateway.modbus.pdu import parse_request
+from gateway.service.build import build
+from gateway.service.state import Memory
+from gateway.timing.budget import AnswerTime, Budget
+from gateway.timing.table import TimingTable
+
+REPETITIONS = 9
+#: How long one repetition takes, in seconds.
+STEP = 0.02
+
+UNIT = 17
+TIMING = LineTiming("rtu", 19200, CharacterFormat.parse("8N1"))
+CONFIG = """
+[[line]]
+name = "line"
+port = "/dev/ttyS0"
+format = "8N1"
+gap = "0"
+"""
+ANSWER_TIME = AnswerTime(TimingTable(), margin=1.5, timeout=0.5)
+
+Piece = tuple[str, Callable[[], object]]
+
+
+def read(count: int) -> tuple[bytes, bytes]:
+    """A request for so many holding registers, and its response."""
+    return bytes((3, 0, 16, 0, count)), bytes((3, 2 * count)) + bytes(range(2 * count))
+
+
+class Table:
+    """A session, a router and a line on a table: it answers each request as soon as it is on the line."""
+
+    virtual = True
+    latency = 0.0
+
+    def __init__(self, count: int) -> None:
+        request, response = read(count)
+        loop = asyncio.get_running_loop()
+        self._adu = mbap.encode(7, UNIT, request)
+        self._frame = rtu.encode(UNIT, response)
+        self._time = loop.time
+        self._sent = b""
+        plan = resolve(parse(CONFIG, port_trouble=lambda _: None, real_path=lambda port: port).config)
+        gateway = build(plan, loop, lambda _: None, Memory(), print)
+        gateway.route()
+        listener, line = gateway.listeners[0], gateway.lines[0]
+        self._session = MbapSession(
+            "127.0.0.1:49152",
+            host="127.0.0.1",
+            router=listener.router,
+            connection=self,
+            settings=listener.settings,
+            now=self._time(),
+        )
+        self._line = line.driver
+        self._line.port_up(self)
+
+    def ask(self) -> None:
+        """One request, its response."""
+        self._session.room()[: len(self._adu)] = self._adu
+        self._session.received(len(self._adu), self._time())
+        self._line.received(self._frame)
+        if not self._sent:
+            raise AssertionError("no response")
+        self._sent = b""
+
+    def write(self, data: bytes) -> None:
+        """The line."""
+
+    def send(self, data: bytes) -> None:
+        """The client."""
+        self._sent = data
+
+
+def finding(framer: ResponseFramer, encode: Callable[[int, bytes], bytes], count: int) -> Callable[[], object]:
+    request, response = read(count)
+    asked, frame = parse_request(request), encode(UNIT, response)
+
+    def find() -> None:
+        framer.expect(UNIT, asked)
+        if not framer.received(frame, 0.0):
+            raise AssertionError("no frame")
+
+    return find
+
+
+def cutting() -> Callable[[], object]:
+    framer, adu = mbap.MbapFramer(), mbap.encode(7, UNIT, read(10)[0])
+
+    def cut() -> None:
+        framer.room()[: len(adu)] = adu
+        framer.filled(len(adu))
+        framer.next()
+
+    return cut
+
+
+def pieces() -> list[Piece]:
+    request, response = read(10)
+    asked, budget = parse_request(request), Budget(TIMING, 0.005)
+    ascii_encode = ascii_framing.encode
+    return [
+        ("CRC of 23 bytes", lambda: crc16(bytes(23))),
+        ("LRC of 23 bytes", lambda: lrc(bytes(23))),
+        ("read a request PDU, known", lambda: parse_request(request)),
+        ("read a request PDU, new", lambda: parse_request.__wrapped__(request)),
+        ("time limit of a request", lambda: budget.limit(asked, ANSWER_TIME)),
+        ("response fits request", lambda: asked.accepts(response)),
+        ("RTU frame made", lambda: rtu.encode(UNIT, request)),
+        ("RTU response found, 10 registers", finding(rtu.ResponseFramer(0.0), rtu.encode, 10)),
+        ("RTU response found, 125 registers", finding(rtu.ResponseFramer(0.0), rtu.encode, 125)),
+        ("ASCII frame made", lambda: ascii_encode(UNIT, request)),
+        ("ASCII response found, 10 registers", finding(ascii_framing.AsciiFramer(), ascii_encode, 10)),
+        ("MBAP request cut", cutting()),
+        ("MBAP response made", lambda: mbap.encode(7, UNIT, response)),
+        ("whole way, 10 registers", Table(10).ask),
+        ("whole way, 125 registers", Table(125).ask),
+    ]
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """How long one call takes."""
+    timer = Timer(call)
+    number = max(1, int(STEP / (timer.timeit(100) / 100)))
+    return min(timer.repeat(REPETITIONS, number)) / number
+
+
+async def main() -> None:
+    """Measure and print."""
+    call = seconds(lambda: None)
+    print(f"| piece | us | x an empty call ({call * 1e6:.3f} us) |\n|---|---:|---:|")
+    for name, piece in pieces():
+        took = seconds(piece)
+        print(f"| {name} | {took * 1e6:.2f} | {took / call:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

@@ -1,0 +1,167 @@
+"""The programs of a run: simulated devices, a load, and what is between them."""
+
+import ctypes
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from scenarios import Scenario
+
+HERE = Path(__file__).parent
+CHECKOUT = HERE.parents[1]
+
+#: How long a program may take to start or to end, in seconds.
+PATIENCE = 20.0
+
+_LIBC = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1
+
+GATEWAY = [sys.executable, "-m", "gateway.cli.main", "run"]
+
+
+class BenchError(Exception):
+    """A run has not come to its end; the message says why."""
+
+
+def compile_into(folder: Path) -> None:
+    """Build the programs in C."""
+    for name in ("devices", "load", "relay"):
+        flags = ["-O2", "-Wall", "-Wextra", "-Wno-unused-result"]
+        subprocess.run([os.environ.get("CC", "cc"), *flags, "-o", folder / name, HERE / f"{name}.c"], check=True)
+
+
+def processors() -> tuple[set[int], set[int]]:
+    """Where devices and load run, and where the gateway does; the same set twice where there is only one processor."""
+    first, *others = sorted(os.sched_getaffinity(0))
+    return {first}, {others[0] if others else first}
+
+
+def start(command: list[str | Path], on: set[int], **more: Any) -> subprocess.Popen:
+    """Start a program on these processors. It does not outlive this process."""
+
+    def in_child() -> None:
+        os.sched_setaffinity(0, on)
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+    environment = os.environ | {"PYTHONPATH": str(CHECKOUT)}
+    return subprocess.Popen(command, text=True, env=environment, preexec_fn=in_child, **more)  # noqa: PLW1509 - no threads
+
+
+def end(program: subprocess.Popen) -> str:
+    """Stop a program; what it still printed."""
+    program.terminate()
+    try:
+        return program.communicate(timeout=PATIENCE)[0] or ""
+    except subprocess.TimeoutExpired:
+        program.kill()
+        return program.communicate()[0] or ""
+
+
+def devices(scenario: Scenario, tools: Path, ttys: list[Path]) -> list[str | Path]:
+    """The command that simulates the lines."""
+    words = ["--line-step", scenario.line_step, "--units", scenario.units, "--baud", scenario.baud, "--bits", 10]
+    if scenario.dead:
+        words += ["--dead", scenario.dead]
+    if scenario.dead_line is not None:
+        words += ["--dead-port", scenario.dead_line]
+    if scenario.same_read:
+        words.append("--stamp")
+    for tty in ttys:
+        words += ["--link", tty]
+    return [tools / "devices", *map(str, words)]
+
+
+def load(scenario: Scenario, tools: Path, port: int, process: int) -> list[str | Path]:
+    """The command that asks the gateway at `port`, which is `process`."""
+    options = ["--conns", scenario.clients, "--idle", scenario.idle, "--one-listener", "--watch", process]
+    return _load(scenario, tools, options, [f"127.0.0.1:{port}"] * scenario.lines)
+
+
+def load_on_line(scenario: Scenario, tools: Path, tty: Path) -> list[str | Path]:
+    """The command that asks on the line itself."""
+    return _load(scenario, tools, ["--conns", 1], [f"rtu:{tty}"])
+
+
+def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) -> list[str | Path]:
+    words = ["--line-step", scenario.line_step, *options, "--timeout", max(5.0, 16 * scenario.timeout / 1000)]
+    words += ["--count", scenario.count, "--think", scenario.think, "--exc-think", scenario.think_after_exception]
+    words += ["--warmup", scenario.warmup, "--seconds", scenario.seconds]
+    words += ["--sticky"] * scenario.sticky + ["--span", 1, "--fresh"] * scenario.same_read
+    for target in targets:
+        words += ["--target", f"{target}={scenario.units}"]
+    return [tools / "load", *map(str, words)]
+
+
+def relay(scenario: Scenario, tools: Path, ttys: list[Path], port: int) -> list[str | Path]:
+    """The command of the bare relay."""
+    gap = ["--gap", "--baud", str(scenario.baud)] if scenario.baud else []
+    step = scenario.line_step
+    return [tools / "relay", *gap, *(f"{tty}={port}:{step * i + 1}-{step * i + step}" for i, tty in enumerate(ttys))]
+
+
+def gateway(scenario: Scenario, folder: Path, ttys: list[Path], port: int) -> list[str | Path]:
+    """The command of the gateway; its config is written into `folder`."""
+    file = folder / "gateway.toml"
+    file.write_text(config(scenario, folder, ttys, port))
+    return [*GATEWAY, file]
+
+
+def config(scenario: Scenario, folder: Path, ttys: list[Path], port: int) -> str:
+    """The gateway's config: one listener, one line for each tty."""
+    text = f"""
+[control]
+socket = "{folder}/control.sock"
+[log]
+format = "json"
+[[listen]]
+bind    = "tcp://127.0.0.1:{port}"
+clients = {scenario.clients + scenario.idle + 32}
+idle    = "0"
+"""
+    for i, tty in enumerate(ttys):
+        text += f"""
+[[line]]
+name     = "line{i}"
+port     = "{tty}"
+baud     = {scenario.baud or 115200}
+format   = "8N1"
+gap      = "{"auto" if scenario.baud else "0"}"
+queue    = {max(64, scenario.clients)}
+max_wait = "30 s"
+coalesce = {json.dumps(scenario.coalesce)}
+devices  = [{_devices(scenario, i)}]
+"""
+    return text
+
+
+def _devices(scenario: Scenario, line: int) -> str:
+    first, _, last = scenario.units.partition("-")
+    shift = scenario.line_step * line
+    known_as = "-".join(str(int(unit) + shift) for unit in (first, last) if unit)
+    return (
+        f'{{ unit = "{scenario.units}", as = "{known_as}", name = "line{line}-*", timeout = "{scenario.timeout} ms" }}'
+    )
+
+
+def free_port() -> int:
+    """A TCP port that nobody uses at the moment."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def wait_for_listener(port: int, program: subprocess.Popen) -> None:
+    """Wait until connections to `port` are taken."""
+    until = time.monotonic() + PATIENCE
+    while program.poll() is None and time.monotonic() < until:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.02)
+    raise BenchError(f"nothing listens, status {program.poll()}")

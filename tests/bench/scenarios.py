@@ -1,0 +1,148 @@
+"""What is measured: lines, devices, clients, and what the figures should be."""
+
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goal:
+    """A bound for one of the figures of `figures.py`, from above or from below."""
+
+    figure: str
+    most: float | None = None
+    least: float | None = None
+
+    def is_met(self, value: float) -> bool:
+        return (self.most is None or value <= self.most) and (self.least is None or value >= self.least)
+
+    def __str__(self) -> str:
+        return f">= {self.least:g}" if self.most is None else f"<= {self.most:g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """`clients` read `count` holding registers of the `units` (1 to 20) of each line, one request after the other.
+
+    Without `baud` the lines carry bytes at once, and nothing is waited for between frames: what is left is the
+    gateway's own work. With it they are paced as 8N1 lines. Times in milliseconds, `seconds` and `warmup` in seconds.
+    """
+
+    what: str
+    clients: int
+    lines: int = 1
+    baud: int = 0
+    units: str = "1-8"
+    count: int = 10
+    #: Units that never answer, and the line on which none does.
+    dead: str = ""
+    dead_line: int | None = None
+    #: Pause before a client's next request, and before that after an exception.
+    think: float = 0.0
+    think_after_exception: float = 0.0
+    #: Each client keeps to one unit; all read the same address; answers must be younger than their questions.
+    sticky: bool = False
+    same_read: bool = False
+    #: Connections that never ask anything.
+    idle: int = 0
+    timeout: int = 500
+    coalesce: bool = False
+    warmup: float = 0.5
+    seconds: float = 3.0
+    #: A relay cannot be asked for a unit that never answers.
+    has_relay: bool = True
+    #: Whether a client on the line itself is measured too.
+    has_direct: bool = False
+    goals: tuple[Goal, ...] = ()
+
+    @property
+    def line_step(self) -> int:
+        """Clients ask for unit u of line i as `line_step` * i + u: there are 247 units for all lines."""
+        return 20 if self.lines <= 12 else 240 // self.lines
+
+    @property
+    def line_limit(self) -> float:
+        """Transactions a second that all lines with a living unit can carry, 0 when they are not paced.
+
+        Request and response, and t3.5 twice: before the request, and after it, by which a device sees its end.
+        """
+        if not self.baud:
+            return 0.0
+        character = 10 / self.baud
+        silence = 0.00175 if self.baud > 19200 else 3.5 * character
+        alive = self.lines - (self.dead_line is not None)
+        return alive / ((8 + 5 + 2 * self.count) * character + 2 * silence)
+
+
+def _paced(baud: int, least: float) -> Scenario:
+    goals = (Goal(figure="of_line", least=least),)
+    return Scenario(what=f"4 clients, a line of {baud} baud", clients=4, baud=baud, seconds=4, goals=goals)
+
+
+_ONE_DEAD = Scenario(
+    what="10 clients, one unit each; 1 unit of 10 is dead",
+    clients=10,
+    baud=19200,
+    units="1-10",
+    dead="10",
+    sticky=True,
+    think_after_exception=20,
+    timeout=1000,
+    warmup=12,
+    seconds=30,
+    has_relay=False,
+    goals=(Goal(figure="of_line", least=0.9),),
+)
+
+SCENARIOS: dict[str, Scenario] = {
+    "ports8": Scenario(
+        what="64 clients, 8 lines, unpaced", clients=64, lines=8, goals=(Goal(figure="cpu_ratio", most=2.6),)
+    ),
+    "port1": Scenario(what="16 clients, 1 line, unpaced", clients=16),
+    "registers125": Scenario(what="the same, 125 registers each", clients=16, count=125),
+    "latency": Scenario(what="1 client, 50 requests a second, unpaced", clients=1, think=20, has_direct=True),
+    "latency19200": Scenario(
+        what="1 client, a line of 19200 baud, pauses", clients=1, baud=19200, think=20, seconds=4, has_direct=True
+    ),
+    "line9600": _paced(9600, 0.98),
+    "line19200": _paced(19200, 0.97),
+    "line115200": _paced(115200, 0.9),
+    "lines8": Scenario(what="32 clients, 8 lines of 19200 baud", clients=32, lines=8, baud=19200, seconds=4),
+    "lines32": Scenario(
+        what="128 clients, 32 lines of 19200 baud",
+        clients=128,
+        lines=32,
+        baud=19200,
+        units="1-7",
+        seconds=4,
+        goals=(Goal(figure="of_line", least=0.95),),
+    ),
+    "same16": Scenario(
+        what="16 clients read the same of one unit, shared",
+        clients=16,
+        baud=19200,
+        units="1",
+        same_read=True,
+        coalesce=True,
+        seconds=4,
+    ),
+    "dead": _ONE_DEAD,
+    "dead1": replace(_ONE_DEAD, what="1 client polls 10 units, 1 of them is dead", clients=1, sticky=False),
+    "deadport": Scenario(
+        what="16 clients, 8 lines of 19200 baud, 1 of them dead",
+        clients=16,
+        lines=8,
+        baud=19200,
+        units="1",
+        dead_line=0,
+        think_after_exception=20,
+        timeout=1000,
+        warmup=5,
+        seconds=6,
+        goals=(Goal(figure="of_line", least=0.95),),
+    ),
+    "idle1000": Scenario(
+        what="16 clients beside 1000 idle connections, unpaced",
+        clients=16,
+        idle=1000,
+        goals=(Goal(figure="memory", most=128), Goal(figure="memory_each", most=20)),
+    ),
+}
