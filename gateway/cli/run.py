@@ -17,6 +17,7 @@ from gateway.listeners.sockets import OpenSockets
 from gateway.observe.log import open_log
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
+from gateway.service import garbage
 from gateway.service.build import Gateway, build
 from gateway.service.control import control_open, control_path
 from gateway.service.reload import Reloader
@@ -73,6 +74,7 @@ async def _run(plan: Plan, file: Path, control: Path, memory: Memory, store: Sto
             loop.add_signal_handler(number, stop.order, number.name)
         loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
         async with control_open(control, verbs(running, reloader), emit):
+            garbage.settle()
             await serve(running, stop, systemd)
 
 

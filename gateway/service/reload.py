@@ -10,6 +10,7 @@ from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.errors import ListenError, StateError
 from gateway.ports.threads import ThreadOfItsOwn
+from gateway.service import garbage
 from gateway.service.build import Gateway
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
@@ -77,6 +78,7 @@ class Reloader:
             await self._running.switch(self._rebuild(new, self._running.gateway))
         except (ListenError, StateError) as error:
             return self._rejected((str(error),))
+        garbage.settle()
         outcome = differences(old, new)
         self._running.emit(
             events.ConfigApplied(str(self._file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
