@@ -42,7 +42,8 @@ Count = Annotated[int, Field(ge=1)]
 class Table(BaseModel):
     """A table of the file. `path` and `source` say where it stands in it, once `placed` was called."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    # Deferred: of most tables the validator is only needed inside that of the whole file, which builds it anyway.
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
     _path: Path = PrivateAttr(default=())
     _source: str = PrivateAttr(default="")

@@ -10,8 +10,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
-import structlog
-
 from gateway.events import Emit, Event, Level, WriteAudit
 from gateway.observe.backlog import Entry
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
@@ -88,6 +86,8 @@ def _as_json(entry: Entry) -> str:
 
 
 def _for_people(stream: Stream) -> Callable[[Entry], str]:
+    import structlog  # noqa: PLC0415 - it is large, and a service has no use for it
+
     colors = stream.isatty() and "NO_COLOR" not in os.environ
     renderer = structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)
 
