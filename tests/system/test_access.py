@@ -105,3 +105,19 @@ def test_without_rows_clients_from_elsewhere_only_read(tmp_path: Path) -> None:
         assert asks(own, WRITE) == WRITE.hex()
         said = [event["help"] for event in gateway.log if event["event"] == "config_warning"]
         assert any('from = ["127.0.0.1", "10.2.0.0/24"]' in each for each in said)
+
+
+def test_each_of_many_writes_is_told_or_counted_as_missing(tmp_path: Path) -> None:
+    count = 3000
+    with GatewayProcess(tmp_path, CONFIG) as gateway:
+        with tcp(gateway, "127.0.0.1") as client:
+            client.settimeout(PATIENCE)
+            client.sendall(b"".join(encode(number, 200, WRITE) for number in range(count)))
+            left = count * len(encode(0, 200, WRITE))
+            while left:
+                left -= len(client.recv(left))
+        assert gateway.stop() == 0
+    told = [event for event in gateway.log if event["event"] == "write_audit"]
+    missing = sum(event["write_audits"] for event in gateway.log if event["event"] == "events_dropped")
+    assert len(told) + missing == count
+    assert {event["result"] for event in told} == {"ok"}
