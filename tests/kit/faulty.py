@@ -30,6 +30,8 @@ from gateway.modbus.pdu import RequestPdu, parse_request
 from kit.device import Answer, SimulatedDevice
 from kit.noise import flipped
 
+#: So much later than it was delivered a chunk may be handed over, in seconds.
+_MARGIN: Final = 0.010
 #: Items of each area of a device; `number` of devices: together they fill the 16 bits of a register.
 ITEMS: Final = 512
 NUMBERS: Final = 64
@@ -79,7 +81,6 @@ class Fault(StrEnum):
     SILENT = "silent"
     BABBLE = "babble"
     OTHER_CLIENT = "other client"
-    OTHER_BEFORE = "other client, before"
     ECHO_LOST = "echo lost"
     ECHO_DAMAGED = "echo damaged"
     ECHO_ALONE = "echo alone"
@@ -156,7 +157,10 @@ class FaultyLine:
         self.last = Injection(Fault.NONE)
         #: What happened to the latest requests, the last one included.
         self.latest: deque[Injection] = deque(maxlen=8)
-        self._timing = timing
+        self.timing = timing
+        self.devices = list(devices)
+        #: Until when frames may come that fit by chance what another client asks, and when something came last.
+        self.spurious_until = self.heard_at = 0.0
         self._is_ascii = timing.mode == "ascii"
         self._devices = {device.unit: device for device in devices}
         self._share = share
@@ -168,31 +172,42 @@ class FaultyLine:
         self._latency = latency
         self._late_window = late_window
         self._framer = ascii_framing.AsciiFramer() if self._is_ascii else rtu.RequestFramer(silence=0.0)
-        self._encode: Callable[[int, bytes], bytes] = self._framer.encode
-        #: Until when an answer of a unit, by function, may still be on its way.
+        self.encode: Callable[[int, bytes], bytes] = self._framer.encode
+        #: Until when an answer of a unit, by function, may still be on its way; and one to another client.
         self._busy: dict[int, dict[int, float]] = {device.unit: {} for device in devices}
+        self._strange_until: dict[int, float] = {}
         self._stale: tuple[Frame, bytes] | None = None
-        self._promised: tuple[Frame, bytes] | None = None
-        self._promised_until = 0.0
 
     def received(self, data: bytes, now: float) -> list[Answer]:
         """Take one request that was written; what the line delivers after it, in the order of time."""
         frames = self._framer.received(data, now) + self._framer.tick(now)
         return [answer for frame in frames for answer in self._exchange(frame, data, now)]
 
+    def limit(self, device: FaultyDevice, asked: RequestPdu) -> tuple[float, float]:
+        """How long the gateway awaits an answer of the device, and how long a late one."""
+        longest = self.timing.frame(asked.response_size) if asked.response_size else 0.0
+        limit = longest + device.timeout + self._latency
+        return limit, 2 * limit if self._late_window is None else self._late_window
+
+    def will_answer_stranger(self, unit: int, function: int, at: float) -> None:
+        """Another client has been heard to ask `unit`, which answers at `at`."""
+        self._strange_until[unit] = max(self._strange_until.get(unit, 0.0), at + _MARGIN)
+        self._busy[unit][function] = max(self._busy[unit].get(function, 0.0), at + _MARGIN)
+
     def _exchange(self, frame: Frame, data: bytes, now: float) -> list[Answer]:
-        left = len(data) * self._timing.character
+        left = len(data) * self.timing.character
         if frame.unit == 0:
             for device in self._devices.values():
                 device.respond(frame.pdu)
             return [Answer(left, data)] if self._echo else []
         device = self._devices[frame.unit]
         asked = parse_request(frame.pdu)
-        longest = 0 if asked.response_size is None else self._timing.frame(asked.response_size)
-        limit = longest + device.timeout + self._latency
+        limit, _ = self.limit(device, asked)
         exchange = _Exchange(device, asked, data, now, left, left + limit, limit)
         fault = self._choose(exchange)
-        answers = self._stale_copy(frame, left) + self._promised_answer(exchange) + _FAULTS[fault](self, exchange)
+        answers = self._stale_copy(frame, now, left) + _FAULTS[fault](self, exchange)
+        if fault in _SPURIOUS:
+            self.spurious_until = max(self.spurious_until, now + max(answers)[0] + _MARGIN)
         self.injected[self.last.fault] += 1
         self.latest.append(self.last)
         if self._echo and fault not in ECHO_FAULTS:
@@ -210,6 +225,8 @@ class FaultyLine:
             (fault,) = self._dice.choices(self._faults, self._weights)
         if fault in _ONLY and not _ONLY[fault](exchange.asked):
             fault = Fault.CUT
+        if fault in _SPURIOUS and self._is_strange(exchange.unit, exchange.now):
+            fault = Fault.NONE
         if fault in _TWICE and self._is_owed(exchange.unit, exchange.asked.function, exchange.now):
             fault = Fault.NONE
         self.last = Injection(fault)
@@ -220,16 +237,16 @@ class FaultyLine:
     def _answer(self, exchange: _Exchange) -> bytes:
         response = exchange.device.respond(exchange.asked.data)
         self.last = Injection(self.last.fault, response[1] if response[0] & 0x80 else None)
-        return self._encode(exchange.unit, response)
+        return self.encode(exchange.unit, response)
 
     def _refusal(self, exchange: _Exchange) -> bytes:
         code = self._dice.choice(_EXCEPTION_CODES)
         self.last = Injection(self.last.fault, code)
-        return self._encode(exchange.unit, bytes((exchange.asked.function | 0x80, code)))
+        return self.encode(exchange.unit, bytes((exchange.asked.function | 0x80, code)))
 
     def _arrival(self, exchange: _Exchange, data: bytes) -> float:
         """When all of `data` has come that a device sends at once."""
-        return exchange.left + self._dice.uniform(0.0003, _THINKING) + len(data) * self._timing.character
+        return exchange.left + self._dice.uniform(0.0003, _THINKING) + len(data) * self.timing.character
 
     def _in_time(self, exchange: _Exchange, data: bytes) -> list[Answer]:
         return [Answer(self._arrival(exchange, data), data)]
@@ -268,44 +285,47 @@ class FaultyLine:
         first = self._arrival(exchange, data)
         if self._is_ascii or self._dice.random() < 0.5:
             return [Answer(first, data + data)]
-        return [Answer(first, data), Answer(first + self._dice.uniform(0.0, 0.9) * self._timing.t35, data)]
+        return [Answer(first, data), Answer(first + self._dice.uniform(0.0, 0.9) * self.timing.t35, data)]
 
     def _stale_once(self, exchange: _Exchange) -> list[Answer]:
         data = self._answer(exchange)
         self._stale = Frame(exchange.unit, exchange.asked.data), data
         return self._in_time(exchange, data)
 
-    def _stale_copy(self, frame: Frame, left: float) -> list[Answer]:
+    def _stale_copy(self, frame: Frame, now: float, left: float) -> list[Answer]:
         """The last answer once more, if the next request cannot mistake it."""
         stale, self._stale = self._stale, None
         if stale is None or (stale[0].unit, stale[0].pdu[0]) == (frame.unit, frame.pdu[0]):
             return []
+        if self._is_strange(stale[0].unit, now):
+            return []
+        self.spurious_until = now + left + _THINKING + _MARGIN
         return [Answer(left + self._dice.uniform(-0.5, 0.3) * min(left, _THINKING), stale[1])]
 
     def _foreign_unit(self, exchange: _Exchange) -> list[Answer]:
         quiet = [unit for unit in self._devices if unit != exchange.unit and self._is_quiet(unit, exchange.now)]
         unit = self._dice.choice([*quiet, self._dice.randrange(100, 248)])
-        return self._wrong_one_first(exchange, lambda pdu: self._encode(unit, pdu))
+        return self._wrong_one_first(exchange, lambda pdu: self.encode(unit, pdu))
 
     def _foreign_function(self, exchange: _Exchange) -> list[Answer]:
         others = [each for each in _FOREIGN_FUNCTIONS if self._may_be_heard(exchange, each)]
         function = self._dice.choice([*others, 99])
-        return self._wrong_one_first(exchange, lambda pdu: self._encode(exchange.unit, bytes((function,)) + pdu[1:]))
+        return self._wrong_one_first(exchange, lambda pdu: self.encode(exchange.unit, bytes((function,)) + pdu[1:]))
 
     def _wrong_size(self, exchange: _Exchange) -> list[Answer]:
         def change(pdu: bytes) -> bytes:
             if exchange.asked.function not in _READS | {23}:
-                return self._encode(exchange.unit, pdu[:-1] if self._dice.random() < 0.5 else pdu + b"\0")
+                return self.encode(exchange.unit, pdu[:-1] if self._dice.random() < 0.5 else pdu + b"\0")
             longer = self._dice.random() < 0.5 or pdu[1] < 3
             data = pdu[2:] + pdu[2:4] if longer else pdu[2:-2]
-            return self._encode(exchange.unit, bytes((pdu[0], len(data))) + data)
+            return self.encode(exchange.unit, bytes((pdu[0], len(data))) + data)
 
         return self._wrong_one_first(exchange, change)
 
     def _wrong_echo(self, exchange: _Exchange) -> list[Answer]:
         def change(pdu: bytes) -> bytes:
             at = self._dice.randrange(1, len(pdu))
-            return self._encode(exchange.unit, flipped(pdu, 8 * at + self._dice.randrange(8)))
+            return self.encode(exchange.unit, flipped(pdu, 8 * at + self._dice.randrange(8)))
 
         return self._wrong_one_first(exchange, change)
 
@@ -329,6 +349,10 @@ class FaultyLine:
         """Whether an answer is still on its way: a frame that fits could be taken for it."""
         return self._busy[unit].get(function, 0.0) >= now
 
+    def _is_strange(self, unit: int, now: float) -> bool:
+        """Whether another client awaits an answer of the unit: a frame that fits could be taken for it."""
+        return self._strange_until.get(unit, 0.0) >= now
+
     def _may_be_heard(self, exchange: _Exchange, function: int) -> bool:
         return function != exchange.asked.function and not self._is_owed(exchange.unit, function, exchange.now)
 
@@ -344,30 +368,11 @@ class FaultyLine:
                 self.last = Injection(Fault.NOISE_BEFORE)
                 return self._noise_before(exchange)
             pdu = bytes((3,)) + self._dice.randrange(200).to_bytes(2) + b"\0\1"
-        theirs = self._encode(exchange.unit, exchange.device.respond(pdu))
+        theirs = self.encode(exchange.unit, exchange.device.respond(pdu))
         (answer,) = self._in_time(exchange, theirs)
         ours = Answer(answer.delay + self._dice.uniform(0.0, _PAUSE), self._answer(exchange))
         heard_at = self._dice.uniform(0.0, answer.delay)
-        return [Answer(heard_at, self._encode(exchange.unit, pdu)), answer, ours]
-
-    def _other_before(self, exchange: _Exchange) -> list[Answer]:
-        """When we have our answer, somebody else asks the same unit; it answers when we have asked again."""
-        (answer,) = self._right(exchange)
-        asked = exchange.asked
-        span = asked.read if asked.function in _READS else None
-        pdu = bytes((3, 0, 60, 0, 1)) if span is None else bytes((asked.function, 0, 0xC0)) + span.count.to_bytes(2)
-        self._promised = Frame(exchange.unit, pdu), self._encode(exchange.unit, exchange.device.respond(pdu))
-        pause = 1e-6 if self._is_ascii else self._dice.uniform(0.01, 0.9) * self._timing.t35
-        self._promised_until = exchange.now + answer.delay + pause + self._timing.frame(5) + exchange.device.timeout
-        return [answer, Answer(answer.delay + pause, self._encode(exchange.unit, pdu))]
-
-    def _promised_answer(self, exchange: _Exchange) -> list[Answer]:
-        """The answer to somebody else's request, if it can be told from one that we still await."""
-        promised, self._promised = self._promised, None
-        at = exchange.left + 0.0002
-        if promised is None or promised[0].unit != exchange.unit or exchange.now + at > self._promised_until:
-            return []
-        return [] if self._is_owed(exchange.unit, promised[0].pdu[0], exchange.now) else [Answer(at, promised[1])]
+        return [Answer(heard_at, self.encode(exchange.unit, pdu)), answer, ours]
 
     # --- damaged ---
 
@@ -429,7 +434,8 @@ class FaultyLine:
             for at in range(len(data) - 1)
             if data[at : at + 2] == bytes((exchange.unit, function))
         ]
-        return any(len(frame) > 3 and frame != right and crc_fits(frame) for frame in frames)
+        whole = right.rstrip(b"\0")  # NUL bytes behind a frame leave its CRC right: that is not left out
+        return any(len(frame) > 3 and frame.rstrip(b"\0") != whole and crc_fits(frame) for frame in frames)
 
     def _holes(self, exchange: _Exchange) -> list[Answer]:
         data = self._answer(exchange)
@@ -459,13 +465,14 @@ class FaultyLine:
             at = self._dice.uniform(0.0, 3 * answer.delay)
             data = self._noise()
             if self._dice.random() < 0.3:
-                data = self._encode(self._dice.randrange(100, 248), bytes((3, 2)) + self._dice.randbytes(2))
+                data = self.encode(self._dice.randrange(100, 248), bytes((3, 2)) + self._dice.randbytes(2))
             answers.append(Answer(at, data))
         return answers
 
     def _noise(self) -> bytes:
-        """Not NUL first: a frame with NUL bytes behind it keeps a CRC that fits, and some frames have no known size."""
-        return bytes((self._dice.randint(1, 255),)) + self._dice.randbytes(self._dice.randint(0, 23))
+        if self._dice.random() < 0.1:
+            return bytes(self._dice.randint(1, 4))
+        return self._dice.randbytes(self._dice.randint(1, 24))
 
     # --- the echo ---
 
@@ -497,7 +504,11 @@ def _is_write(asked: RequestPdu) -> bool:
 
 
 #: Faults that make more than one frame of one shape.
-_TWICE = frozenset({Fault.DUPLICATE, Fault.STALE, Fault.OTHER_CLIENT, Fault.OTHER_BEFORE})
+_TWICE = frozenset({Fault.DUPLICATE, Fault.STALE, Fault.OTHER_CLIENT})
+#: Faults whose frames could be taken for the answer to another client.
+_SPURIOUS = frozenset(
+    {Fault.DUPLICATE, Fault.STALE, Fault.FOREIGN_UNIT, Fault.FOREIGN_FUNCTION, Fault.WRONG_SIZE, Fault.WRONG_ECHO}
+)
 
 #: Faults that not every request can meet; others are cut instead.
 _ONLY: dict[Fault, Callable[[RequestPdu], bool]] = {
@@ -527,7 +538,6 @@ _FAULTS: dict[Fault, Callable[[FaultyLine, _Exchange], list[Answer]]] = {
     Fault.SILENT: FaultyLine._silent,
     Fault.BABBLE: FaultyLine._babble,
     Fault.OTHER_CLIENT: FaultyLine._other_client,
-    Fault.OTHER_BEFORE: FaultyLine._other_before,
     Fault.ECHO_LOST: FaultyLine._echo_lost,
     Fault.ECHO_DAMAGED: FaultyLine._echo_damaged,
     Fault.ECHO_ALONE: FaultyLine._echo_alone,

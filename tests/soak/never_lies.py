@@ -3,7 +3,8 @@
     .venv/bin/python tests/soak/never_lies.py --transactions 1000000 --faults 20% --seed 1 --jobs 2
 
 A whole gateway in virtual time: RTU and ASCII lines with devices whose values say whose they are, clients that read and
-write without pause, adapters that are pulled, clients that leave. Every answer is compared with what can be true at
+write without pause, another client on each line, adapters that cut and join what they hear, adapters that are pulled,
+clients that leave. Every answer is compared with what can be true at
 that moment. Ends with status 0 if no answer was wrong and every request was answered exactly once. The same seed gives
 the same run.
 """
@@ -38,6 +39,7 @@ from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from kit.faulty import OWN_FUNCTION, Fault, FaultyDevice, FaultyLine, bit, word
 from kit.house import House
+from kit.stranger import Adapter, Stranger
 from kit.virtual_time import VirtualTimeLoop
 
 CLIENTS: Final = 24
@@ -46,6 +48,10 @@ UNITS: Final = range(1, 9)
 #: register is written by broadcasts only.
 OWN: Final = 256
 OWN_ITEMS: Final = 8
+#: Units 7 and 8 may take so many times as long as the others.
+SLOW: Final = 4
+#: Another client asks on each line, on average after so many seconds of quiet.
+STRANGERS_PAUSE: Final = 0.3
 #: No request takes longer in virtual seconds: `max_wait`, a late window, the slowest line's longest exchange.
 PATIENCE: Final = 5.0
 
@@ -56,7 +62,8 @@ NO_ANSWER: Final = 0x0B
 LEFT_OUT: Final = """\
 Left out, because nobody can detect it on RTU and ASCII:
   - a response of the same shape that comes later than the late window
-  - a duplicate that falls inside the next transaction of the same shape
+  - a duplicate that falls inside the next transaction of the same shape, of ours or of another client
+  - the answer to another client whose request was not heard whole
 and damage that the check sum itself cannot show (random damage: 1 in 65536 on RTU, 1 in 256 on ASCII)"""
 
 
@@ -88,7 +95,8 @@ class LineKind:
             echo    = {str(self.echo).lower()}
             devices = [
               {{ unit = 1, as = {first + 1}, timeout = "{1000 * self.timeout:g} ms", priority = "high" }},
-              {{ unit = "2-8", as = "{first + 2}-{first + 8}", timeout = "{1000 * self.timeout:g} ms" }},
+              {{ unit = "2-6", as = "{first + 2}-{first + 6}", timeout = "{1000 * self.timeout:g} ms" }},
+              {{ unit = "7-8", as = "{first + 7}-{first + 8}", timeout = "{1000 * SLOW * self.timeout:g} ms" }},
             ]
             {window}
             {self.more}
@@ -177,6 +185,8 @@ class Tally:
     questions: int = 0
     broadcasts: int = 0
     abandoned: int = 0
+    #: What other clients have asked on the lines.
+    strangers: int = 0
     injected: Counter[str] = field(default_factory=Counter)
     #: Fault and outcome of every answered question.
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -189,12 +199,25 @@ class Tally:
 
     def add(self, other: "Tally") -> None:
         """Take in another run."""
-        for name in ("transactions", "questions", "broadcasts", "abandoned", "wrong_count", "virtual_seconds"):
+        for name in (
+            "transactions",
+            "questions",
+            "broadcasts",
+            "abandoned",
+            "strangers",
+            "wrong_count",
+            "virtual_seconds",
+        ):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("injected", "outcomes", "events", "counts"):
             getattr(self, name).update(getattr(other, name))
         self.wrong += other.wrong
         self.slowest = max(self.slowest, other.slowest)
+
+    @property
+    def _share_answered(self) -> float:
+        """How many of the requests without a fault were answered with data."""
+        return self.outcomes[Fault.NONE, "right data"] / max(self.injected[Fault.NONE], 1)
 
     def complain(self, text: str) -> None:
         """Something was wrong or lost."""
@@ -216,6 +239,7 @@ class Tally:
             "",
             f"{self.questions} requests of clients, {self.abandoned} of which they left; {self.broadcasts} broadcasts",
             f"{self.transactions} transactions on lines, {faults} of them with a fault",
+            f"{self.strangers} of other clients; {self._share_answered:.1%} of ours without a fault were answered",
             "lines: " + ", ".join(f"{name} {count}" for name, count in sorted(self.counts.items()) if count),
             "events: " + ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())),
             f"{self.virtual_seconds:.0f} s of the lines' time; slowest answer {1000 * self.slowest:.0f} ms",
@@ -246,6 +270,8 @@ class World:
                 self.coils[number, address] = Item(bit(number, Area.COILS, address))
         self.clients: dict[str, Client] = {}
         self.lines: list[FaultyLine] = []
+        self.strangers: list[Stranger] = []
+        self.adapters: dict[str, Adapter] = {}
         #: What passed on each line lately: when, `>>` sent or `<<` received, and the fault that was injected.
         self.passed: dict[str, deque[tuple[float, str, bytes, str]]] = {name: deque(maxlen=24) for name in home.lines}
         self._pulls: dict[str, int] = dict.fromkeys(home.lines, 0)
@@ -264,23 +290,24 @@ class World:
         return self._value
 
     def _attach(self, at: int, kind: LineKind, seed: int, share: float) -> None:
-        devices = [FaultyDevice(unit, number=NUMBERS[10 * at + unit], timeout=kind.timeout) for unit in UNITS]
+        devices = [
+            FaultyDevice(unit, number=NUMBERS[10 * at + unit], timeout=kind.timeout * (SLOW if unit > 6 else 1))
+            for unit in UNITS
+        ]
         faulty = FaultyLine(
             kind.timing, *devices, share=share, seed=100 * seed + at, echo=kind.echo, late_window=kind.late_window
         )
         self.lines.append(faulty)
         line, name, passed = self.home.lines[kind.name], kind.name, self.passed[kind.name]
 
-        def deliver(pulls: int, data: bytes) -> None:
-            if pulls == self._pulls[name]:
-                passed.append((self.loop.time(), "<<", data, ""))
-                line.deliver(data)
+        deliver = self._plug_in(at, kind, faulty, seed)
 
         def answer(data: bytes) -> None:
             line.written.clear()
             self.tally.transactions += 1
             now = self.loop.time()
             answers = faulty.received(data, now)
+            faulty.heard_at = max(faulty.heard_at, now + len(data) * kind.timing.character)
             passed.append((now, ">>", data, faulty.last.fault))
             for delay, response in answers:
                 self.loop.call_later(delay, deliver, self._pulls[name], response)
@@ -296,15 +323,51 @@ class World:
         line.on_write = answer
         self.home.gateway.lines[at].driver.line.observer = observe
 
+    def _plug_in(self, at: int, kind: LineKind, faulty: FaultyLine, seed: int) -> Callable[[int, bytes], None]:
+        """Let a line be heard through its adapter, another client on it included; for what comes while it is there."""
+        line, name = self.home.lines[kind.name], kind.name
+
+        def hand_over(data: bytes) -> None:
+            self.passed[name].append((self.loop.time(), "<<", data, ""))
+            line.deliver(data)
+
+        adapter = self.adapters[name] = Adapter(self.loop.call_later, hand_over, seed=100 * seed + at)
+
+        def deliver(pulls: int, data: bytes) -> None:
+            if pulls == self._pulls[name]:
+                faulty.heard_at = self.loop.time()
+                adapter.take(data)
+
+        stranger = Stranger(faulty, seed=100 * seed + at)
+        self.strangers.append(stranger)
+
+        def strangers_turn() -> None:
+            now = self.loop.time()
+            wait = 0.1 if self._pulls[name] % 2 else stranger.may_begin_at - now
+            if self.is_over:
+                return
+            if wait > 0.0:
+                self.loop.call_later(wait + self.dice.uniform(0.0, 0.001), strangers_turn)
+                return
+            for delay, data in stranger.asks(now):
+                self.loop.call_later(delay, deliver, self._pulls[name], data)
+            self.loop.call_later(self.dice.expovariate(1 / STRANGERS_PAUSE), strangers_turn)
+
+        self.loop.call_later(self.dice.uniform(0.0, STRANGERS_PAUSE), strangers_turn)
+        return deliver
+
     async def pull_adapters(self) -> None:
         """Now and then one line has no adapter for a while; what was under way to it is lost."""
         while not self.is_over:
             await asyncio.sleep(self.dice.uniform(5.0, 40.0))
             name = self.dice.choice(list(self.home.lines))
             self._pulls[name] += 1
+            self.adapters[name].drop()
             self.home.lines[name].pull()
             await asyncio.sleep(self.dice.uniform(0.001, 2.0))
             self.home.lines[name].plug()
+            await asyncio.sleep(2.0)  # until it is open again
+            self._pulls[name] += 1
 
     def story(self, unit: int) -> str:
         """What passed lately on the line of a unit."""
@@ -665,6 +728,7 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
     for line, of_gateway in zip(world.lines, status(home.gateway, world.loop.time()).lines, strict=True):
         tally.injected.update({fault.value: count for fault, count in line.injected.items()})
         tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
+    tally.strangers = sum(stranger.asked for stranger in world.strangers)
     tally.virtual_seconds = world.loop.time()
     return tally
 
