@@ -72,7 +72,7 @@ class Reloader:
         loop = asyncio.get_running_loop()
         loaded = await loop.run_in_executor(ThreadOfItsOwn("load config"), load, self._file)
         if loaded.config is None:
-            return self._rejected(tuple(map(str, loaded.problems)))
+            return self._rejected(tuple(str(each) for each in loaded.problems if each.severity == "error"))
         old, new = self._running.gateway.plan, resolve(loaded.config)
         try:
             await self._running.switch(self._rebuild(new, self._running.gateway))
@@ -86,7 +86,7 @@ class Reloader:
         return outcome
 
     def _rejected(self, problems: tuple[str, ...]) -> Outcome:
-        reason = problems[0] if len(problems) == 1 else f"{problems[0]} (and {len(problems) - 1} more)"
+        reason = problems[0].splitlines()[0] + (f" (and {len(problems) - 1} more)" if problems[1:] else "")
         self._running.emit(events.ConfigRejected(str(self._file), reason))
         return Outcome(problems)
 

@@ -218,6 +218,15 @@ async def test_a_broken_file_leaves_the_old_one_in_force(serving, config):
         assert [type(event) for event in service.events].count(ConfigRejected) == 1
 
 
+async def test_the_log_names_the_first_error_in_one_line_whatever_was_warned_of(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        config = LISTEN.replace("127.0.0.1", "0.0.0.0") + HALL_A + '[[image]]\nname = "a"\n[[image]]\nname = "b"\n'
+        outcome = await service.reload(config)
+        assert [" error: " in problem for problem in outcome.problems] == [True, True]
+        rejected = next(event for event in service.events if isinstance(event, ConfigRejected))
+        assert rejected.reason == outcome.problems[0].splitlines()[0] + " (and 1 more)"
+
+
 async def test_orders_in_a_burst_are_one_reload_and_the_last_file_counts(serving):
     async with serving(LISTEN + HALL_A) as service:
         orders = [service.reloader.order() for _ in range(10)]
