@@ -28,6 +28,12 @@ _ADVICE: Final = {
     errno.EMFILE: "no file descriptors are left; raise LimitNOFILE= of the service",
     errno.ENFILE: "the machine has no file descriptors left",
 }
+#: What is said of a port that another socket of ours has; without rights the system says EACCES of it.
+_TAKEN: Final = (errno.EACCES, errno.EADDRINUSE)
+_TAKEN_BY_US: Final = (
+    "{} has this port, by modbus-gateway.socket (name that address, or change its ListenStream=) or by the config in"
+    " force (restart)"
+)
 _EVERY_ADDRESS: Final = "::"
 _IPV4_MAPPED: Final = "::ffff:"
 
@@ -40,20 +46,22 @@ class OpenSockets:
 
     def __init__(self, sockets: Iterable[socket.socket] = ()) -> None:
         self.all = tuple(sockets)
-        self._taken: set[socket.socket] = set()
 
     def take(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
         """A copy of the socket at this address, if there is one; the original stays open."""
         for sock in self.all:
             if (sock.type, sock.getsockname()[:2]) == (kind, address[:2]):
-                self._taken.add(sock)
                 return sock.dup()
         return None
 
-    def left_over(self) -> list[str]:
-        """The addresses of those that nobody has taken: `tcp://0.0.0.0:502`."""
-        rest = [sock for sock in self.all if sock not in self._taken]
-        return [url("udp" if sock.type == socket.SOCK_DGRAM else "tcp", *sock.getsockname()[:2]) for sock in rest]
+    def at(self, kind: int, port: int) -> list[str]:
+        """The addresses of those with this port."""
+        return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
+
+    def without(self, doors: Iterable[socket.socket]) -> list[str]:
+        """The addresses of those through which none of these `doors` leads: `tcp://0.0.0.0:502`."""
+        used = {(door.type, door.getsockname()) for door in doors}
+        return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in used]
 
 
 async def doors(
@@ -67,11 +75,12 @@ async def doors(
         ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
     """
     loop = asyncio.get_running_loop()
+    ready = ready or OpenSockets()
     try:
         found = await loop.getaddrinfo(settings.host, settings.port, type=kind, flags=socket.AI_PASSIVE)
-        return _bound(found, ready or OpenSockets(), ipv6_only=settings.ipv6_only)
+        return _bound(found, ready, ipv6_only=settings.ipv6_only)
     except (OSError, UnicodeError) as error:
-        raise cannot_listen(settings, error) from error
+        raise cannot_listen(settings, error, ready.at(kind, settings.port)) from error
 
 
 def door_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
@@ -80,10 +89,12 @@ def door_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> st
     return url(settings.scheme, host, port)
 
 
-def cannot_listen(settings: ListenSettings, error: OSError | UnicodeError) -> ListenError:
-    """Why nobody can connect to a listener, with its place in the config."""
+def cannot_listen(settings: ListenSettings, error: OSError | UnicodeError, ours: Sequence[str] = ()) -> ListenError:
+    """Why nobody can connect to a listener, with its place in the config. `ours`: what we have open at its port."""
     place = f"{settings.source}: " if settings.source else ""
-    return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {why(error)}")
+    is_taken = isinstance(error, OSError) and error.errno in _TAKEN
+    reason = _TAKEN_BY_US.format(", ".join(ours)) if ours and is_taken else why(error)
+    return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {reason}")
 
 
 def url(scheme: str, host: str, port: int) -> str:
@@ -145,6 +156,10 @@ class Reserve:
         finally:
             self.hold()
         return written(*address[:2])
+
+
+def _address(sock: socket.socket) -> str:
+    return url("udp" if sock.type == socket.SOCK_DGRAM else "tcp", *sock.getsockname()[:2])
 
 
 def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, *, ipv6_only: bool) -> list[socket.socket]:

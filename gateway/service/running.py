@@ -40,11 +40,7 @@ class Running:
         Raises:
             ListenError: one of them cannot be used, or a socket that was bound before is nobody's.
         """
-        await _bind(self.gateway.listeners, self._sockets)
-        left_over = self._sockets.left_over()
-        if left_over:
-            advice = "add one, or take its ListenStream= out of modbus-gateway.socket"
-            raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")
+        await self._bind(self.gateway, self.gateway.listeners, self._sockets)
 
     @asynccontextmanager
     async def lines_open(self) -> AsyncIterator[None]:
@@ -96,12 +92,12 @@ class Running:
         """Go over to another gateway. Parts that both have go on as if nothing happened.
 
         Raises:
-            ListenError: an address cannot be used; nothing has changed.
+            ListenError: as `bind`; nothing has changed.
         """
         old = self.gateway
         gone = [one for one in old.listeners if one not in new.listeners]
         come = [one for one in new.listeners if one not in old.listeners]
-        await _bind(come, OpenSockets([*self._sockets.all, *(door for one in gone for door in one.doors)]))
+        await self._bind(new, come, OpenSockets([*self._sockets.all, *(door for one in gone for door in one.doors)]))
         new.route()
         self.gateway = new
         for mirror in set(old.mirrors).difference(new.mirrors):
@@ -110,6 +106,24 @@ class Running:
         self._start(new)
         for listener in come:
             listener.start()
+
+    async def _bind(self, gateway: Gateway, come: Iterable[Listener], sockets: OpenSockets) -> None:
+        """Take the addresses of those of the gateway's listeners that `come`."""
+        try:
+            for listener in come:
+                await listener.bind(sockets)
+            self._check_that_all_are_used(gateway)
+        except ListenError:
+            for listener in come:
+                listener.close()
+            raise
+
+    def _check_that_all_are_used(self, gateway: Gateway) -> None:
+        """Clients of a socket that nobody looks after would wait for ever."""
+        left_over = self._sockets.without(door for one in gateway.listeners for door in one.doors)
+        if left_over:
+            advice = "add one, or take its ListenStream= out of modbus-gateway.socket"
+            raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")
 
     def _start(self, gateway: Gateway) -> None:
         for part in gateway.parts:
@@ -138,18 +152,6 @@ class Running:
                 await asyncio.gather(*tasks, return_exceptions=True)
         for part in parts:
             part.driver.close()
-
-
-async def _bind(listeners: Iterable[Listener], sockets: OpenSockets) -> None:
-    bound: list[Listener] = []
-    try:
-        for listener in listeners:
-            bound.append(listener)
-            await listener.bind(sockets)
-    except ListenError:
-        for listener in bound:
-            listener.close()
-        raise
 
 
 async def _keep(part: Part, emit: events.Emit) -> None:

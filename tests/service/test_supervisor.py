@@ -31,6 +31,8 @@ NEVER = 1e6
 class Doors:
     """A listener without sockets: notes what it is told. Its clients are gone `drains_in` seconds after `finish`."""
 
+    doors = ()
+
     def __init__(self, drains_in: float = 0.0, error: Exception | None = None) -> None:
         self.address = "tcp://127.0.0.1:502"
         self.clients = 0
