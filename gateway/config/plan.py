@@ -58,6 +58,13 @@ class LinePlan:
         return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
 
     @property
+    def meaning(self) -> "LinePlan":
+        """What makes it this line. A line that passes units through stays the same when others take some of them."""
+        if not self.passes_through:
+            return self
+        return replace(self, devices=tuple(replace(each, unit=0, known_as=0, name="") for each in self.devices[:1]))
+
+    @property
     def broadcasts(self) -> frozenset[int]:
         """The functions that at least one of the devices carries out as a broadcast; none if the line accepts none."""
         if not self.line.broadcast:

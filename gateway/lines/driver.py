@@ -64,7 +64,7 @@ class LineDriver:
 
     def finish(self) -> None:
         """Take no more requests; the one that is on the line may still be answered."""
-        self._run(self.line.finish)
+        self._run(self.line.finish, self._time())
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""

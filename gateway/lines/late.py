@@ -61,6 +61,10 @@ class LateWindows:
         """Until `ends_at` so many answers to `transaction` may come; `framer` is looking for them."""
         self.windows.append(_Window(transaction, framer, ends_at, owed))
 
+    def take_over(self, others: "LateWindows") -> None:
+        """Await what `others` have awaited."""
+        self.windows += others.windows
+
     def count(self, now: float) -> int:
         """How many windows are open."""
         self._close_ended(now)

@@ -96,10 +96,20 @@ class Line:
         """Whether a request is on the line."""
         return self._current is not None or self._again is not None
 
-    def finish(self) -> None:
+    def finish(self, now: float) -> None:
         """Take no more requests: what waits is not sent any more (0A), what is on the line may be answered."""
         self._write = None
-        _fail_all(self._turns.clear(), errors.LineDown())
+        waiting = self._turns.clear()
+        again, self._again = self._again, None
+        try:
+            if again is not None:
+                self._lose(again, now)
+        finally:
+            _fail_all(waiting, errors.LineDown())
+
+    def succeed(self, predecessor: "Line") -> None:
+        """Await the late answers on the port that another line had before: they may still come."""
+        self._windows.take_over(predecessor._windows)  # noqa: SLF001 - of a line, as this is one
 
     def change_rate(self, baud: int, now: float) -> None:
         """The devices, and the port with them, change to another rate: nothing is sent for a moment.
@@ -244,7 +254,8 @@ class Line:
         """The limit has run out: send the request again if that may help, else say what was heard instead."""
         self._hearing.conclude()
         is_repeatable = current.asked.function in READING_FUNCTIONS and current.is_wanted
-        if self._hearing.verdict is Verdict.BROKEN and is_repeatable and current.retries < self.settings.retries:
+        may_repeat = is_repeatable and self._write is not None and current.retries < self.settings.retries
+        if self._hearing.verdict is Verdict.BROKEN and may_repeat:
             current.owed += not self._hearing.has_answered()
             current.retries += 1
             current.counts.retries += 1

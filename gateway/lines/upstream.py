@@ -89,6 +89,12 @@ class Upstream:
         for transaction in waiting:
             transaction.fail(errors.LineDown())
 
+    def finish(self) -> None:
+        """Take no more requests: what waits is not sent any more (0A), what is under way may be answered."""
+        self._write = None
+        for transaction in self._queue.clear():
+            transaction.fail(errors.LineDown())
+
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when there is a place for it, or it fails."""
         if self._write is None:

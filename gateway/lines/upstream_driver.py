@@ -47,11 +47,12 @@ class UpstreamDriver:
 
     @property
     def is_busy(self) -> bool:
-        """Whether anything is worth waiting for before the connection is closed."""
-        return False
+        """Whether a request is under way."""
+        return self.upstream.under_way > 0
 
     def finish(self) -> None:
-        """Nothing: all ends with the connection."""
+        """Take no more requests; those under way may still be answered."""
+        self._run(self.upstream.finish)
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""

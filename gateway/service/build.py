@@ -65,10 +65,16 @@ class Gateway:
         for router, routes in self.routes:
             router.routes = routes
             router.rights = Rights(self.plan.access, router.door)
-        for line, line_plan in zip(self.lines, self.plan.lines, strict=True):
-            line.renumber(line_plan.devices)
+        for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
+            server.plan = server_plan
         for upstream, upstream_plan in zip(self.upstreams, self.plan.upstreams, strict=True):
-            upstream.renumber(upstream_plan.devices)
+            upstream.adopt(upstream_plan)
+        for listener, settings in zip(self.listeners, self.plan.listeners, strict=True):
+            listener.settings = settings
+        for image, image_settings in zip(self.images, self.plan.images, strict=True):
+            image.settings = image_settings
+        for driver, mirror_settings in zip(self.mirrors, self.plan.mirrors, strict=True):
+            driver.mirror.settings = mirror_settings
 
 
 def build(
@@ -90,6 +96,8 @@ def build(
     servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit) for one in plan.servers)
     listeners = tuple(old.listener(one) or _listener(one, loop, emit) for one in plan.listeners)
     images = tuple(old.image(one) or _image(one, store, old, emit) for one in plan.images)
+    for line, line_plan in zip(lines, plan.lines, strict=True):
+        line.adopt(line_plan)
     behind: tuple[LineOrUpstream, ...] = (*lines, *upstreams)
     devices = {device.name: device for part in behind for device in part.devices.values()}
     mirrors = tuple(
@@ -121,7 +129,7 @@ class _Old:
 
     def line(self, plan: LinePlan) -> GatewayLine | None:
         old = self._lines.get(plan.line.name)
-        return old if old is not None and old.plan == plan else None
+        return old if old is not None and old.means(plan) else None
 
     def server(self, plan: ServerPlan) -> GatewayServer | None:
         old = self._servers.get(plan.line.name)

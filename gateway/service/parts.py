@@ -1,7 +1,6 @@
 """One table of the config with everything that belongs to it: what a reload keeps, or builds anew, as a whole."""
 
 import asyncio
-from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -45,9 +44,21 @@ class GatewayLine:
         self.devices: dict[int, Device] = {each.known_as: self._device(each) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait(plan, each) for each in plan.devices}
 
-    def renumber(self, devices: Iterable[DeviceSettings]) -> None:
-        """The config file has other line numbers now: events name these."""
-        _renumber(self.devices, devices)
+    def means(self, plan: LinePlan) -> bool:
+        """Whether `plan` asks for this very line. One that passes units through may get or lose some of them."""
+        return self.plan.meaning == plan.meaning
+
+    def adopt(self, plan: LinePlan) -> None:
+        """The line is what `plan` means; it may have another place in the file, or pass other units through."""
+        self.plan = plan
+        wanted = {each.known_as: each for each in plan.devices}
+        for unit in self.devices.keys() - wanted.keys():
+            del self.devices[unit]
+        for unit, settings in wanted.items():
+            if unit not in self.devices:
+                self.devices[unit] = self._device(settings)
+                self.longest_wait[unit] = longest_wait(plan, settings)
+            self.devices[unit].source = settings.source
 
     def _device(self, settings: DeviceSettings) -> Device:
         if settings.unit == BROADCAST_UNIT:
@@ -84,9 +95,11 @@ class GatewayUpstream:
         self.devices = {each.known_as: Device(each, self.driver, emit) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
 
-    def renumber(self, devices: Iterable[DeviceSettings]) -> None:
-        """As for a line."""
-        _renumber(self.devices, devices)
+    def adopt(self, plan: UpstreamPlan) -> None:
+        """The upstream is in force as `plan` has it, which differs in places in the file only."""
+        self.plan = plan
+        for each in plan.devices:
+            self.devices[each.known_as].source = each.source
 
 
 class GatewayServer:
@@ -123,8 +136,3 @@ class _RememberedPort:
         if isinstance(settings, SerialSettings):
             settings = replace(settings, baud=self.baud)
         return await self._opener(settings)(user)
-
-
-def _renumber(devices: Mapping[int, Device], settings: Iterable[DeviceSettings]) -> None:
-    for each in settings:
-        devices[each.known_as].source = each.source

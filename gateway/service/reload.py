@@ -1,6 +1,7 @@
 """Reload: the config is read again, compared with the one in force, and applied as far as it differs."""
 
 import asyncio
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,10 +54,12 @@ class Reloader:
             self._next.add_done_callback(self._tasks.discard)
         return self._next
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Give up what is under way."""
-        for task in self._tasks:
+        tasks = list(self._tasks)
+        for task in tasks:
             task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _when_possible(self) -> Outcome:
         async with self._turn:
@@ -65,8 +68,13 @@ class Reloader:
             self._systemd.reloading()
             try:
                 return await self._reload()
+            except Exception as error:  # noqa: BLE001 - the supervisor's border: what serves goes on
+                text = "".join(traceback.format_exception(error))
+                self._running.emit(events.PartFailed("reload", repr(error), text))
+                return Outcome((f"a defect in the gateway: {error!r}",))
             finally:
-                self._systemd.ready(summary(self._running.gateway))
+                if self._running.ready.is_set():
+                    self._systemd.ready(summary(self._running.gateway))
 
     async def _reload(self) -> Outcome:
         loop = asyncio.get_running_loop()
@@ -105,7 +113,7 @@ def differences(old: Plan, new: Plan) -> Outcome:
 def _tables(plan: Plan) -> Mapping[str, object]:
     return {
         **{f"listen {one.name}": one for one in plan.listeners},
-        **{f"line {one.line.name}": one for one in plan.lines},
+        **{f"line {one.line.name}": one.meaning for one in plan.lines},
         **{f"line {server.line.name}": server for server in plan.servers},
         **{f"upstream {one.upstream.name}": one for one in plan.upstreams},
         **{f"image {one.name}": one for one in plan.images},

@@ -8,9 +8,11 @@ from typing import Final
 
 from gateway import events
 from gateway.errors import ListenError, PortError
+from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Driver, Gateway, Listener, Part
+from gateway.service.parts import GatewayLine
 
 #: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
 #: seconds; and how long ports may take to close then. Together with the end of the process: less than 5 s.
@@ -33,6 +35,8 @@ class Running:
         self.ready = asyncio.Event()
         self._sockets = sockets or OpenSockets()
         self._tasks: dict[Part, asyncio.Task[None]] = {}
+        #: Listeners that the config does not have any more, and that still have clients.
+        self._going: list[Listener] = []
 
     async def bind(self) -> None:
         """Take the addresses of all listeners.
@@ -45,7 +49,9 @@ class Running:
     @asynccontextmanager
     async def lines_open(self) -> AsyncIterator[None]:
         """Open the port of every line and keep it open. At the end all are closed."""
-        self._start(self.gateway)
+        self._start(self.gateway.parts)
+        for mirror in self.gateway.mirrors:
+            mirror.start()
         try:
             yield
         finally:
@@ -69,7 +75,7 @@ class Running:
 
     def close_doors(self) -> None:
         """Drop all clients."""
-        for listener in self.gateway.listeners:
+        for listener in (*self.gateway.listeners, *self._going):
             listener.close()
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
@@ -78,15 +84,15 @@ class Running:
         What is not finished after DRAIN_TIME is answered as if its line had gone: 0B when it was sent, 0A when it was
         not.
         """
-        listeners, servers = self.gateway.listeners, [server.driver for server in self.gateway.servers]
+        listeners = (*self.gateway.listeners, *self._going)
+        drivers = [part.driver for part in self._tasks]
+        servers = [driver for driver in drivers if isinstance(driver, SerialListener)]
         for end in (*listeners, *servers):
             end.finish()
         await _until(lambda: is_urgent() or not _any_under_way(listeners, servers))
-        ended = PortError("the gateway ends")
-        for line in self.gateway.lines:
-            line.driver.port_down(ended)
-        for upstream in self.gateway.upstreams:
-            upstream.driver.port_down(ended)
+        for driver in drivers:
+            if not isinstance(driver, SerialListener):
+                driver.port_down(PortError("the gateway ends"))
 
     async def switch(self, new: Gateway) -> None:
         """Go over to another gateway. Parts that both have go on as if nothing happened.
@@ -102,10 +108,20 @@ class Running:
         self.gateway = new
         for mirror in set(old.mirrors).difference(new.mirrors):
             mirror.close()
-        await self._retire([part for part in old.parts if part not in new.parts], gone)
-        self._start(new)
         for listener in come:
             listener.start()
+        self._going += gone
+        heirs = {part.keeper.port_path: part for part in new.parts if part not in old.parts}
+        async with asyncio.TaskGroup() as group:
+            for listener in gone:
+                group.create_task(self._retire_listener(listener), name=f"retire:{listener.settings.name}")
+            for part in old.parts:
+                if part not in new.parts:
+                    heir = heirs.pop(part.keeper.port_path, None)
+                    group.create_task(self._replace(part, heir), name=f"retire:{part.name}")
+            self._start(heirs.values())
+            for mirror in new.mirrors:
+                mirror.start()
 
     async def _bind(self, gateway: Gateway, come: Iterable[Listener], sockets: OpenSockets) -> None:
         """Take the addresses of those of the gateway's listeners that `come`."""
@@ -125,26 +141,30 @@ class Running:
             advice = "add one, or take its ListenStream= out of modbus-gateway.socket"
             raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")
 
-    def _start(self, gateway: Gateway) -> None:
-        for part in gateway.parts:
-            if part not in self._tasks:
-                self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
-        for mirror in gateway.mirrors:
-            mirror.start()
-
-    async def _retire(self, parts: list[Part], listeners: list[Listener]) -> None:
-        """End these parts: what is under way may finish, what waits is refused."""
-        for listener in listeners:
-            listener.finish()
+    def _start(self, parts: Iterable[Part]) -> None:
         for part in parts:
-            part.driver.finish()
-        await _until(lambda: not _any_under_way(listeners, [part.driver for part in parts]))
-        for listener in listeners:
-            listener.close()
-        await self._end(parts)
+            self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
+
+    async def _retire_listener(self, listener: Listener) -> None:
+        """End a listener once its clients have their answers."""
+        listener.finish()
+        await _until(lambda: not listener.has_clients)
+        listener.close()
+        self._going.remove(listener)
+
+    async def _replace(self, part: Part, heir: Part | None) -> None:
+        """End a part once what is under way has finished; what waits is refused. Another may begin on its port then."""
+        part.driver.finish()
+        await _until(lambda: not part.driver.is_busy)
+        await self._end([part])
+        if heir is None:
+            return
+        if isinstance(part, GatewayLine) and isinstance(heir, GatewayLine):
+            heir.driver.line.succeed(part.driver.line)
+        self._start([heir])
 
     async def _end(self, parts: list[Part]) -> None:
-        tasks = [self._tasks.pop(part) for part in parts]
+        tasks = [self._tasks[part] for part in parts]
         for task in tasks:
             task.cancel()
         with suppress(TimeoutError):  # then a driver hangs, and the end of the process closes its port
@@ -152,6 +172,7 @@ class Running:
                 await asyncio.gather(*tasks, return_exceptions=True)
         for part in parts:
             part.driver.close()
+            del self._tasks[part]
 
 
 async def _keep(part: Part, emit: events.Emit) -> None:

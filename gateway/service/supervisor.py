@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 
 from gateway import events
 from gateway.service.build import Gateway
+from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary, watch
@@ -30,8 +31,12 @@ class Stop:
         await self._asked.wait()
 
 
-async def serve(running: Running, stop: Stop, systemd: Notifier | None = None) -> None:
+async def serve(
+    running: Running, stop: Stop, systemd: Notifier | None = None, reloader: Reloader | None = None
+) -> None:
     """Run a gateway until `stop`. It is ready when clients can connect and every line was tried once.
+
+    No reload of `reloader` outlasts the order to stop.
 
     Raises:
         ListenError: an address cannot be used.
@@ -43,6 +48,8 @@ async def serve(running: Running, stop: Stop, systemd: Notifier | None = None) -
             if await _done_before(stop, running.tried()):
                 running.open_doors()
                 await _serve_until(stop, running, systemd)
+            if reloader is not None:
+                await reloader.close()
             running.emit(events.Stopping(stop.reason))
             systemd.stopping()
             await running.drain(lambda: stop.at_once)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.events import ConfigApplied, ConfigRejected, LineUp
+from gateway.events import ConfigApplied, ConfigRejected, LineUp, PartFailed
+from gateway.modbus.rtu import encode
 from gateway.routing.access import READING
 from gateway.service.build import build
 from gateway.service.reload import Outcome, Reloader
@@ -129,11 +130,10 @@ def serving(tmp_path, monkeypatch):
         file = tmp_path / "gateway.toml"
         file.write_text(config)
         service = Service(file, monkeypatch)
-        task = asyncio.create_task(serve(service.running, service.stop), name="serve")
+        task = asyncio.create_task(serve(service.running, service.stop, reloader=service.reloader), name="serve")
         await service.running.ready.wait()
         await asyncio.sleep(1.0)
         yield service
-        service.reloader.close()
         service.stop.order("the test ends")
         await task
 
@@ -263,3 +263,105 @@ async def test_a_mirror_follows_its_device_to_the_new_line(serving):
         assert after is not before
         await asyncio.sleep(2.0)
         assert await service.client().asks(241, READ) == "03 02 00 00"
+
+
+def answered_late(service: Service, unit: int, first: float, later: float) -> None:
+    """The line's device answers the first request after `first` seconds, others after `later`; values are addresses."""
+    loop = asyncio.get_running_loop()
+    line = service.home.lines["hall-a"]
+    delays = [first]
+
+    def answer(data: bytes) -> None:
+        delay = delays.pop() if delays else later
+        loop.call_later(delay, line.deliver, encode(unit, b"\x03\x02" + data[2:4]))
+
+    line.on_write = answer
+
+
+async def test_a_late_answer_is_awaited_by_the_line_that_succeeds_on_the_port(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        answered_late(service, 1, first=1.3, later=0.3)
+        client = service.client()
+        assert await client.asks(41, "03 00 07 00 01") == "83 0B"
+        await service.reload(LISTEN + HALL_A.replace("hall-a", "hall-x", 1).replace("silo", "silo-new"))
+        await asyncio.sleep(0.1)
+        assert await client.asks(41, "03 00 09 00 01") == "83 0B"
+        await asyncio.sleep(3.0)
+        assert await client.asks(41, "03 00 09 00 01") == "03 02 00 09"
+
+
+async def test_a_line_that_passes_units_through_is_not_touched_by_an_image_that_takes_one(serving):
+    line = '[[line]]\nname = "hall-a"\nport = "/dev/hall-a"\n'
+    async with serving(LISTEN + line) as service:
+        before = service.part("hall-a")
+        client = service.client()
+        assert await service.reload(LISTEN + line + IMAGE) == Outcome(added=("image shift",))
+        assert service.part("hall-a") is before
+        assert await client.asks(200, READ) == "03 02 00 00"
+        assert 200 not in before.devices
+        await service.reload(LISTEN + line)
+        assert service.part("hall-a") is before
+        assert 200 in before.devices
+        assert (await client.asks(200, READ))[:2] == "83"
+        await service.reload(LISTEN + line + 'timeout = "300 ms"\n')
+        assert service.part("hall-a") is not before
+
+
+async def test_a_line_that_has_to_finish_holds_up_no_other(serving):
+    async with serving(LISTEN + HALL_A + HALL_B) as service:
+        service.home.lines["hall-b"].on_write = lambda data: None
+        client = service.client()
+        client.ask(2, READ)
+        await asyncio.sleep(0.01)
+        reload = asyncio.ensure_future(
+            service.reload(LISTEN + HALL_A.replace("devices", "queue = 10\ndevices") + HALL_B.replace("500", "400"))
+        )
+        await asyncio.sleep(0.1)
+        assert await client.asks(41, READ) == "03 02 00 00"
+        assert not reload.done()
+        assert await client.answer() == "83 0B"
+        await reload
+
+
+async def test_an_order_to_stop_ends_a_reload_and_what_is_under_way_is_answered(serving):
+    async with serving(LISTEN + HALL_A + HALL_B) as service:
+        answered_late(service, 1, first=0.3, later=0.3)
+        client = service.client()
+        client.ask(41, READ)
+        await asyncio.sleep(0.05)
+        reload = service.reloader.order()
+        service.file.write_text(LISTEN + HALL_B)
+        await asyncio.sleep(0.05)
+        service.running.gateway.listeners[0].has_clients = True
+        service.stop.order("SIGTERM")
+        assert await client.answer() == "03 02 00 00"
+        await asyncio.sleep(5.0)
+        assert reload.cancelled()
+        assert not service.home.lines["hall-a"].is_open
+
+
+async def test_a_defect_in_a_reload_is_told_and_the_old_config_serves_on(serving, monkeypatch):
+    async with serving(LISTEN + HALL_A) as service:
+        monkeypatch.setattr(service.reloader, "_rebuild", lambda plan, gateway: 1 / 0)
+        outcome = await service.reload(LISTEN + HALL_A + HALL_B)
+        assert outcome.problems == ("a defect in the gateway: ZeroDivisionError('division by zero')",)
+        assert [type(event) for event in service.events].count(PartFailed) == 1
+        assert await service.client().asks(41, READ) == "03 02 00 00"
+
+
+async def test_a_line_that_goes_repeats_nothing(serving):
+    async with serving(LISTEN + HALL_A + HALL_B.replace("devices", "retries = 1\ndevices")) as service:
+        line, loop = service.home.lines["hall-b"], asyncio.get_running_loop()
+        asked = []
+
+        def break_off(data: bytes) -> None:
+            asked.append(data)
+            loop.call_later(0.05, line.deliver, bytes.fromhex("02 03 02 00 00 FF FF"))
+
+        line.on_write = break_off
+        client = service.client()
+        client.ask(2, READ)
+        await asyncio.sleep(0.1)
+        await service.reload(LISTEN + HALL_A)
+        assert await client.answer() == "83 0B"
+        assert len(asked) == 1

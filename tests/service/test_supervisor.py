@@ -69,7 +69,9 @@ class Service:
         self.events: list[Event] = self.home.events
         self.doors = doors or (Doors(),)
         self.client = self.home.client()
-        self.gateway = replace(self.home.gateway, listeners=self.doors)
+        plan = self.home.gateway.plan
+        plan = replace(plan, listeners=plan.listeners * len(self.doors))
+        self.gateway = replace(self.home.gateway, listeners=self.doors, plan=plan)
         self.stop = Stop()
         self.serving = asyncio.create_task(serve(Running(self.gateway, self.events.append), self.stop), name="serve")
 
