@@ -69,13 +69,13 @@ async def _run(plan: Plan, file: Path, control: Path, memory: Memory, store: Sto
 
     systemd, stop = Notifier(), Stop()
     running = Running(rebuild(plan, None), emit, OpenSockets(inherited_sockets()))
-    with closing(Reloader(file, running, rebuild, systemd)) as reloader:
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, stop.order, number.name)
-        loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
-        async with control_open(control, verbs(running, reloader), emit):
-            garbage.settle()
-            await serve(running, stop, systemd)
+    reloader = Reloader(file, running, rebuild, systemd)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.order, number.name)
+    loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
+    async with control_open(control, verbs(running, reloader), emit):
+        garbage.settle()
+        await serve(running, stop, systemd, reloader)
 
 
 def _hang_up(reloader: Reloader, stop: Stop) -> None:
