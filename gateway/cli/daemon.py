@@ -3,6 +3,7 @@
 import argparse
 import json
 import socket
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,18 +27,28 @@ def ask(verb: str, control: str | None) -> dict[str, Any]:
     Raises:
         DaemonError: it does not answer, or refuses the question.
     """
-    with _connected(control) as sock, sock.makefile("rwb") as stream:
+    with _connected(control) as sock, sock.makefile("rb") as stream:
         try:
-            stream.write(json.dumps({"verb": verb}).encode() + b"\n")
-            stream.flush()
+            with suppress(ConnectionError):  # it has hung up, perhaps with a word of why
+                sock.sendall(json.dumps({"verb": verb}).encode() + b"\n")
             line = stream.readline()
         except TimeoutError:
             raise DaemonError(f"the daemon has not answered within {_PATIENCE:g} s") from None
+        except ConnectionError:
+            line = b""
     if not line:
-        raise DaemonError("the daemon has closed the connection: it has too many others, or it ends")
-    answer: dict[str, Any] = json.loads(line)
-    if "error" in answer:
-        raise DaemonError(f"the daemon says: {answer['error']}")
+        raise DaemonError("the daemon has hung up before it answered; does it end?")
+    return _understood(line)
+
+
+def _understood(line: bytes) -> dict[str, Any]:
+    try:
+        answer: dict[str, Any] = json.loads(line)
+        error = answer.get("error")
+    except (ValueError, AttributeError):
+        raise DaemonError("what answers there is no modbus-gateway") from None
+    if error is not None:
+        raise DaemonError(f"the daemon says: {error}")
     return answer
 
 

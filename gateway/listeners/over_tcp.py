@@ -2,7 +2,7 @@
 
 Nothing in a response says which request it answers, so there is one request at a time, as on a line, and responses keep
 the order of the requests. A client that sends another request though it has no response yet has had its time-out: the
-response that it no longer awaits is dropped, or it would take it for the next one (docs/adr/0006).
+response that it no longer awaits is dropped, or it would take it for the next one (docs/adr/0007).
 """
 
 from collections import deque

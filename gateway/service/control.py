@@ -9,12 +9,14 @@ import json
 import os
 import socket
 import stat
+import traceback
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.events import ControlClosed, Emit
+from gateway.events import ControlClosed, Emit, PartFailed
 
 #: Longest request, in bytes.
 LONGEST_REQUEST: Final = 64 * 1024
@@ -26,7 +28,7 @@ MOST_CONNECTIONS: Final = 16
 #: Where the socket of a system's gateway is.
 SYSTEM_SOCKET: Final = Path("/run/modbus-gateway/control.sock")
 
-#: What a verb does: takes the request, gives what is added to `ok` in the answer.
+#: What a verb does: takes the request, gives what is added to `ok` in the answer. Dataclasses in it become objects.
 Verb = Callable[[Mapping[str, Any]], Awaitable[dict[str, Any]]]
 
 
@@ -48,20 +50,17 @@ async def control_open(path: Path, verbs: Mapping[str, Verb], emit: Emit) -> Asy
     """In its context other processes can ask for `verbs` at `path`. Where that cannot be, it is told, and no more."""
     conversations: set[asyncio.Task[None]] = set()
 
-    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        if task is None or len(conversations) >= MOST_CONNECTIONS:
+    def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(conversations) >= MOST_CONNECTIONS:
+            writer.write(_line(_refused(f"{MOST_CONNECTIONS} others are connected already; try again later")))
             writer.close()
             return
-        conversations.add(task)
-        try:
-            await _converse(reader, writer, verbs)
-        finally:
-            conversations.discard(task)
-            writer.close()
+        conversation = asyncio.create_task(_converse(reader, writer, verbs, emit), name="control")
+        conversations.add(conversation)
+        conversation.add_done_callback(conversations.discard)
 
     try:
-        server = await asyncio.start_unix_server(converse, sock=_bound(path), limit=LONGEST_REQUEST)
+        server = await asyncio.start_unix_server(connected, sock=_bound(path), limit=LONGEST_REQUEST)
     except OSError as error:
         emit(ControlClosed(str(path), error.strerror or str(error)))
         yield
@@ -70,8 +69,8 @@ async def control_open(path: Path, verbs: Mapping[str, Verb], emit: Emit) -> Asy
         yield
     finally:
         server.close()
-        for task in conversations:
-            task.cancel()
+        for conversation in conversations:
+            conversation.cancel()
         _take_away(path)
 
 
@@ -120,20 +119,50 @@ def _make_room(path: Path) -> None:
             raise FileExistsError(0, "another modbus-gateway answers there")
 
 
-async def _converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, verbs: Mapping[str, Verb]) -> None:
-    with suppress(OSError, TimeoutError, ValueError):  # gone, silent for too long, or a line that never ends
+async def _converse(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, verbs: Mapping[str, Verb], emit: Emit
+) -> None:
+    writer.transport.set_write_buffer_limits(0)  # `drain` waits until the system has all of an answer
+    try:
         while line := await asyncio.wait_for(reader.readline(), PATIENCE):
-            answer = await _answer(line, verbs)
-            writer.write(json.dumps(answer, default=str).encode() + b"\n")
+            writer.write(await _answer(line, verbs, emit))
             await asyncio.wait_for(writer.drain(), PATIENCE)
+            await asyncio.sleep(0)  # the others' turn: nothing above waits while there are more requests
+    except (OSError, TimeoutError, ValueError):  # gone, silent for too long, or a line that never ends
+        writer.transport.abort()
+    finally:
+        writer.close()
 
 
-async def _answer(line: bytes, verbs: Mapping[str, Verb]) -> dict[str, Any]:
+async def _answer(line: bytes, verbs: Mapping[str, Verb], emit: Emit) -> bytes:
+    try:
+        return _line(await _answered(line, verbs))
+    except Exception as error:  # noqa: BLE001 - the border of a request
+        emit(PartFailed("control socket", repr(error), "".join(traceback.format_exception(error))))
+        return _line(_refused("a defect in the gateway; its log says more"))
+
+
+async def _answered(line: bytes, verbs: Mapping[str, Verb]) -> dict[str, Any]:
     try:
         request = json.loads(line)
-    except ValueError:
-        return {"ok": False, "error": "this is no JSON"}
+    except (ValueError, RecursionError):
+        return _refused("this is no JSON")
     verb = request.get("verb") if isinstance(request, dict) else None
     if not isinstance(verb, str) or verb not in verbs:
-        return {"ok": False, "error": f'"verb" must be one of {", ".join(verbs)}'}
+        return _refused(f'"verb" must be one of {", ".join(verbs)}')
     return {"ok": True, **await verbs[verb](request)}
+
+
+def _refused(why: str) -> dict[str, Any]:
+    return {"ok": False, "error": why}
+
+
+def _line(answer: Mapping[str, Any]) -> bytes:
+    return json.dumps(answer, default=_fields).encode() + b"\n"
+
+
+def _fields(value: Any) -> dict[str, Any] | str:
+    """A dataclass as its fields: what they hold comes here in its turn, without the copies of `asdict`."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return str(value)
