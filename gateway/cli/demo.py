@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import os
 import signal
 import socket
 import sys
@@ -98,7 +99,13 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
     """A process with the devices of a line behind a virtual serial port in `folder`."""
     words = ["-m", "gateway.cli.main", "simulate", *line.simulate, "--port", str(folder / line.name)]
     process = await asyncio.create_subprocess_exec(
-        sys.executable, *words, stdout=asyncio.subprocess.PIPE, stdin=asyncio.subprocess.DEVNULL, start_new_session=True
+        sys.executable,
+        *words,
+        stdout=asyncio.subprocess.PIPE,
+        stdin=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+        # The program may lie in a folder of its own, which only the one who started us knows.
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )
     try:
         async with asyncio.timeout(_PATIENCE):
