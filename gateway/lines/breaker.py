@@ -31,7 +31,7 @@ class Breaker:
 
     def rests(self, now: float) -> bool:
         """Whether the unit rests at `now`."""
-        return self.failures >= FAILURES and now < self._until
+        return now < self._until
 
     def rest_left(self, now: float) -> float:
         """How much longer the unit rests, in seconds."""

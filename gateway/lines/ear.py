@@ -118,10 +118,10 @@ class Ear:
         """Take a frame; whether it is the response to another client's request."""
         asked = self._asked
         if asked is not None and self._is_asking and at >= self._deaf_until and asked.accepts(frame):
-            is_first, self._is_answered = not self._is_answered, True
-            near = self._near(frame, asked) if is_first or _is_echo_shaped(asked) else []
+            near = self._near(frame, asked)
+            is_answer, self._is_answered = not (near or self._is_answered), True
             self.doubts += near
-            if is_first and not near:
+            if is_answer:
                 return False
         if self._settle(frame):
             return True

@@ -223,7 +223,6 @@ class WaitingQueue:
             self._rows[request.origin.client].replace(transaction, part)
             self._waiting[request] = part
         transaction.requests = stay
-        transaction.client = stay[0].origin.client
         transaction.counts.coalesced -= 1
         return part
 

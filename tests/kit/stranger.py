@@ -99,10 +99,13 @@ class Adapter:
         self._data = b""
         self._waits = False
 
-    def take(self, data: bytes) -> None:
-        """The line delivers `data`."""
+    def take(self, data: bytes, *, at_once: bool) -> None:
+        """The line delivers `data`. With `at_once` nothing is held back."""
         self._data += data
-        self._wait()
+        if at_once:
+            self._hand_over(len(self._data))
+        else:
+            self._wait()
 
     def drop(self) -> None:
         """The adapter is unplugged."""
@@ -111,13 +114,14 @@ class Adapter:
     def _wait(self) -> None:
         if self._data and not self._waits:
             self._waits = True
-            self._later(self._dice.choice((0.0, 0.0005, 0.002)), self._hand_over)
+            self._later(self._dice.choice((0.0, 0.0005, 0.002)), self._wake)
 
-    def _hand_over(self) -> None:
+    def _wake(self) -> None:
         self._waits = False
         size = len(self._data)
-        if self._dice.random() < 0.3:
-            size = self._dice.randint(1, max(size, 1))
+        self._hand_over(self._dice.randint(1, size) if size and self._dice.random() < 0.3 else size)
+
+    def _hand_over(self, size: int) -> None:
         chunk, self._data = self._data[:size], self._data[size:]
         if chunk:
             self._deliver(chunk)

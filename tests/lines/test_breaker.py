@@ -267,6 +267,30 @@ def test_noise_while_another_unit_is_in_its_window_is_a_failure(bench: Bench) ->
     assert [event.unit for event in bench.told(UnitResting)] == [1]
 
 
+def test_a_port_that_is_back_ends_all_rests(bench: Bench) -> None:
+    fail(bench, FAILURES)
+    assert bench.devices[1].rests(bench.now)
+    bench.unplug()
+    bench.plug()
+    assert not bench.devices[1].rests(bench.now)
+
+
+def test_idle_bytes_of_long_ago_are_no_beginning_of_a_frame(bench: Bench) -> None:
+    fail(bench, FAILURES)
+    answer = frame(1, RESPONSE)
+    bench.hear(answer[:9])
+    bench.pass_time(1.1)
+    bench.hear(answer[9:])
+    assert bench.devices[1].rests(bench.now)
+    for _ in range(200):
+        bench.hear("55" * 20)
+    assert len(bench.line._hearing._idle) <= 1024
+    bench.hear(answer[:9])
+    bench.pass_time(0.9)
+    bench.hear(answer[9:])
+    assert not bench.devices[1].rests(bench.now)
+
+
 @pytest.mark.parametrize("comes", ["noise", "echo"])
 def test_two_dead_units_rest_though_something_comes_each_time(comes: str) -> None:
     """They take a small part of the line's time."""

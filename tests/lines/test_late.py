@@ -5,6 +5,7 @@ import pytest
 from gateway.events import BadFrame, ForeignFrame, LateResponse, RequestTimeout
 from gateway.lines.late import WORTH_WAITING
 from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
+from gateway.modbus.ascii import AsciiFramer
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import Point, TimingTable
@@ -328,6 +329,24 @@ def test_a_lost_port_opens_a_window(bench: Bench) -> None:
     assert bench.counts.late_responses == 1
 
 
+def test_a_port_lost_after_a_second_sending_leaves_two_answers_owing() -> None:
+    bench = Bench(retries=1)
+    bench.ask()
+    bench.hear("55")
+    while len(bench.written) < 2:
+        bench.pass_time(0.01)
+    bench.unplug()
+    bench.plug()
+    bench.pass_time(0.01)
+    bench.respond()
+    bench.ask(OTHER)
+    assert bench.client.answers == ["83 0B", "83 0B"]
+    bench.respond()
+    bench.pass_time(0.01)
+    bench.ask(OTHER)
+    assert len(bench.written) == 3
+
+
 def test_a_window_outlives_the_port(bench: Bench) -> None:
     time_out(bench)
     bench.unplug()
@@ -385,6 +404,14 @@ def test_a_late_confirmation_of_a_move_is_believed(bench: Bench, silo: RestlessD
     bench.respond("10 01 00 00 01", unit=5)
     assert silo.unit == 5
     assert bench.counts.late_responses == 1
+
+
+def test_of_several_windows_the_longest_one_counts(bench: Bench) -> None:
+    bench.device()
+    windows = bench.line._turns._late
+    for ends_at in (5.0, 9.0, 7.0):
+        windows.open(transaction(bench), AsciiFramer(), ends_at)
+    assert windows.forbid_until(transaction(bench), 0.0) == 9.0
 
 
 def test_while_a_move_may_be_confirmed_late_nobody_is_asked_the_same(bench: Bench, silo: RestlessDevice) -> None:

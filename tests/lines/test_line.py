@@ -592,6 +592,24 @@ def test_a_line_that_stays_loud_is_given_up_without_a_second_sending() -> None:
     assert is_empty(bench.line)
 
 
+def test_what_comes_when_the_line_should_be_quiet_is_no_answer_to_what_is_sent_next(bench: Bench) -> None:
+    """The driver wakes a little late: the silence is over, and something comes before the second sending."""
+    bench = Bench(retries=1, gap=0.05)
+    bench.ask()
+    bench.ask("04 00 10 00 01")
+    bench.pass_time(REQUEST_TIME + LIMIT - 0.02)
+    bench.hear("55 55")
+    while bench.line._again is None:
+        bench.now = bench.line.deadline()
+        bench.line.tick(bench.now)
+    bench.now = bench.line._quiet_at + 0.001
+    bench.respond("04 02 DE AD")
+    assert bench.client.answers == ["83 0B"]
+    assert bench.written == [READ_FRAME]
+    bench.pass_time(0.05 + 1e-6)
+    assert bench.written[1:] == [frame(1, "04 00 10 00 01")]
+
+
 def test_a_request_that_waits_behind_a_second_sending_expires_in_time() -> None:
     bench = Bench(retries=1, gap=5.0, max_wait=1.0)
     bench.pass_time(5.0)

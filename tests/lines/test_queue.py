@@ -292,6 +292,15 @@ def test_without_coalesce_nothing_is_shared() -> None:
     assert waiting.is_empty()
 
 
+def test_what_leaves_the_queue_withdraws_no_offer_but_its_own(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B", WRITE)
+    waiting.put("C")
+    assert [waiting.take(), waiting.take()] == ["B1!", "A1"]
+    waiting.put("D")
+    assert waiting.take_all() == ["C+D1"]
+
+
 def test_what_has_left_the_queue_is_joined_no_more(waiting: Waiting) -> None:
     """So every answer is newer than its question."""
     waiting.put("A")

@@ -336,7 +336,7 @@ class World:
         def deliver(pulls: int, data: bytes) -> None:
             if pulls == self._pulls[name]:
                 faulty.heard_at = self.loop.time()
-                adapter.take(data)
+                adapter.take(data, at_once=faulty.heard_at < faulty.spurious_until)
 
         stranger = Stranger(faulty, seed=100 * seed + at)
         self.strangers.append(stranger)
