@@ -317,6 +317,22 @@ def test_the_second_answer_settles_it(bench: Bench) -> None:
     assert is_believed(bench, THEIRS)
 
 
+def test_the_second_answer_may_come_with_the_first(bench: Bench) -> None:
+    bench.ask()
+    bench.respond(READ)
+    bench.hear(bench.frame(1, RESPONSE) * 2)
+    assert bench.client.answers == [RESPONSE]
+    bench.pass_time(0.01)
+    assert is_believed(bench, THEIRS)
+
+
+def test_both_answers_in_one_chunk_are_doubted(bench: Bench) -> None:
+    bench.ask()
+    bench.respond(THEIRS)
+    bench.hear(bench.frame(1, LIE) + bench.frame(1, RESPONSE))
+    assert bench.client.answers == ["83 0B"]
+
+
 def test_who_asked_the_same_before_us_may_get_an_older_answer(bench: Bench) -> None:
     bench.respond(READ)
     bench.pass_time(0.01)
