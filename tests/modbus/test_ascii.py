@@ -176,3 +176,10 @@ def test_garbage_raises_nothing_and_comes_out_the_same_in_any_cut(chunks):
     frames = hear(cut, *(bytes((byte,)) for chunk in chunks for byte in chunk))
     assert hear(whole, b"".join(chunks)) == frames
     assert all(1 <= len(frame.pdu) <= 253 for frame in frames)
+
+
+def test_clean_is_what_was_handed_over_and_nothing_else():
+    for heard, is_clean in ((GOOD, True), (b"", True), (b"U" + GOOD, False), (GOOD + b"U", False), (GOOD[:-1], False)):
+        framer = AsciiFramer()
+        hear(framer, heard)
+        assert framer.is_clean == is_clean

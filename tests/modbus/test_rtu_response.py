@@ -397,3 +397,16 @@ def test_an_exception_behind_a_foreign_frame_that_holds_the_beginning_of_a_respo
     exception = Frame(UNIT, b"\x83\x02")
     for chunks in chunkings(foreign + encode(*exception)):
         assert hear(asked(asks_125), *chunks) == [exception]
+
+
+def test_clean_is_what_was_handed_over_and_nothing_else():
+    for heard, is_clean in (
+        (GOOD, True),
+        (b"", True),
+        (b"\x55" + GOOD, False),
+        (GOOD + b"\x55", False),
+        (GOOD[:-1], False),
+    ):
+        framer = asked()
+        framer.received(heard, 0.0)
+        assert framer.is_clean == is_clean
