@@ -1,0 +1,258 @@
+"""The service's units in a system that is booted for it."""
+
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from kit.booted import SERVICE, SOCKET, BootedSystem, CannotBootError, booted, until, why_not
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.pty import VirtualPort
+from kit.serial_line import SerialDevices
+
+pytestmark = pytest.mark.skipif(bool(why_not()), reason=f"{why_not()}: the service's units were not booted")
+
+CONFIG = """
+[[listen]]
+bind = "tcp://[::]:502"
+
+[[line]]
+name = "hall-a"
+port = "/dev/hall-a"
+devices = [{ unit = 1 }, { unit = 46, timeout = "100 ms" }]
+
+[[image]]
+unit = 200
+holding = 10
+persist = "always"
+"""
+READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
+RIGHT = bytes.fromhex("0001 0000 0005 01 03 02 1234")
+FILE = "/etc/modbus-gateway/gateway.toml"
+DIALOUT = 20
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BootedSystem]:
+    try:
+        with booted(tmp_path_factory.mktemp("system")) as system:
+            yield system
+    except CannotBootError as why:
+        pytest.skip(f"systemd-nspawn cannot boot a system here, so the service's units were not booted: {why}")
+
+
+@pytest.fixture
+def device() -> SimulatedDevice:
+    device = SimulatedDevice(1)
+    device.holding[0] = 0x1234
+    return device
+
+
+@pytest.fixture
+def system(machine: BootedSystem, device: SimulatedDevice, tmp_path: Path) -> Iterator[BootedSystem]:
+    """A system with a config, a line with its device, and an empty log; nothing is started yet."""
+    machine.forget_log()
+    machine.write(FILE, CONFIG)
+    with VirtualPort(tmp_path / "hall-a") as port, SerialDevices({port: SimulatedLine("rtu", device)}):
+        give_to_dialout(Path(port.device))
+        link = machine.root / "dev/hall-a"
+        link.symlink_to(port.device.replace("/dev/pts", "/dev/hostpts"))
+        yield machine
+        machine.done("systemctl", "stop", SOCKET, SERVICE)
+        machine.run("systemctl", "reset-failed")
+        machine.done("sh", "-c", "rm -rf /run/systemd/system/modbus-gateway.* /var/lib/private/modbus-gateway")
+        machine.done("systemctl", "daemon-reload")
+        link.unlink()
+
+
+def give_to_dialout(node: Path) -> None:
+    os.chown(node, 0, DIALOUT)
+    node.chmod(0o660)
+
+
+def start(system: BootedSystem) -> None:
+    system.done("systemctl", "start", SERVICE)
+
+
+def asked(client: socket.socket, request: bytes = READ) -> bytes:
+    client.sendall(request)
+    return client.recv(260)
+
+
+def test_active_means_that_every_address_is_bound_and_every_line_was_tried(system: BootedSystem) -> None:
+    start(system)
+    assert system.show("ActiveState") == "active"
+    assert system.show("StatusText") == "1 of 1 lines up, 0 clients"
+    for host in ("127.0.0.1", "::1"):
+        with system.connect(host) as client:
+            assert asked(client) == RIGHT
+
+
+def test_it_is_not_active_while_a_line_is_still_being_tried(system: BootedSystem) -> None:
+    with system.open_socket() as full, system.open_socket() as first:
+        full.bind(("127.0.0.1", 4001))
+        full.listen(0)
+        first.connect(("127.0.0.1", 4001))
+        line = '[[line]]\nname = "roof"\nport = "rtu+tcp://127.0.0.1:4001"\ndevices = [{ unit = 9 }]\n'
+        system.write(FILE, CONFIG + line)
+        system.done("systemctl", "start", "--no-block", SERVICE)
+        system.wait_for("line_up")
+        assert system.show("ActiveState") == "activating"
+        system.wait_for("line_lost")
+        until(lambda: system.show("ActiveState") == "active", system.status)
+        assert system.show("StatusText").startswith("1 of 2 lines up, 0 clients; roof: ")
+
+
+def test_a_client_starts_it_and_stopping_the_socket_ends_both(system: BootedSystem) -> None:
+    system.done("systemctl", "start", SOCKET)
+    assert system.show("ActiveState") == "inactive"
+    with system.connect() as client:
+        assert asked(client) == RIGHT
+    system.done("systemctl", "stop", SOCKET)
+    assert system.show("ActiveState") == "inactive"
+    with system.open_socket() as client, pytest.raises(ConnectionRefusedError):
+        client.connect(("127.0.0.1", 502))
+
+
+def test_root_can_ask_it_how_it_is(system: BootedSystem) -> None:
+    start(system)
+    assert "hall-a" in system.done("modbus-gateway", "status")
+
+
+def test_reload_applies_a_good_file_and_fails_with_a_bad_one(system: BootedSystem) -> None:
+    start(system)
+    process = system.show("MainPID")
+    with system.connect() as client:
+        assert asked(client) == RIGHT
+        system.write(FILE, CONFIG + "[[image]]\nunit = 201\nholding = 1\n")
+        system.done("systemctl", "reload", SERVICE)
+        assert asked(client, bytes.fromhex("0001 0000 0006 C9 03 0000 0001"))[-2:] == b"\0\0"
+        system.write(FILE, CONFIG + "[[image]]\n")
+        assert system.run("systemctl", "reload", SERVICE).returncode != 0
+        reason = system.wait_for("config_rejected")["MODBUS_REASON"]
+        assert reason == f"{FILE}:14:1: error: image[1].unit: is missing"
+        system.write(FILE, CONFIG.replace(":502", ":5020"))
+        assert "systemd has opened tcp://[::]:502, which no" in system.run("modbus-gateway", "reload").stdout
+        assert asked(client) == RIGHT
+        system.write(FILE, CONFIG)
+        system.done("systemctl", "kill", "--signal=HUP", SERVICE)
+        until(lambda: len(system.log("MODBUS_EVENT=config_applied")) == 2, system.status)
+        assert asked(client) == RIGHT
+    assert (system.show("ActiveState"), system.show("MainPID")) == ("active", process)
+
+
+@pytest.mark.parametrize("end", [("kill", "--signal=KILL"), ("restart", "--no-block")])
+def test_a_client_that_comes_while_it_restarts_waits_for_its_answer(system: BootedSystem, end: tuple[str, ...]) -> None:
+    start(system)
+    process = system.show("MainPID")
+    system.done("systemctl", *end, SERVICE)
+    until(lambda: system.show("MainPID") != process, system.status)
+    with system.connect() as client:
+        assert asked(client) == RIGHT
+
+
+def test_the_watchdog_restarts_it_when_it_hangs(system: BootedSystem) -> None:
+    system.override(SERVICE, "[Service]\nWatchdogSec=3s\n")
+    start(system)
+    process = system.show("MainPID")
+    system.done("systemctl", "kill", "--signal=STOP", SERVICE)
+    until(lambda: system.show("MainPID") != process, system.status)
+    with system.connect() as client:
+        assert asked(client) == RIGHT
+    messages = [entry["MESSAGE"] for entry in system.log()]
+    assert any("Watchdog timeout" in message for message in messages)
+    assert any("most recent call first" in message for message in messages)
+
+
+def test_a_bad_file_is_tried_again_every_few_seconds(system: BootedSystem) -> None:
+    system.write(FILE, "[[line]]\n")
+    assert system.run("systemctl", "start", SERVICE).returncode != 0
+    until(lambda: int(system.show("NRestarts")) >= 2, system.status)
+    tries = [int(entry["__MONOTONIC_TIMESTAMP"]) for entry in system.log() if "error:" in entry["MESSAGE"]]
+    assert tries[1] - tries[0] > 2_000_000
+    system.write(FILE, CONFIG)
+    with system.connect() as client:
+        assert asked(client) == RIGHT
+
+
+@pytest.mark.parametrize(
+    ("streams", "problem"),
+    [
+        ("ListenStream=127.0.0.1:5021", "systemd has opened tcp://127.0.0.1:5021, which no [[listen]] names"),
+        ("ListenStream=\nListenStream=0.0.0.0:502", "cannot listen on tcp://[::]:502: tcp://0.0.0.0:502 has this port"),
+    ],
+)
+def test_a_socket_that_fits_no_listener_is_an_error_that_names_it(
+    system: BootedSystem, streams: str, problem: str
+) -> None:
+    system.override(SOCKET, f"[Socket]\n{streams}\n")
+    assert system.run("systemctl", "start", SERVICE).returncode != 0
+    assert any(problem in entry["MESSAGE"] for entry in system.log())
+
+
+def test_every_address_of_the_socket_unit_has_its_listener(system: BootedSystem) -> None:
+    system.override(SOCKET, "[Socket]\nListenStream=\nListenStream=0.0.0.0:502\nListenDatagram=0.0.0.0:502\n")
+    system.write(FILE, CONFIG.replace("[::]", "0.0.0.0") + '[[listen]]\nname = "udp"\nbind = "udp://0.0.0.0:502"\n')
+    start(system)
+    with system.connect() as client, system.open_socket(kind=socket.SOCK_DGRAM) as datagrams:
+        assert asked(client) == RIGHT
+        datagrams.connect(("127.0.0.1", 502))
+        assert asked(datagrams) == RIGHT
+
+
+def test_events_are_entries_of_the_journal_with_fields(system: BootedSystem) -> None:
+    start(system)
+    with system.connect() as client:
+        assert asked(client, bytes.fromhex("0001 0000 0006 2E 03 0000 0001"))[-2:] == b"\x83\x0b"
+    until(lambda: system.log("MODBUS_UNIT=46"), system.status)
+    entry = system.log("MODBUS_UNIT=46")[0]
+    assert (entry["MODBUS_EVENT"], entry["MODBUS_LINE"], entry["PRIORITY"]) == ("request_timeout", "hall-a", "4")
+    assert (entry["SYSLOG_IDENTIFIER"], entry["_SYSTEMD_UNIT"]) == ("modbus-gateway", SERVICE)
+    assert entry["MESSAGE"].startswith("request_timeout line=hall-a unit=46")
+
+
+@pytest.mark.parametrize(
+    ("major", "reason"),
+    [
+        (60, "/dev/ttyTEST is kept from this service: allow it with DeviceAllow= in its unit"),
+        (188, "/dev/ttyTEST has no hardware behind it"),
+    ],
+)
+def test_devices_other_than_serial_ports_are_kept_from_it(system: BootedSystem, major: int, reason: str) -> None:
+    """An adapter that is plugged in later has to be allowed too: 188 is ttyUSB, whose driver is not loaded here."""
+    node = system.root / "dev/ttyTEST"
+    os.mknod(node, stat.S_IFCHR, os.makedev(major, 0))
+    give_to_dialout(node)
+    try:
+        system.write(FILE, CONFIG.replace("/dev/hall-a", "/dev/ttyTEST"))
+        start(system)
+        assert system.wait_for("line_lost")["MODBUS_REASON"] == reason
+    finally:
+        node.unlink()
+
+
+def test_stop_answers_what_is_under_way_and_ends_well(system: BootedSystem, device: SimulatedDevice) -> None:
+    device.delay = 0.5
+    start(system)
+    with system.connect() as client:
+        client.sendall(READ)
+        until(lambda: device.heard, system.status)
+        system.done("systemctl", "stop", SOCKET, SERVICE)
+        assert client.recv(260) == RIGHT
+        assert client.recv(260) == b""
+    assert (system.show("Result"), system.show("ExecMainStatus")) == ("success", "0")
+
+
+def test_what_was_written_to_an_image_outlives_kill_in_the_state_directory(system: BootedSystem) -> None:
+    write, read = (bytes.fromhex(f"0001 0000 0006 C8 {pdu}") for pdu in ("06 0000 0007", "03 0000 0001"))
+    start(system)
+    with system.connect() as client:
+        assert asked(client, write) == write
+    system.done("systemctl", "kill", "--signal=KILL", SERVICE)
+    until(lambda: system.show("NRestarts") == "1", system.status)
+    with system.connect() as client:
+        assert asked(client, read) == bytes.fromhex("0001 0000 0005 C8 03 02 0007")
+    assert (system.root / "var/lib/private/modbus-gateway").stat().st_uid >= 61184  # a dynamic user
