@@ -4,9 +4,8 @@
 
 A whole gateway in virtual time: RTU and ASCII lines with devices whose values say whose they are, clients that read and
 write without pause, another client on each line, adapters that cut and join what they hear, adapters that are pulled,
-clients that leave. Every answer is compared with what can be true at
-that moment. Ends with status 0 if no answer was wrong and every request was answered exactly once. The same seed gives
-the same run.
+clients that leave. Every answer is compared with what can be true at that moment. Ends with status 0 if no answer was
+wrong and every request was answered exactly once. The same seed gives the same run.
 """
 
 import argparse
@@ -14,11 +13,10 @@ import asyncio
 import random
 import sys
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field
-from functools import cache
+from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
@@ -29,27 +27,19 @@ from gateway.events import PartFailed
 from gateway.lines.transaction import Transaction
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
-from gateway.modbus.chartime import CharacterFormat, LineTiming
-from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import pack_bits, unpack_bits
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
-from kit.faulty import OWN_FUNCTION, Fault, FaultyDevice, FaultyLine, bit, word
+from kit.faulty import FaultyDevice, FaultyLine
 from kit.house import House
 from kit.stranger import Adapter, Stranger
 from kit.virtual_time import VirtualTimeLoop
+from soak.kinds_of_lines import CONFIG, LINES, NUMBERS, SLOW, UNITS, LineKind
+from soak.questions import CLIENTS, Question, Questions, Values
+from soak.tally import Tally
 
-CLIENTS: Final = 24
-UNITS: Final = range(1, 9)
-#: From here on each client has 8 holding registers and 8 coils of each device that nobody else writes; the last
-#: register is written by broadcasts only.
-OWN: Final = 256
-OWN_ITEMS: Final = 8
-#: Units 7 and 8 may take so many times as long as the others.
-SLOW: Final = 4
 #: Another client asks on each line, on average after so many seconds of quiet.
 STRANGERS_PAUSE: Final = 0.3
 #: No request takes longer in virtual seconds: `max_wait`, a late window, the slowest line's longest exchange.
@@ -65,56 +55,6 @@ Left out, because nobody can detect it on RTU and ASCII:
   - a duplicate that falls inside the next transaction of the same shape, of ours or of another client
   - the answer to another client whose request was not heard whole
 and damage that the check sum itself cannot show (random damage: 1 in 65536 on RTU, 1 in 256 on ASCII)"""
-
-
-@dataclass(frozen=True)
-class LineKind:
-    """One line of the soak. `real` ports take time to send, as a UART does."""
-
-    name: str
-    timing: LineTiming
-    timeout: float
-    real: bool = True
-    echo: bool = False
-    late_window: float | None = None
-    more: str = ""
-
-    @property
-    def config(self) -> str:
-        """Its table in the config file; clients know unit 3 of the second line as 13."""
-        first = 10 * LINES.index(self)
-        window = "" if self.late_window is None else f'late_window = "{1000 * self.late_window:g} ms"'
-        return f"""
-            [[line]]
-            name    = "{self.name}"
-            port    = "/dev/{self.name}"
-            mode    = "{self.timing.mode}"
-            baud    = {self.timing.baud}
-            format  = "{self.timing.format}"
-            latency = "5 ms"
-            echo    = {str(self.echo).lower()}
-            devices = [
-              {{ unit = 1, as = {first + 1}, timeout = "{1000 * self.timeout:g} ms", priority = "high" }},
-              {{ unit = "2-6", as = "{first + 2}-{first + 6}", timeout = "{1000 * self.timeout:g} ms" }},
-              {{ unit = "7-8", as = "{first + 7}-{first + 8}", timeout = "{1000 * SLOW * self.timeout:g} ms" }},
-            ]
-            {window}
-            {self.more}
-            """
-
-
-RTU, ASCII = CharacterFormat.parse("8E1"), CharacterFormat.parse("7E1")
-LINES: Final = (
-    LineKind("rtu", LineTiming("rtu", 19200, RTU), 0.05),
-    LineKind("rtu-retries", LineTiming("rtu", 9600, RTU), 0.08, more="retries = 1\nqueue = 12"),
-    LineKind("rtu-virtual", LineTiming("rtu", 115200, RTU), 0.03, real=False, late_window=0.3),
-    LineKind("rtu-echo", LineTiming("rtu", 38400, RTU), 0.04, echo=True),
-    LineKind("ascii", LineTiming("ascii", 19200, ASCII), 0.05),
-    LineKind("ascii-echo", LineTiming("ascii", 38400, ASCII), 0.1, echo=True, more="coalesce = false\nretries = 1"),
-)
-CONFIG: Final = '[[listen]]\nbind = "tcp://127.0.0.1:0"\nunit0 = "broadcast"\n' + "".join(line.config for line in LINES)
-#: Of each unit that clients use: its device's number.
-NUMBERS: Final = {10 * at + unit: len(UNITS) * at + unit - 1 for at in range(len(LINES)) for unit in UNITS}
 
 
 class _RealLine(MemoryLine):
@@ -134,125 +74,6 @@ class _House(House):
         return self.lines.setdefault(name, line).open_port
 
 
-class Item:
-    """What a register or coil that clients write can hold at the moment, as far as clients can know."""
-
-    __slots__ = ("pending", "possible", "watchers")
-
-    def __init__(self, value: int) -> None:
-        self.possible = {value}
-        #: A write is under way.
-        self.pending = False
-        #: What others who are just reading it may be answered.
-        self.watchers: list[set[int]] = []
-
-    def writing(self, values: set[int]) -> None:
-        """A write has been asked for, of one of these values."""
-        self.pending = True
-        for watcher in self.watchers:
-            watcher.update(values)
-
-    def written(self, values: set[int], *, sure: bool) -> None:
-        """The write was answered: it has happened, or nobody knows."""
-        self.pending = False
-        self.possible = values if sure else self.possible | values
-
-
-#: Says what is wrong with the data of a response, None if nothing is.
-Check = Callable[[bytes], str | None]
-
-
-@dataclass(slots=True)
-class Question:
-    """A request under way. `settle` is told how it ended: 'done', 'not sent' or 'unknown'."""
-
-    unit: int
-    pdu: bytes
-    check: Check
-    settle: Callable[[str], None] | None = None
-    asked_at: float = 0.0
-    #: What happened to it on the line, the last time; how often it was there, and the exceptions that it was answered.
-    fault: Fault | None = None
-    codes: set[int | None] = field(default_factory=set)
-    tries: int = 0
-
-
-@dataclass
-class Tally:
-    """What was injected and what came of it; of one run or of several."""
-
-    transactions: int = 0
-    questions: int = 0
-    broadcasts: int = 0
-    abandoned: int = 0
-    #: What other clients have asked on the lines.
-    strangers: int = 0
-    injected: Counter[str] = field(default_factory=Counter)
-    #: Fault and outcome of every answered question.
-    outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
-    events: Counter[str] = field(default_factory=Counter)
-    counts: Counter[str] = field(default_factory=Counter)
-    wrong: list[str] = field(default_factory=list)
-    wrong_count: int = 0
-    slowest: float = 0.0
-    virtual_seconds: float = 0.0
-
-    def add(self, other: "Tally") -> None:
-        """Take in another run."""
-        for name in (
-            "transactions",
-            "questions",
-            "broadcasts",
-            "abandoned",
-            "strangers",
-            "wrong_count",
-            "virtual_seconds",
-        ):
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-        for name in ("injected", "outcomes", "events", "counts"):
-            getattr(self, name).update(getattr(other, name))
-        self.wrong += other.wrong
-        self.slowest = max(self.slowest, other.slowest)
-
-    @property
-    def _share_answered(self) -> float:
-        """How many of the requests without a fault were answered with data."""
-        return self.outcomes[Fault.NONE, "right data"] / max(self.injected[Fault.NONE], 1)
-
-    def complain(self, text: str) -> None:
-        """Something was wrong or lost."""
-        self.wrong_count += 1
-        if len(self.wrong) < 20:
-            self.wrong.append(text)
-
-    def __str__(self) -> str:
-        columns = ("right data", "device's exception", "0B", "06", "0A", "WRONG")
-        rows = [_row("fault", "injected", columns)]
-        for fault in [*(each.value for each in Fault), "(not sent)"]:
-            cells = [self.outcomes[fault, column] for column in columns]
-            if self.injected[fault] or any(cells):
-                rows.append(_row(fault, self.injected[fault] or "", cells))
-        totals = [sum(count for (_, name), count in self.outcomes.items() if name == column) for column in columns]
-        rows.append(_row("all", self.injected.total(), totals))
-        faults = self.injected.total() - self.injected[Fault.NONE]
-        rows += [
-            "",
-            f"{self.questions} requests of clients, {self.abandoned} of which they left; {self.broadcasts} broadcasts",
-            f"{self.transactions} transactions on lines, {faults} of them with a fault",
-            f"{self.strangers} of other clients; {self._share_answered:.1%} of ours without a fault were answered",
-            "lines: " + ", ".join(f"{name} {count}" for name, count in sorted(self.counts.items()) if count),
-            "events: " + ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())),
-            f"{self.virtual_seconds:.0f} s of the lines' time; slowest answer {1000 * self.slowest:.0f} ms",
-            f"wrong or lost: {self.wrong_count}",
-        ]
-        return "\n".join(rows)
-
-
-def _row(fault: str, injected: object, cells: Sequence[object]) -> str:
-    right, exception, *codes = cells
-    return f"{fault:28}{injected:>10}{right:>12}{exception:>20}" + "".join(f"{code:>9}" for code in codes)
-
-
 class World:
     """Everything that the clients share: devices as they can be, and the tally."""
 
@@ -262,12 +83,7 @@ class World:
         self.tally = Tally()
         self.goal = goal
         self.dice = random.Random(seed)
-        self.registers: dict[tuple[int, int], Item] = {}
-        self.coils: dict[tuple[int, int], Item] = {}
-        for number in NUMBERS.values():
-            for address in range(OWN, OWN + OWN_ITEMS * CLIENTS):
-                self.registers[number, address] = Item(word(number, Area.HOLDING, address))
-                self.coils[number, address] = Item(bit(number, Area.COILS, address))
+        self.values = Values()
         self.clients: dict[str, Client] = {}
         self.lines: list[FaultyLine] = []
         self.strangers: list[Stranger] = []
@@ -275,7 +91,6 @@ class World:
         #: What passed on each line lately: when, `>>` sent or `<<` received, and the fault that was injected.
         self.passed: dict[str, deque[tuple[float, str, bytes, str]]] = {name: deque(maxlen=24) for name in home.lines}
         self._pulls: dict[str, int] = dict.fromkeys(home.lines, 0)
-        self._value = 0
         for at, kind in enumerate(LINES):
             self._attach(at, kind, seed, share)
 
@@ -283,11 +98,6 @@ class World:
     def is_over(self) -> bool:
         """Whether there have been enough transactions."""
         return self.tally.transactions >= self.goal
-
-    def new_value(self) -> int:
-        """A register value that has not been written for long."""
-        self._value = (self._value + 1) & 0xFFFF
-        return self._value
 
     def _attach(self, at: int, kind: LineKind, seed: int, share: float) -> None:
         devices = [
@@ -396,10 +206,9 @@ class Client:
         self._loop = world.loop
         self._number = number
         self._dice = random.Random(world.dice.random())
-        self._own = OWN + OWN_ITEMS * number
+        self.questions = Questions(world.values, number, self._dice)
         self._transaction = 0
         self._connections = 0
-        self._units = list(NUMBERS)
         self._connect()
 
     def _connect(self) -> None:
@@ -458,7 +267,7 @@ class Client:
         if self._dice.random() < 0.0005:
             self._leave()
             return
-        question = self._think_of_one()
+        question = self.questions.think_of_one()
         question.asked_at = self._loop.time()
         self._transaction = self._transaction + 1 & 0xFFFF
         if question.unit:
@@ -517,193 +326,6 @@ class Client:
         trouble = None if code in question.codes else "an exception that the device did not answer with"
         return "device's exception", "not sent", trouble
 
-    # --- questions ---
-
-    def _think_of_one(self) -> Question:
-        kind = self._dice.choices(_KINDS, cum_weights=_WEIGHTS)[0]
-        unit = self._dice.choice(self._units)
-        return kind(self, unit, NUMBERS[unit])
-
-    def _read_registers(self, unit: int, number: int) -> Question:
-        function = self._dice.choice((3, 3, 4))
-        # Few different ones, so that clients ask the same, and the same shape, at the same time.
-        start, count = self._dice.choice(_SPANS)
-        data = _static_words(number, Area.INPUT if function == 4 else Area.HOLDING, start, count)
-        return Question(unit, _words(function, start, count), _expect(bytes((function, len(data))) + data))
-
-    def _read_bits(self, unit: int, number: int) -> Question:
-        function = self._dice.choice((1, 2))
-        start, count = self._dice.choice(_BIT_SPANS)
-        data = _static_bits(number, Area.COILS if function == 1 else Area.DISCRETE, start, count)
-        return Question(unit, _words(function, start, count), _expect(bytes((function, len(data))) + data))
-
-    def _read_own(self, unit: int, number: int) -> Question:
-        """A client's requests to one unit keep their order: what it sees is what its last write left."""
-        first = self._own + self._dice.randrange(OWN_ITEMS)
-        count = self._dice.randint(1, self._own + OWN_ITEMS - first)
-        items = [self._world.registers[number, address] for address in range(first, first + count)]
-        return Question(
-            unit, _words(3, first, count), lambda pdu: _not_possible(pdu, [item.possible for item in items])
-        )
-
-    def _read_own_coils(self, unit: int, number: int) -> Question:
-        items = [self._world.coils[number, address] for address in range(self._own, self._own + OWN_ITEMS)]
-
-        def check(pdu: bytes) -> str | None:
-            bits = unpack_bits(pdu[2:], OWN_ITEMS)
-            fits = len(pdu) == 3 and all(value in item.possible for value, item in zip(bits, items, strict=True))
-            return None if fits else f"the coils can be {[item.possible for item in items]}"
-
-        return Question(unit, _words(1, self._own, OWN_ITEMS), check)
-
-    def _read_others(self, unit: int, number: int) -> Question:
-        """The answer is newer than the question: not what it held before the last write that was confirmed by then."""
-        address = OWN + OWN_ITEMS * self._dice.randrange(CLIENTS) + self._dice.randrange(2)
-        item = self._world.registers[number, address]
-        if item.pending:
-            return self._read_registers(unit, number)
-        watcher = set(item.possible)
-        item.watchers.append(watcher)
-
-        def settle(fate: str) -> None:
-            item.watchers = [each for each in item.watchers if each is not watcher]
-
-        return Question(unit, _words(3, address, 1), lambda pdu: _not_possible(pdu, [watcher]), settle)
-
-    def _write_register(self, unit: int, number: int) -> Question:
-        address = self._own + self._dice.randrange(OWN_ITEMS - 1)
-        item = self._world.registers[number, address]
-        if item.pending:
-            return self._read_own(unit, number)
-        value = self._world.new_value()
-        pdu = _words(6, address, value)
-        return Question(unit, pdu, _expect(pdu), _settle([item], [{value}]))
-
-    def _mask_register(self, unit: int, number: int) -> Question:
-        address = self._own + self._dice.randrange(OWN_ITEMS - 1)
-        item = self._world.registers[number, address]
-        if item.pending or len(item.possible) > 4:
-            return self._write_register(unit, number)
-        mask, value = 0xFF00, self._world.new_value()
-        pdu = _words(22, address, mask, value)
-        return Question(
-            unit, pdu, _expect(pdu), _settle([item], [{old & mask | value & ~mask for old in item.possible}])
-        )
-
-    def _write_registers(self, unit: int, number: int) -> Question:
-        items, first, values = self._own_values(number)
-        if not items:
-            return self._read_own(unit, number)
-        pdu = _words(16, first, len(items)) + bytes((2 * len(items),)) + b"".join(each.to_bytes(2) for each in values)
-        return Question(unit, pdu, _expect(pdu[:5]), _settle(items, [{value} for value in values]))
-
-    def _write_and_read(self, unit: int, number: int) -> Question:
-        items, first, values = self._own_values(number)
-        if not items:
-            return self._read_own(unit, number)
-        data = b"".join(each.to_bytes(2) for each in values)
-        pdu = _words(23, first, len(items), first, len(items)) + bytes((len(data),)) + data
-        return Question(
-            unit, pdu, _expect(bytes((23, len(data))) + data), _settle(items, [{value} for value in values])
-        )
-
-    def _own_values(self, number: int) -> tuple[list[Item], int, list[int]]:
-        first = self._own + self._dice.randrange(OWN_ITEMS - 1)
-        count = self._dice.randint(1, self._own + OWN_ITEMS - 1 - first)
-        items = [self._world.registers[number, address] for address in range(first, first + count)]
-        if any(item.pending for item in items):
-            return [], 0, []
-        return items, first, [self._world.new_value() for _ in items]
-
-    def _write_coil(self, unit: int, number: int) -> Question:
-        address = self._own + self._dice.randrange(OWN_ITEMS)
-        item = self._world.coils[number, address]
-        if item.pending:
-            return self._read_own_coils(unit, number)
-        value = self._dice.randrange(2)
-        pdu = _words(5, address, 0xFF00 * value)
-        return Question(unit, pdu, _expect(pdu), _settle([item], [{value}]))
-
-    def _write_coils(self, unit: int, number: int) -> Question:
-        items = [self._world.coils[number, address] for address in range(self._own, self._own + OWN_ITEMS)]
-        if any(item.pending for item in items):
-            return self._read_own_coils(unit, number)
-        values = [self._dice.randrange(2) for _ in items]
-        pdu = _words(15, self._own, OWN_ITEMS) + b"\1" + pack_bits(bytes(values))
-        return Question(unit, pdu, _expect(pdu[:5]), _settle(items, [{value} for value in values]))
-
-    def _unknown_function(self, unit: int, number: int) -> Question:
-        data = self._dice.randbytes(self._dice.randint(2, 8))
-        return Question(unit, bytes((OWN_FUNCTION,)) + data, _expect(bytes((OWN_FUNCTION, number)) + data))
-
-    def _broadcast(self, unit: int, number: int) -> Question:
-        """A register that this client's broadcasts write, and nothing else: a device may hear one or not."""
-        address, value = self._own + OWN_ITEMS - 1, self._world.new_value()
-        for each in NUMBERS.values():
-            self._world.registers[each, address].possible.add(value)
-        self._tally.broadcasts += 1
-        return Question(0, _words(6, address, value), _expect(b""))
-
-
-_SPANS = [(0, 1), (0, 4), (16, 4), (32, 4), (48, 4), (100, 2), (102, 2), (7, 1), (9, 1), (60, 40), (100, 100)]
-_BIT_SPANS = [(0, 16), (16, 16), (40, 16), (3, 30), (100, 100)]
-_MIX: dict[Callable[[Client, int, int], Question], int] = {
-    Client._read_registers: 440,
-    Client._read_bits: 120,
-    Client._read_own: 120,
-    Client._read_own_coils: 20,
-    Client._read_others: 80,
-    Client._write_register: 80,
-    Client._write_registers: 50,
-    Client._write_and_read: 20,
-    Client._mask_register: 20,
-    Client._write_coil: 20,
-    Client._write_coils: 15,
-    Client._unknown_function: 13,
-    Client._broadcast: 2,
-}
-_KINDS = list(_MIX)
-_WEIGHTS = [sum(list(_MIX.values())[: at + 1]) for at in range(len(_MIX))]
-
-
-def _settle(items: Sequence[Item], values: Sequence[set[int]]) -> Callable[[str], None]:
-    """Remember that `items` are being written; the result is to be told how that ended."""
-    for item, value in zip(items, values, strict=True):
-        item.writing(value)
-
-    def settle(fate: str) -> None:
-        for item, value in zip(items, values, strict=True):
-            if fate == "not sent":
-                item.pending = False
-            else:
-                item.written(value, sure=fate == "done")
-
-    return settle
-
-
-def _words(function: int, *words: int) -> bytes:
-    return bytes((function,)) + b"".join(each.to_bytes(2) for each in words)
-
-
-def _expect(response: bytes) -> Check:
-    return lambda pdu: None if pdu == response else f"it is {response.hex(' ').upper()}"
-
-
-def _not_possible(pdu: bytes, possible: Sequence[set[int]]) -> str | None:
-    values = [int.from_bytes(pdu[at : at + 2]) for at in range(2, len(pdu), 2)]
-    fits = len(values) == len(possible) and all(value in each for value, each in zip(values, possible, strict=True))
-    return None if fits and pdu[1] == len(pdu) - 2 else f"it can be {[sorted(each)[:8] for each in possible]}"
-
-
-@cache
-def _static_words(number: int, area: Area, start: int, count: int) -> bytes:
-    return b"".join(word(number, area, address).to_bytes(2) for address in range(start, start + count))
-
-
-@cache
-def _static_bits(number: int, area: Area, start: int, count: int) -> bytes:
-    return pack_bits(bytes(bit(number, area, address) for address in range(start, start + count)))
-
 
 async def play(transactions: int, share: float, seed: int, config: str = CONFIG) -> Tally:
     """One run; the running loop is in virtual time."""
@@ -728,6 +350,7 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
     for line, of_gateway in zip(world.lines, status(home.gateway, world.loop.time()).lines, strict=True):
         tally.injected.update({fault.value: count for fault, count in line.injected.items()})
         tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
+    tally.broadcasts = sum(client.questions.broadcasts for client in clients)
     tally.strangers = sum(stranger.asked for stranger in world.strangers)
     tally.virtual_seconds = world.loop.time()
     return tally

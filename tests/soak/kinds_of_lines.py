@@ -1,0 +1,60 @@
+"""The lines of the soak that looks for lies: RTU and ASCII, real and virtual ports, with and without an echo."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.modbus.chartime import CharacterFormat, LineTiming
+
+UNITS: Final = range(1, 9)
+#: Units 7 and 8 may take so many times as long as the others.
+SLOW: Final = 4
+
+
+@dataclass(frozen=True)
+class LineKind:
+    """One line of the soak. `real` ports take time to send, as a UART does."""
+
+    name: str
+    timing: LineTiming
+    timeout: float
+    real: bool = True
+    echo: bool = False
+    late_window: float | None = None
+    more: str = ""
+
+    @property
+    def config(self) -> str:
+        """Its table in the config file; clients know unit 3 of the second line as 13."""
+        first = 10 * LINES.index(self)
+        window = "" if self.late_window is None else f'late_window = "{1000 * self.late_window:g} ms"'
+        return f"""
+            [[line]]
+            name    = "{self.name}"
+            port    = "/dev/{self.name}"
+            mode    = "{self.timing.mode}"
+            baud    = {self.timing.baud}
+            format  = "{self.timing.format}"
+            latency = "5 ms"
+            echo    = {str(self.echo).lower()}
+            devices = [
+              {{ unit = 1, as = {first + 1}, timeout = "{1000 * self.timeout:g} ms", priority = "high" }},
+              {{ unit = "2-6", as = "{first + 2}-{first + 6}", timeout = "{1000 * self.timeout:g} ms" }},
+              {{ unit = "7-8", as = "{first + 7}-{first + 8}", timeout = "{1000 * SLOW * self.timeout:g} ms" }},
+            ]
+            {window}
+            {self.more}
+            """
+
+
+RTU, ASCII = CharacterFormat.parse("8E1"), CharacterFormat.parse("7E1")
+LINES: Final = (
+    LineKind("rtu", LineTiming("rtu", 19200, RTU), 0.05),
+    LineKind("rtu-retries", LineTiming("rtu", 9600, RTU), 0.08, more="retries = 1\nqueue = 12"),
+    LineKind("rtu-virtual", LineTiming("rtu", 115200, RTU), 0.03, real=False, late_window=0.3),
+    LineKind("rtu-echo", LineTiming("rtu", 38400, RTU), 0.04, echo=True),
+    LineKind("ascii", LineTiming("ascii", 19200, ASCII), 0.05),
+    LineKind("ascii-echo", LineTiming("ascii", 38400, ASCII), 0.1, echo=True, more="coalesce = false\nretries = 1"),
+)
+CONFIG: Final = '[[listen]]\nbind = "tcp://127.0.0.1:0"\nunit0 = "broadcast"\n' + "".join(line.config for line in LINES)
+#: Of each unit that clients use: its device's number.
+NUMBERS: Final = {10 * at + unit: len(UNITS) * at + unit - 1 for at in range(len(LINES)) for unit in UNITS}
