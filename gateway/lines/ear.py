@@ -28,7 +28,7 @@ _LONGEST: Final = 300.0
 #: So many chunks may wait to be looked at.
 _CHUNKS: Final = 256
 #: After so many requests in a row of which a copy came back, it is the adapter.
-ECHOES: Final = 3
+ECHOES: Final = 5
 
 
 class Stranger(NamedTuple):

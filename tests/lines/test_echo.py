@@ -227,7 +227,7 @@ def test_an_echo_that_is_cut_by_the_end_of_its_request_is_one(real: Bench) -> No
 
 
 @pytest.mark.parametrize("later", [0.002, 0.05])
-def test_an_echo_that_comes_later_is_one_when_it_came_to_three_requests_in_a_row(real: Bench, later: float) -> None:
+def test_an_echo_that_comes_later_is_one_when_it_came_to_several_requests_in_a_row(real: Bench, later: float) -> None:
     """Another client's request may be a copy of ours; hardly of each of ours."""
     for _ in range(ECHOES):
         assert real.told(EchoHeard) == []
@@ -242,7 +242,7 @@ def test_an_echo_that_comes_later_is_one_when_it_came_to_three_requests_in_a_row
 
 
 def test_copies_now_and_then_are_no_echo(real: Bench) -> None:
-    for copies in (1, 1, 0, 1, 1, 0):
+    for copies in (1, 1, 1, 1, 0, 1, 1, 1, 1, 0):
         real.ask()
         real.pass_time(0.05)
         real.hear(READ_FRAME * copies + RESPONSE_FRAME)
@@ -274,7 +274,7 @@ def test_a_second_copy_is_another_clients_request_though_the_adapter_echoes(anno
 
 
 def test_writes_whose_responses_come_twice_are_confirmed_by_an_echo_that_comes_late(real: Bench) -> None:
-    """The first one cannot be told from the response; what comes behind it tells, when it has happened three times."""
+    """The first one cannot be told from the response; what comes behind it tells, when it has happened several times."""
     for _ in range(ECHOES + 1):
         real.ask(WRITE)
         real.pass_time(REQUEST_TIME + 0.012)
