@@ -274,7 +274,7 @@ def test_a_second_copy_is_another_clients_request_though_the_adapter_echoes(anno
 
 
 def test_writes_whose_responses_come_twice_are_confirmed_by_an_echo_that_comes_late(real: Bench) -> None:
-    """The first one cannot be told from the response; what comes behind it tells, when it has happened several times."""
+    """The first one cannot be told from the response; what comes behind it tells, when that has happened often."""
     for _ in range(ECHOES + 1):
         real.ask(WRITE)
         real.pass_time(REQUEST_TIME + 0.012)
