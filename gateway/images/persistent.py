@@ -6,15 +6,15 @@ exception 04, and what their clients have read since is read again.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from gateway.errors import RequestError, ServerDeviceFailure
 from gateway.events import Emit, tell_nobody
 from gateway.images.image import Image, ImageSettings
-from gateway.images.tables import Table, Values
+from gateway.images.tables import make_tables
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.request import Request
@@ -31,8 +31,22 @@ class Change(NamedTuple):
 
 #: Is told whether a change is kept now. Changes are kept in the order in which they were made.
 Done = Callable[[bool], None]
-#: Keeps a change, and calls `Done` once, sooner or later or at once.
-Commit = Callable[[Change, Done], None]
+
+
+class Keeper(Protocol):
+    """Keeps the values of images, by the name of the image, area and address."""
+
+    def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
+        """The present values of `image`; what could not be kept is undone before `Done` is told."""
+
+    def keep_at_once(self, change: Change, done: Done) -> None:
+        """Keep a change, and tell `done` once it is kept or has failed."""
+
+    def keep_soon(self, change: Change, done: Done) -> None:
+        """Keep a change before long; `done` is told at once."""
+
+    def when_kept(self, done: Done) -> None:
+        """Tell `done` whether all present values could be kept."""
 
 
 @dataclass(slots=True, eq=False)
@@ -43,44 +57,37 @@ class _Waiting:
     outcome: bytes | RequestError
 
 
-@dataclass(slots=True, eq=False)
 class _Write(_Waiting):
-    """A write that has taken effect and is not kept yet; `before` are the values that it replaced."""
+    """A write that has taken effect and is not kept yet."""
 
-    table: Table
-    start: int
-    before: tuple[int, ...]
-
-    def undo(self) -> None:
-        self.table.assign(self.start, self.before)
+    __slots__ = ()
 
 
 class PersistentImage(Image):
-    """An image that gives each change to `commit`, and answers the write when that has kept it.
+    """An image that gives each change to `keeper`, and answers the write when that has kept it.
 
-    `kept` are the values of earlier runs, by area. They replace the initial ones; those at addresses that the image
-    does not have any more are passed over.
+    From `start` on it has the keeper's values instead of the initial ones; those at addresses that it does not have are
+    passed over.
     """
 
-    def __init__(
-        self, settings: ImageSettings, kept: Iterable[tuple[Area, Values]], commit: Commit, emit: Emit = tell_nobody
-    ) -> None:
+    def __init__(self, settings: ImageSettings, keeper: Keeper, emit: Emit = tell_nobody) -> None:
         super().__init__(settings, emit)
-        self._commit = commit
+        self._keeper = keeper
+        self._keep = keeper.keep_at_once if settings.persist == "always" else keeper.keep_soon
         self._waiting: deque[_Waiting] = deque()
-        for area, (start, values) in kept:
-            self._restore(self.tables[area], start, values)
+        self._has_started = False
+
+    def start(self) -> None:
+        """Go on with the present values, at the moment from which requests come here."""
+        if not self._has_started:
+            self._has_started = True
+            self._take_over()
+            self._keeper.when_kept(self._confirmed)
 
     def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image acts at once, whenever that is
         """Act on `request`, and answer it as soon as all that its client wrote before is kept."""
         self._begin(request)
         self._act(request)
-
-    def values(self) -> Iterator[tuple[Area, Values]]:
-        """All that it holds, with what is not kept yet."""
-        for area, table in self.tables.items():
-            for first, last in table.ranges:
-                yield area, (first, table.values(first, last + 1 - first))
 
     def _act(self, request: Request) -> None:
         try:
@@ -99,12 +106,14 @@ class PersistentImage(Image):
             self._finish(waiting.request, waiting.outcome)
 
     def _write(self, request: Request, span: Span, act: Callable[[], bytes]) -> None:
-        table = self.tables[span.area]
-        before = table.values(span.start, span.count)
-        write = _Write(request, act(), table, span.start, before)
+        write = _Write(request, act())
         self._waiting.append(write)
-        change = Change(self.settings.name, span.area, span.start, table.values(span.start, span.count))
-        self._commit(change, partial(self._committed, write))
+        values = self.tables[span.area].values(span.start, span.count)
+        self._keep(Change(self.settings.name, span.area, span.start, values), partial(self._committed, write))
+
+    def _confirmed(self, is_kept: bool) -> None:  # noqa: FBT001 - the one thing to be told
+        if not is_kept:
+            self._undo()
 
     def _committed(self, write: _Write, is_kept: bool) -> None:  # noqa: FBT001 - the one thing to be told
         if write not in self._waiting:  # undone together with an earlier one
@@ -123,9 +132,7 @@ class PersistentImage(Image):
     def _undo(self) -> None:
         undone = list(self._waiting)
         self._waiting.clear()
-        for write in reversed(undone):
-            if isinstance(write, _Write):
-                write.undo()
+        self._take_over()
         for waiting in undone:
             if isinstance(waiting, _Write):
                 waiting.outcome = ServerDeviceFailure(f"{self.settings.name}: the write could not be kept")
@@ -133,7 +140,7 @@ class PersistentImage(Image):
             else:
                 self._act(waiting.request)
 
-    def _restore(self, table: Table, start: int, values: Iterable[int]) -> None:
-        for address, value in enumerate(values, start):
-            if table.has(Span(table.area, address, 1)):
-                table.assign(address, (value,))
+    def _take_over(self) -> None:
+        self.tables = make_tables(self.settings.areas, self.settings.initial)
+        for area, values in self._keeper.values(self.settings.name).items():
+            self.tables[area].replace(values)

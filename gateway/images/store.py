@@ -1,19 +1,24 @@
 """Keeps images on the disk: changes are collected, and a thread writes them together.
 
-While a batch is being written the next one collects, so that a hundred writes cost little more than ten. If a batch
-cannot be written, everything collected since has failed with it: nothing is kept without what came before it.
+While a batch is being written the next one collects, so that a hundred writes cost little more than ten. A batch is all
+that has come since the last one. If it cannot be written, everything collected meanwhile has failed with it: nothing is
+kept without what came before it. Only what was acknowledged before is tried again.
+
+The store has the present value of every item, from the moment a change is handed to it. What fails is undone here too.
 """
 
 import asyncio
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.images.database import FILE_NAME, Database, Item, open_database
 from gateway.images.persistent import Change, Done
-from gateway.images.tables import Values
 from gateway.modbus.codes import Area
 from gateway.ports.threads import ThreadOfItsOwn
 
@@ -26,103 +31,139 @@ CLOSING_DEADLINE: Final = 2.0
 _Place = tuple[str, Area, int]
 
 
+@dataclass(slots=True)
+class _Batch:
+    """Values that are written together. `soon` are those that were acknowledged before, whatever came after them."""
+
+    values: dict[_Place, int] = field(default_factory=dict)
+    soon: dict[_Place, int] = field(default_factory=dict)
+    told: list[Done] = field(default_factory=list)
+    is_due: bool = False
+
+
 class Store:
-    """All persistent images of a gateway, in one database in `folder`. It is opened with the first of them."""
+    """All persistent images of a gateway, in one database in `folder`."""
 
     def __init__(self, folder: Path, emit: Emit) -> None:
         self._folder = folder
         self._file = str(folder / FILE_NAME)
         self._emit = emit
         self._database: Database | None = None
-        self._kept: dict[_Place, int] = {}
-        self._collected: list[tuple[Change, Done]] = []
-        self._soon: dict[_Place, int] = {}
-        self._due: dict[_Place, int] = {}
-        self._writes = False
+        self._kept: defaultdict[tuple[str, Area], dict[int, int]] = defaultdict(dict)
+        #: What is being written, and what collects meanwhile.
+        self._batch: _Batch | None = None
+        self._next = _Batch()
+        self._timer: asyncio.TimerHandle | None = None
+        self._refuses = False
         self._fails = False
 
-    def values(self, image: str) -> Iterator[tuple[Area, Values]]:
-        """What is kept of `image`. To be asked for once before anything of it is to be kept.
+    def open(self) -> None:
+        """Open the database, if it is not open yet. Nothing can be kept before.
 
         Raises:
-            StateError: the database cannot be used.
+            StateError: it cannot be used.
         """
-        if self._database is None:
-            self._open()
-        return ((area, (address, (value,))) for (name, area, address), value in self._kept.items() if name == image)
+        if self._database is not None:
+            return
+        self._database, items, damage = open_database(self._folder)
+        self._has_kept(((item.image, item.area, item.address), item.value) for item in items)
+        if damage:
+            self._emit(StateDamaged(self._file, damage))
+
+    def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
+        """The present values of `image` by area and address: what is kept, and what is to be."""
+        present = {area: dict(self._kept[image, area]) for area in Area}
+        for (name, area, address), value in self._not_kept_yet():
+            if name == image:
+                present[area][address] = value
+        return present
 
     def keep_at_once(self, change: Change, done: Done) -> None:
         """Write the change as soon as the disk is free; `done` follows."""
-        self._collected.append((change, done))
-        self._write()
+        self._next.told.append(done)
+        if not self._refuses:  # else it may build on what is being undone, and is refused with that
+            self._next.values.update(_values(change))
+            self._write_when_possible()
 
     def keep_soon(self, change: Change, done: Done) -> None:
         """Write the change within INTERVAL; it is done already. A disk that refuses is tried again and again."""
-        if not self._soon:
-            self._write_later()
-        self._soon.update(_values(change))
+        self._next.values.update(_values(change))
+        self._next.soon.update(_values(change))
+        self._write_later()
         done(True)
+
+    def when_kept(self, done: Done) -> None:
+        """Tell `done`, sooner or later, whether all that is being written now could be kept."""
+        if self._batch is None:
+            done(True)
+        else:
+            self._next.told.append(done)
 
     def close(self) -> None:
         """Write what is not kept yet. Nothing more is kept."""
         if self._database is None:
             return
-        rest = [Item(*place, value) for place, value in (self._due | self._soon).items()]
+        rest = [Item(*place, value) for place, value in dict(self._not_kept_yet()).items()]
         closing = ThreadOfItsOwn("close images").submit(_close, self._database, rest)
         try:
             closing.result(CLOSING_DEADLINE)
         except Exception as error:  # noqa: BLE001 - the end of the service must not hang on a disk, nor on its error
             self._emit(StateNotKept(self._file, str(error) or "the disk takes too long"))
 
-    def _open(self) -> None:
-        self._database, items, damage = open_database(self._folder)
-        self._kept = {(item.image, item.area, item.address): item.value for item in items}
-        if damage:
-            self._emit(StateDamaged(self._file, damage))
+    def _not_kept_yet(self) -> Iterator[tuple[_Place, int]]:
+        """What is being written or will be, in the order in which it came."""
+        being_written = self._batch.values if self._batch else {}
+        return chain(being_written.items(), self._next.values.items())
+
+    def _has_kept(self, values: Iterable[tuple[_Place, int]]) -> None:
+        for (image, area, address), value in values:
+            self._kept[image, area][address] = value
 
     def _write_later(self) -> None:
-        asyncio.get_running_loop().call_later(INTERVAL, self._soon_is_now)
+        if self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(INTERVAL, self._write_soon)
 
-    def _soon_is_now(self) -> None:
-        self._due.update(self._soon)
-        self._soon.clear()
+    def _write_soon(self) -> None:
+        self._timer = None
+        if self._next.soon:
+            self._write_when_possible()
+
+    def _write_when_possible(self) -> None:
+        self._next.is_due = True
         self._write()
 
     def _write(self) -> None:
-        """Write what has been collected, unless a batch is being written already."""
-        if self._database is None or self._writes or not (self._collected or self._due):
+        """Write what has been collected and is due, unless a batch is being written already."""
+        if self._database is None or self._batch is not None or not self._next.is_due:
             return
-        batch, self._collected = self._collected, []
-        due, self._due = self._due, {}
-        values = dict(due)
-        for change, _ in batch:
-            values.update(_values(change))
-        items = [Item(*place, value) for place, value in values.items()]
-        self._writes = True
+        self._batch, self._next = self._next, _Batch()
+        items = [Item(*place, value) for place, value in self._batch.values.items()]
         writing = asyncio.get_running_loop().run_in_executor(ThreadOfItsOwn("keep images"), self._database.write, items)
-        writing.add_done_callback(partial(self._written, batch, due, values))
+        writing.add_done_callback(partial(self._written, self._batch))
 
-    def _written(
-        self,
-        batch: list[tuple[Change, Done]],
-        due: dict[_Place, int],
-        values: dict[_Place, int],
-        writing: asyncio.Future[None],
-    ) -> None:
-        self._writes = False
+    def _written(self, batch: _Batch, writing: asyncio.Future[None]) -> None:
+        self._batch = None
         error = writing.exception()
         self._tell(error)
-        if error is None:
-            self._kept.update(values)
-            self._write()
-            _all_done(batch, is_kept=True)
+        if error is not None:
+            self._refuse(batch)
             return
-        failed, self._collected = [*batch, *self._collected], []
-        again = due | self._due
-        if again and not self._soon:
+        self._has_kept(batch.values.items())
+        self._write()
+        for done in batch.told:
+            done(True)
+
+    def _refuse(self, batch: _Batch) -> None:
+        soon = batch.soon | self._next.soon
+        told = [*batch.told, *self._next.told]
+        self._next = _Batch(dict(soon), soon, told)
+        if soon:
             self._write_later()
-        self._soon, self._due = again | self._soon, {}
-        _all_done(failed, is_kept=False)
+        self._refuses = True
+        for done in told:  # which grows by what comes meanwhile
+            done(False)
+        told.clear()
+        self._refuses = False
 
     def _tell(self, error: BaseException | None) -> None:
         """Trouble is told when it begins and when it ends."""
@@ -143,8 +184,3 @@ def _close(database: Database, rest: list[Item]) -> None:
 def _values(change: Change) -> Iterator[tuple[_Place, int]]:
     for address, value in enumerate(change.values, change.start):
         yield (change.image, change.area, address), value
-
-
-def _all_done(changes: list[tuple[Change, Done]], *, is_kept: bool) -> None:
-    for _, done in changes:
-        done(is_kept)

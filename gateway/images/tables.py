@@ -73,6 +73,16 @@ class Table(ABC):
             raise ValueError(f"{self.area} from {start} on: values must be 0 to {self._largest}")
         self._contents[place] = pack(f">{len(values)}{self._format}", *values)
 
+    def replace(self, values: Mapping[int, int]) -> None:
+        """Set the items that `values` has a number for, by address; addresses that do not exist are passed over.
+
+        Raises:
+            ValueError: a number does not fit.
+        """
+        for first, last in self.ranges if values else ():
+            present = self.values(first, last + 1 - first)
+            self.assign(first, [values.get(address, value) for address, value in enumerate(present, first)])
+
     def _place(self, start: int, count: int) -> slice:
         span = Span(self.area, start, count)
         if not self.has(span):

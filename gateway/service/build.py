@@ -12,7 +12,6 @@ from gateway.images.mirror import MirrorSettings
 from gateway.images.mirror_driver import MirrorDriver
 from gateway.images.persistent import PersistentImage
 from gateway.images.store import Store
-from gateway.images.tables import Values
 from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.upstream_driver import UpstreamDriver
@@ -20,7 +19,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
-from gateway.modbus.codes import BROADCAST_UNIT, Area
+from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import Opener
 from gateway.request import Target
 from gateway.routing.access import Door, Rights
@@ -61,7 +60,13 @@ class Gateway:
         return (*self.lines, *self.servers, *self.upstreams)
 
     def route(self) -> None:
-        """Let every request go by these routes and the rights of the plan, and events name the lines of its file."""
+        """Let every request go by these routes and the rights of the plan, and events name the lines of its file.
+
+        From now on the images that persist go on where those of the same name have left off.
+        """
+        for image in self.images:
+            if isinstance(image, PersistentImage):
+                image.start()
         for router, routes in self.routes:
             router.routes = routes
             router.rights = Rights(self.plan.access, router.door)
@@ -95,7 +100,7 @@ def build(
     upstreams = tuple(old.upstream(one) or GatewayUpstream(one, loop, opener, emit) for one in plan.upstreams)
     servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit) for one in plan.servers)
     listeners = tuple(old.listener(one) or _listener(one, loop, emit) for one in plan.listeners)
-    images = tuple(old.image(one) or _image(one, store, old, emit) for one in plan.images)
+    images = tuple(old.image(one) or _image(one, store, emit) for one in plan.images)
     for line, line_plan in zip(lines, plan.lines, strict=True):
         line.adopt(line_plan)
     behind: tuple[LineOrUpstream, ...] = (*lines, *upstreams)
@@ -152,19 +157,13 @@ class _Old:
         old = self._mirrors.get(settings.name)
         return old if old is not None and old.mirror.settings == settings and old.device is device else None
 
-    def values(self, image: str) -> list[tuple[Area, Values]] | None:
-        """What a persistent image of this name holds, with what is not on the disk yet."""
-        old = self._images.get(image)
-        return list(old.values()) if isinstance(old, PersistentImage) else None
 
-
-def _image(settings: ImageSettings, store: Store | None, old: _Old, emit: Emit) -> Image:
+def _image(settings: ImageSettings, store: Store | None, emit: Emit) -> Image:
     if settings.persist == "never":
         return Image(settings, emit)
     assert store is not None  # noqa: S101 - whoever builds a plan with persistent images has one
-    keep = store.keep_at_once if settings.persist == "always" else store.keep_soon
-    kept = old.values(settings.name)
-    return PersistentImage(settings, store.values(settings.name) if kept is None else kept, keep, emit)
+    store.open()
+    return PersistentImage(settings, store, emit)
 
 
 def _listener(settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit) -> Listener:

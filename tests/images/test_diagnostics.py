@@ -1,5 +1,7 @@
 """Functions 08, 11 and 12 of an image, beyond the cases of the specification."""
 
+from dataclasses import replace
+
 import pytest
 
 from gateway.errors import Busy, NoRoute, RequestError, ServerDeviceFailure
@@ -7,6 +9,7 @@ from gateway.images.diagnostics import Diagnostics
 from gateway.images.persistent import PersistentImage
 from gateway.request import Request
 from images.asking import Answers, ask, broadcast, image
+from images.disk import Disk
 
 
 def request(pdu: str = "03 0000 0001", unit: int = 10) -> Request:
@@ -84,13 +87,12 @@ def test_each_image_has_its_own():
 
 def test_an_image_that_keeps_its_values_counts_like_any_other():
     """Its write is answered later, and the log says so."""
-    later = []
-    settings = image(holding=((0, 3),)).settings
-    kept = PersistentImage(settings, (), lambda change, done: later.append(done))
+    disk = Disk()
+    kept = PersistentImage(replace(image(holding=((0, 3),)).settings, persist="always"), disk)
     answers = Answers()
     for pdu in ("06 0000 0001", "0B"):
         kept.submit(Request(10, bytes.fromhex(pdu), answers, received_at=0.0), 0.0)
     assert answers.came == []
-    later.pop()(True)
+    disk.keep()
     assert answers.came == [bytes.fromhex("06 0000 0001"), bytes.fromhex("0B 0000 0000")]
     assert ask(kept, "0C") == "0C 0B 00 00 00 01 00 03 80 40 40 80 80"

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.events import ConfigApplied, ConfigRejected, LineUp, PartFailed
+from gateway.images.store import Store
 from gateway.modbus.rtu import encode
 from gateway.routing.access import READING
 from gateway.service.build import build
@@ -15,6 +16,7 @@ from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
+from images.disk import MemoryDatabase
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.house import House
 
@@ -91,6 +93,7 @@ class Service:
         self.running = Running(self.home.gateway, self.events.append)
         self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}))
         self.stop = Stop()
+        self.store = None
         for number, port in ((1, "hall-a"), (2, "hall-b")):
             self.attach(port, number)
 
@@ -114,7 +117,7 @@ class Service:
 
     def _rebuild(self, plan, gateway):
         loop = asyncio.get_running_loop()
-        return build(plan, loop, self.home._open, self.home.memory, self.events.append, None, gateway)
+        return build(plan, loop, self.home._open, self.home.memory, self.events.append, self.store, gateway)
 
     @staticmethod
     def _load(file):
@@ -244,6 +247,81 @@ async def test_a_listener_that_changes_is_bound_before_the_old_one_goes(serving)
         assert outcome == Outcome(changed=("listen scada",))
         assert old.told == ["bind", "start", "finish", "close"]
         assert new.told == ["bind", "start"]
+
+
+# --- images that persist ---------------------------------------------------------------------------
+
+INTERVAL, ALWAYS = IMAGE + 'persist = "interval"\n', IMAGE + 'persist = "always"\n'
+
+
+@pytest.fixture
+def database(monkeypatch):
+    database = MemoryDatabase()
+    monkeypatch.setattr("gateway.images.store.open_database", database.open)
+    return database
+
+
+@pytest.fixture
+def keeping(serving, database, tmp_path):
+    @asynccontextmanager
+    async def serve_and_keep(image: str) -> AsyncIterator[Service]:
+        async with serving(LISTEN + HALL_A) as service:
+            service.store = Store(tmp_path, service.events.append)
+            await service.reload(LISTEN + image)
+            yield service
+
+    return serve_and_keep
+
+
+async def test_a_write_that_was_answered_while_a_new_listener_takes_its_address_is_there_after_it(keeping, monkeypatch):
+    async def bind(doors, ready=None):
+        assert await client.asks(200, WRITE) == WRITE
+
+    async with keeping(ALWAYS) as service:
+        client = service.client()
+        monkeypatch.setattr(Doors, "bind", bind)
+        await service.reload(LISTEN + "clients = 3\n" + INTERVAL)
+        assert await service.client().asks(200, READ) == "03 02 00 07"
+
+
+async def test_a_write_that_the_disk_refuses_during_a_reload_is_undone_in_the_new_image(keeping, database, monkeypatch):
+    async def bind(doors, ready=None):
+        client.ask(200, WRITE)
+
+    async with keeping(ALWAYS) as service:
+        client = service.client()
+        database.is_full = True
+        monkeypatch.setattr(Doors, "bind", bind)
+        await service.reload(LISTEN + "clients = 3\n" + INTERVAL)
+        assert await client.answer() == "86 04"
+        assert await service.client().asks(200, READ) == "03 02 00 00"
+
+
+async def test_an_image_that_shrinks_and_grows_again_has_its_values(keeping):
+    async with keeping(INTERVAL) as service:
+        assert await service.client().asks(200, "06 00 08 00 63") == "06 00 08 00 63"
+        await service.reload(LISTEN + INTERVAL.replace("10", "5"))
+        assert await service.client().asks(200, "03 00 08 00 01") == "83 02"
+        await service.reload(LISTEN + INTERVAL)
+        assert await service.client().asks(200, "03 00 08 00 01") == "03 02 00 63"
+
+
+async def test_an_image_that_goes_and_comes_again_at_once_has_its_values(keeping, database):
+    async with keeping(INTERVAL) as service:
+        assert await service.client().asks(200, WRITE) == WRITE
+        assert await service.reload(LISTEN + HALL_A) == Outcome(added=("line hall-a",), removed=("image shift",))
+        await service.reload(LISTEN + INTERVAL)
+        assert database.batches == []
+        assert await service.client().asks(200, READ) == "03 02 00 07"
+
+
+async def test_an_acknowledged_write_is_not_overwritten_by_an_older_one(keeping, database):
+    async with keeping(INTERVAL) as service:
+        assert await service.client().asks(200, "06 00 00 00 01") == "06 00 00 00 01"
+        await service.reload(LISTEN + ALWAYS)
+        assert await service.client().asks(200, WRITE) == WRITE
+        await asyncio.sleep(5.0)
+        assert [item.value for item in database.items.values()] == [7]
 
 
 async def test_what_needs_a_restart_is_said(serving):
