@@ -10,6 +10,7 @@ from gateway.errors import PortError
 from gateway.events import Emit, PartFailed
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
+from gateway.lines.turns import earliest
 from gateway.ports.clock import Alarm
 from gateway.ports.port import Port
 
@@ -31,6 +32,7 @@ class LineDriver:
         self._time = loop.time
         self._alarm = Alarm(loop, self._wake)
         self._port: Port | None = None
+        self._look_at: float | None = None
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
@@ -43,11 +45,11 @@ class LineDriver:
 
     def received(self, data: bytes) -> None:
         """These bytes became readable."""
-        self._run(self.line.received, data, self._time())
+        self._run(self._receive, data, self._time())
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; requests fail at once until it is back."""
-        self._port = None
+        self._port = self._look_at = None
         self._run(self.line.port_down, self._time())
 
     def change_rate(self, baud: int) -> None:
@@ -76,14 +78,28 @@ class LineDriver:
         self._alarm.close()
 
     def _wake(self) -> None:
+        if self._look_at is not None:
+            self._look()
         self._run(self.line.tick, self._time())
+
+    def _look(self) -> None:
+        """Take what has come since the port was paused, before anything is given up."""
+        self._look_at = None
+        if self._port is not None:
+            self._port.look()
+
+    def _receive(self, data: bytes, now: float) -> None:
+        self.line.received(data, now)
+        self._look_at = self.line.look_at(now)
+        if self._look_at is not None and self._port is not None:
+            self._port.pause()
 
     def _run(self, step: Callable[..., None], *arguments: Any) -> None:
         try:
             step(*arguments)
         except Exception as error:  # noqa: BLE001 - the border of a line: a defect in it must not reach the others
             self._start_anew(error)
-        self._alarm.set(self.line.deadline())
+        self._alarm.set(earliest(self.line.deadline(), self._look_at))
 
     def _start_anew(self, error: Exception) -> None:
         self._tell(error)

@@ -10,6 +10,7 @@ from gateway.errors import AmbiguousResponse
 from gateway.lines.ear import ECHOES, Ear
 from gateway.lines.echo import Echo
 from gateway.lines.late import LateWindows
+from gateway.lines.look import HELD_BACK, look_at
 from gateway.lines.overheard import Overheard, Verdict, before, is_damaged, is_from, overheard
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
@@ -106,6 +107,17 @@ class Hearing:
         self._idle += data
         del self._idle[:-_SIZE]
         self._idle_at = now
+
+    def look_at(self, now: float) -> float | None:
+        """When to look at the line again, because nothing that comes before can complete the answer; None: always.
+
+        What came faster than the line can carry it tells nothing of when the rest comes.
+        """
+        missing = self._framer.missing
+        character = self._budget.line.character
+        if not missing or now < self._current.ends_at + len(self._heard) * character:
+            return None
+        return look_at(missing, character, now, 0.0 if self._is_virtual else HELD_BACK)
 
     def is_idle_from(self, unit: int) -> bool:
         """Whether a frame from `unit` has come while nothing was asked."""

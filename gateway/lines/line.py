@@ -158,6 +158,12 @@ class Line:
             return earliest(self._quiet_at, self._turns.next_alarm())
         return self._turns.deadline(self._quiet_at)
 
+    def look_at(self, now: float) -> float | None:
+        """When to look at the port again: nothing that comes before decides anything. None: at the next byte."""
+        if self._current is None or self._windows.windows:
+            return None
+        return self._hearing.look_at(now)
+
     def tick(self, now: float) -> None:
         """Let time pass: a silence may have ended a response, a limit may have run out, the line may be quiet again."""
         self._turns.tick(now)

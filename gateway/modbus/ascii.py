@@ -70,6 +70,11 @@ class AsciiFramer:
         self._drop_all_but_the_last_start()
         return frames
 
+    @property
+    def missing(self) -> int:
+        """Not known: a colon may start anew at any time."""
+        return 0
+
     def deadline(self) -> float | None:
         """None: a hole in a frame is noticed when its next character comes."""
         return None

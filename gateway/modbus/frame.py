@@ -34,6 +34,10 @@ class ResponseFramer(Protocol):
     def received(self, data: bytes, now: float) -> list[Frame]:
         """Take bytes that became readable at `now`; frames that are complete with them, in order."""
 
+    @property
+    def missing(self) -> int:
+        """So many bytes must come before there can be a frame; 0 when nothing has begun, or that is not known."""
+
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None."""
 

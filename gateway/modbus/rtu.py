@@ -92,6 +92,16 @@ class ResponseFramer:
         self._deadline = now + self._silence if self._is_undecided() else None
         return frames
 
+    @property
+    def missing(self) -> int:
+        """So many bytes must come before there can be a response; 0 when nothing has begun, or that is not known."""
+        here = len(self._buffer)
+        if not (here and self._size):
+            return 0
+        if self._buffer.startswith(self._head, self._unknown):
+            return max(0, self._size - here)
+        return max(0, _EXCEPTION_SIZE - here)
+
     def deadline(self) -> float | None:
         """When silence ends a response of unknown size, or tells noise from one that tells its own; else None."""
         return self._deadline

@@ -15,8 +15,9 @@ from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
 
-#: A wait is exact in its last part, in seconds: longer than the millisecond that `epoll_wait` may come too late.
-EXACT_PART: Final = 0.002
+#: A wait is exact in its last part, in seconds. Silences and frames are shorter, so that such a wait ends only once; a
+#: limit is mostly hundreds of milliseconds ahead, so that nobody need ask `select` meanwhile.
+EXACT_PART: Final = 0.06
 #: `select` knows descriptors below this number only (select(2)).
 _SELECTABLE: Final = 1024
 #: The kernel may let a thread sleep so many nanoseconds longer, 50 000 if nothing is set (proc(5)).
@@ -45,8 +46,8 @@ class ExactSelector(selectors.EpollSelector):
             return super().select(timeout)
         if timeout > EXACT_PART:
             return super().select(timeout - EXACT_PART)
-        select.select((self.fileno(),), (), (), timeout)
-        return super().select(0)
+        ready, _, _ = select.select((self.fileno(),), (), (), timeout)
+        return super().select(0) if ready else []
 
     @property
     def _is_selectable(self) -> bool:

@@ -52,9 +52,12 @@ class MemoryLine:
         return written
 
     def deliver(self, data: bytes) -> None:
-        """Devices say `data`; it has been received when this returns. Nobody hears it on a port that is not open."""
+        """Devices say `data`; it has been received when this returns, if the gateway looks.
+
+        Nobody hears it on a port that is not open.
+        """
         if self._port is not None:
-            self._port.user.received(data)
+            self._port.receive(data)
 
     def pull(self, reason: str = "unplugged") -> None:
         """Unplug the line: an open port is lost before this returns, and none can be opened until `plug`."""
@@ -85,11 +88,31 @@ class MemoryPort:
         self.virtual = True
         self.user = user
         self._line: MemoryLine | None = line
+        self._is_paused = False
+        self._kept = b""
 
     def write(self, data: bytes) -> None:
         """Send `data` now."""
         if self._line is not None:
             self._line.take(bytes(data))
+
+    def pause(self) -> None:
+        """Keep what the devices say until `look`."""
+        self._is_paused = True
+
+    def look(self) -> None:
+        """Hand over what the devices have said."""
+        self._is_paused = False
+        data, self._kept = self._kept, b""
+        if data:
+            self.user.received(data)
+
+    def receive(self, data: bytes) -> None:
+        """The devices say `data`."""
+        if self._is_paused:
+            self._kept += data
+        else:
+            self.user.received(data)
 
     def change_baud(self, baud: int) -> None:
         """Remember the rate for the test."""

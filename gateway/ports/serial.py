@@ -69,6 +69,16 @@ class SerialPort(SerialTransport):
         if data and not self._closing:
             self._buffer(data)
 
+    def pause(self) -> None:
+        """Leave what comes with the driver until `look`. A loss is noticed then, too."""
+        self._remove_reader()
+
+    def look(self) -> None:
+        """Hand over what the driver has got, and from now on what it gets."""
+        if not self._closing:
+            self._ensure_reader()
+            self._read_ready()
+
     def change_baud(self, baud: int) -> None:
         """Go on at another rate; the driver is told in a thread, because it may take its time."""
         changing = self._loop.run_in_executor(

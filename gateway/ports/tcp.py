@@ -113,6 +113,12 @@ class TcpPort(asyncio.BufferedProtocol):
         if self._transport.get_write_buffer_size() > WRITE_BOUND:
             self._abort(PortError(f"{self._name} takes no more data"))
 
+    def pause(self) -> None:
+        """Go on: a network delivers in pieces when it likes, and not byte by byte."""
+
+    def look(self) -> None:
+        """Nothing has waited."""
+
     def change_baud(self, baud: int) -> None:
         """Say that this cannot be done from here: the rate of the line is a setting of the device server."""
         self._abort(PortError(f"{self._name}: the device server keeps its rate; set it to {baud} baud there"))

@@ -46,6 +46,19 @@ async def test_a_device_answers_after_the_write_not_inside_it(user):
     assert user.heard == b"ASK"
 
 
+async def test_a_paused_port_keeps_what_comes_until_somebody_looks(user):
+    line = MemoryLine()
+    port = await line.open_port(user)
+    port.pause()
+    line.deliver(b"an")
+    line.deliver(b"swer")
+    assert user.heard == b""
+    port.look()
+    assert user.heard == b"answer"
+    line.deliver(b"!")
+    assert user.heard == b"answer!"
+
+
 async def test_pulling_the_plug_loses_the_port_once(user):
     line = MemoryLine()
     port = await line.open_port(user)

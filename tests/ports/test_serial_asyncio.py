@@ -30,6 +30,7 @@ async def test_an_attribute_is_there(name):
         ("_read_ready", []),
         ("_write_ready", []),
         ("_ensure_reader", []),
+        ("_remove_reader", []),
         ("_ensure_writer", []),
         ("_remove_writer", []),
         ("_close", ["exc"]),

@@ -24,11 +24,11 @@ async def lateness(delay: float) -> float:
     return await called - due
 
 
-@pytest.mark.parametrize("delay", [0.00105, EXACT_PART, 0.0121])
+@pytest.mark.parametrize("delay", [0.00105, 0.0121, EXACT_PART + 0.00105])
 async def test_timers_are_late_by_much_less_than_a_millisecond_and_never_early(delay: float) -> None:
-    late = sorted([await lateness(delay) for _ in range(40)])
+    late = sorted([await lateness(delay) for _ in range(20)])
     assert late[0] >= -CLOCK_RESOLUTION
-    assert late[10] < 0.0005  # of asyncio's own loop nearly a millisecond, and a busy machine adds its own
+    assert late[5] < 0.0005  # of asyncio's own loop nearly a millisecond, and a busy machine adds its own
 
 
 def test_a_descriptor_ends_an_exact_wait() -> None:
@@ -40,7 +40,7 @@ def test_a_descriptor_ends_an_exact_wait() -> None:
         assert key.data == "near"
 
 
-@pytest.mark.parametrize("timeout", [EXACT_PART, 3 * EXACT_PART])
+@pytest.mark.parametrize("timeout", [EXACT_PART, 1.5 * EXACT_PART])
 def test_it_waits_for_nothing_no_longer_than_it_was_told(timeout: float) -> None:
     with closing(ExactSelector()) as selector:
         started = time.monotonic()

@@ -137,6 +137,45 @@ async def test_nothing_is_received_before_the_opener_has_its_port(virtual, user)
     await port.wait_closed()
 
 
+async def test_a_paused_port_hands_over_nothing_until_somebody_looks(virtual, user):
+    async with opened(virtual.path, user) as port:
+        virtual.write(b"1")
+        await until(lambda: user.heard == b"1")
+        port.pause()
+        virtual.write(b"2")
+        await asyncio.sleep(0.05)
+        assert user.heard == b"1"
+        port.look()
+        assert user.heard == b"12"
+        virtual.write(b"3")
+        await until(lambda: user.heard == b"123")
+
+
+async def test_who_looks_at_a_port_with_nothing_to_read_hears_nothing(virtual, user):
+    async with opened(virtual.path, user) as port:
+        port.look()
+        assert (user.heard, user.losses) == (b"", [])
+
+
+async def test_the_loss_of_a_paused_port_is_noticed_when_somebody_looks(virtual, user):
+    port = await open_serial(settings(virtual.path), user)
+    port.pause()
+    virtual.unplug()
+    port.look()
+    await until(lambda: user.losses)
+    port.look()
+    await asyncio.wait_for(port.wait_closed(), 5)
+    assert len(user.losses) == 1
+
+
+async def test_a_paused_port_can_be_closed(virtual, user):
+    before = descriptors()
+    async with opened(virtual.path, user) as port:
+        port.pause()
+    assert user.losses == ["closed"]
+    assert descriptors() == before
+
+
 async def test_a_break_discards_nothing_whatever_was_set_before(virtual, user):
     with closing(Descriptor(virtual.path)) as before:
         attributes = termios.tcgetattr(before.number)

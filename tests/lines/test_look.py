@@ -1,0 +1,302 @@
+"""Nobody looks at each byte of an answer, and nothing that matters is seen later for it, or differently."""
+
+import asyncio
+from typing import Self
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.lines.device import Device
+from gateway.lines.driver import LineDriver
+from gateway.lines.line import Line
+from gateway.lines.look import HELD_BACK, LONGEST, look_at
+from gateway.modbus.rtu import encode
+from gateway.ports.memory import MemoryLine
+from gateway.ports.port import Port
+from kit.asker import Asker
+from kit.line_bench import ASCII, READ, REQUEST_TIME, RESPONSE, SETTINGS, TIMING, Bench
+from kit.virtual_time import VirtualTimeLoop
+
+CHARACTER = TIMING.character
+#: A read of ten registers, its response, and its exception.
+READ_TEN = "03 00 10 00 0A"
+TEN = encode(1, bytes.fromhex("03 14") + bytes(range(20)))
+EXCEPTION = encode(1, bytes.fromhex("83 02"))
+
+
+# --- how long ---
+
+
+def test_the_last_byte_is_read_as_it_comes() -> None:
+    assert look_at(21, 0.001, now=5.0, held_back=0.0) == pytest.approx(5.020)
+
+
+def test_an_adapter_may_have_held_back_what_it_handed_over() -> None:
+    assert look_at(21, 0.001, now=5.0, held_back=0.004) == pytest.approx(5.016)
+
+
+@pytest.mark.parametrize("missing", [0, 1, 2])
+def test_it_is_not_worth_it_for_two_bytes(missing: int) -> None:
+    assert look_at(missing, 0.001, now=5.0, held_back=0.0) is None
+
+
+def test_a_lost_port_is_noticed_in_a_long_answer() -> None:
+    assert look_at(256, 0.009, now=5.0, held_back=0.0) == 5.0 + LONGEST
+
+
+# --- what a line knows ---
+
+
+@pytest.fixture
+def bench() -> Bench:
+    bench = Bench()
+    bench.ask(READ_TEN)
+    bench.pass_time(REQUEST_TIME + 0.01)
+    return bench
+
+
+def hear(bench: Bench, data: bytes) -> None:
+    bench.hear(data.hex(" "))
+
+
+def away(bench: Bench) -> float | None:
+    """For how many characters nobody need look."""
+    at = bench.line.look_at(bench.now)
+    return None if at is None else (at - bench.now) / CHARACTER
+
+
+def test_after_its_first_byte_an_answer_may_be_an_exception(bench: Bench) -> None:
+    hear(bench, TEN[:1])
+    assert away(bench) == pytest.approx(len(EXCEPTION) - 1 - 1)
+
+
+def test_once_its_head_is_known_the_whole_answer_is_waited_for(bench: Bench) -> None:
+    hear(bench, TEN[:3])
+    assert away(bench) == pytest.approx(len(TEN) - 3 - 1)
+
+
+def test_while_nothing_has_come_the_first_byte_is_waited_for(bench: Bench) -> None:
+    assert away(bench) is None
+
+
+def test_once_it_is_there_nothing_is_missing(bench: Bench) -> None:
+    hear(bench, TEN)
+    assert bench.client.answers
+    assert away(bench) is None
+
+
+def test_behind_noise_it_looks_at_each_byte(bench: Bench) -> None:
+    hear(bench, b"\xff" * 5)
+    assert away(bench) is None
+
+
+def test_a_broken_answer_of_full_size_is_no_reason_to_look_away(bench: Bench) -> None:
+    hear(bench, TEN[:-1] + b"\x00")
+    assert away(bench) is None
+
+
+def test_an_answer_of_unknown_size_is_looked_at(bench: Bench) -> None:
+    bench.respond(READ_TEN)
+    bench.pass_time(1.0)
+    bench.ask("41 01 02 03")
+    bench.pass_time(REQUEST_TIME + 0.01)
+    bench.hear("01 41")
+    assert away(bench) is None
+
+
+def test_a_port_that_is_faster_than_its_rate_is_looked_at() -> None:
+    bench = Bench()
+    bench.ask(READ_TEN)
+    bench.pass_time(REQUEST_TIME + 2 * CHARACTER)
+    hear(bench, TEN[:3])
+    assert away(bench) is None
+
+
+def test_a_real_port_may_have_held_bytes_back() -> None:
+    bench = Bench(virtual=False)
+    bench.ask(READ_TEN)
+    bench.pass_time(REQUEST_TIME + 0.01)
+    hear(bench, TEN[:3])
+    assert away(bench) == pytest.approx(len(TEN) - 3 - 1 - HELD_BACK / CHARACTER)
+
+
+def test_while_a_late_answer_is_awaited_every_byte_is_looked_at(bench: Bench) -> None:
+    bench.pass_time(0.5)
+    bench.ask("04 00 10 00 0A")
+    bench.pass_time(REQUEST_TIME + 0.01)
+    bench.hear("01")
+    assert away(bench) is None
+
+
+def test_an_ascii_frame_can_begin_anew_at_any_time() -> None:
+    bench = Bench(timing=ASCII)
+    bench.ask()
+    bench.pass_time(0.1)
+    bench.hear(bench.frame(1, RESPONSE)[:20])
+    assert away(bench) is None
+
+
+# --- what a driver does about it ---
+
+
+class Counting(LineDriver):
+    """Counts how often it was woken by bytes. `looks_away` or its port hands over all the same, as a network does."""
+
+    wakes = 0
+    looks_away = True
+
+    def port_up(self, port: Port) -> None:
+        if not self.looks_away:
+            port.pause = lambda: None  # type: ignore[method-assign]
+        super().port_up(port)
+
+    def received(self, data: bytes) -> None:
+        self.wakes += 1
+        super().received(data)
+
+
+class Wired:
+    """A driver on a line in memory, on which devices talk at the line's rate."""
+
+    def __init__(self, *, looks_away: bool = True) -> None:
+        self.loop = asyncio.get_running_loop()
+        self.events: list[object] = []
+        self.memory = MemoryLine(latency=0.005)
+        self.driver = Counting(Line(SETTINGS, self.events.append), self.loop, self.events.append, [].append)
+        self.driver.looks_away = looks_away
+        self.user = User(self.driver)
+        self.client = Asker()
+        self.device = Device(Bench().device().settings, self.driver)
+
+    async def __aenter__(self) -> Self:
+        self.driver.port_up(await self.memory.open_port(self.user))
+        await asyncio.sleep(1.0)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.driver.close()
+
+    async def asks(self, pdu: str = READ_TEN) -> None:
+        """Ask; return when a device has the request."""
+        now = self.loop.time()
+        self.device.submit(self.client.ask(pdu, now=now), now)
+        await asyncio.sleep(REQUEST_TIME + 4 * CHARACTER)
+
+    async def says(self, data: bytes) -> None:
+        for byte in data:
+            await asyncio.sleep(CHARACTER)
+            self.memory.deliver(bytes((byte,)))
+
+
+class User:
+    """The driver as its port sees it; the keeper is not here."""
+
+    def __init__(self, driver: LineDriver) -> None:
+        self.received = driver.received
+        self.lost = driver.port_down
+
+
+async def test_an_answer_of_25_bytes_wakes_the_line_4_times_and_is_complete_on_its_last_byte() -> None:
+    async with Wired() as wired:
+        await wired.asks()
+        await wired.says(TEN)
+        assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
+        assert wired.driver.wakes == 4
+
+
+async def test_an_exception_is_answered_on_its_last_byte_though_a_long_answer_was_awaited() -> None:
+    async with Wired() as wired:
+        await wired.asks()
+        await wired.says(EXCEPTION)
+        assert wired.client.answers == ["83 02"]
+
+
+@pytest.mark.parametrize("come", [1, 3, 4, 5, 20, 24])
+async def test_when_fewer_bytes_come_the_limit_runs_as_ever(come: int) -> None:
+    async with Wired() as wired:
+        await wired.asks()
+        limit_ends = wired.driver.line.deadline()
+        assert limit_ends is not None
+        await wired.says(TEN[:come])
+        await asyncio.sleep(limit_ends - wired.loop.time() - 0.0001)
+        assert wired.client.answers == []
+        await asyncio.sleep(0.0002)
+        assert wired.client.answers == ["83 0B"]
+
+
+async def test_bytes_that_wait_are_taken_before_the_limit_is_judged() -> None:
+    """The answer is complete when the limit ends, but nobody has looked since its third byte."""
+    async with Wired() as wired:
+        await wired.asks()
+        limit_ends = wired.driver.line.deadline()
+        assert limit_ends is not None
+        await asyncio.sleep(limit_ends - wired.loop.time() - 5 * CHARACTER)
+        wired.memory.deliver(TEN[:3])
+        wired.memory.deliver(TEN[3:])
+        await asyncio.sleep(6 * CHARACTER)
+        assert [answer[:5] for answer in wired.client.answers] == ["03 14"]
+
+
+async def test_a_port_that_is_lost_while_nobody_looks_fails_the_request_at_once() -> None:
+    async with Wired() as wired:
+        await wired.asks()
+        await wired.says(TEN[:3])
+        wired.memory.pull()
+        assert wired.client.answers == ["83 0B"]
+        await asyncio.sleep(1.0)  # and the time to look passes
+
+
+async def test_a_port_that_comes_back_is_looked_at() -> None:
+    async with Wired() as wired:
+        await wired.asks()
+        await wired.says(TEN[:3])
+        wired.memory.pull()
+        wired.memory.plug()
+        wired.driver.port_up(await wired.memory.open_port(wired.user))
+        await asyncio.sleep(1.0)
+        await wired.asks("04 00 10 00 0A")
+        await wired.says(encode(1, bytes.fromhex("04 14") + bytes(20)))
+        assert wired.client.answers[1:] == ["04 14" + " 00" * 20]
+
+
+async def test_a_defect_in_judging_when_to_look_stays_in_its_line() -> None:
+    async with Wired() as wired:
+        await wired.asks()
+
+        def defect(now: float) -> None:
+            raise ZeroDivisionError
+
+        wired.driver.line.look_at = defect  # type: ignore[method-assign]
+        await wired.says(TEN[:1])
+        assert wired.client.answers == ["83 0B"]
+
+
+#: What may stand on a line: pieces of good frames of all kinds, and noise.
+PIECES = st.sampled_from(
+    [TEN, EXCEPTION, encode(1, bytes.fromhex(READ_TEN)), encode(2, TEN[1:-2]), TEN[:7], TEN[5:], b"\x00", TEN[:3]]
+)
+TRAFFIC = st.lists(st.tuples(st.one_of(PIECES, st.binary(max_size=6)), st.sampled_from([0, 3, 40])), max_size=6)
+
+
+@given(TRAFFIC)
+def test_whoever_looks_away_hears_the_same(traffic: list[tuple[bytes, int]]) -> None:
+    assert outcome(traffic, looks_away=True) == outcome(traffic, looks_away=False)
+
+
+def outcome(traffic: list[tuple[bytes, int]], *, looks_away: bool) -> object:
+    """Answers, counts and events of three requests while this is on the line; each piece with a silence behind it."""
+
+    async def talk() -> object:
+        async with Wired(looks_away=looks_away) as wired:
+            for pdu in (READ_TEN, READ, READ_TEN):
+                await wired.asks(pdu)
+                for data, silence in traffic:
+                    await wired.says(data)
+                    await asyncio.sleep(silence * CHARACTER)
+                await asyncio.sleep(2.0)
+            counts = {function: repr(each) for function, each in wired.device.counts.items()}
+            return wired.client.answers, counts, [type(event) for event in wired.events], wired.memory.written
+
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return runner.run(talk())
