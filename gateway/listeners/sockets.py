@@ -1,11 +1,11 @@
-"""A listener's sockets: bound to its address, with bounds on what they keep, and a way out of want of descriptors."""
+"""A listener's sockets: bound to its address, with bounds on what they keep."""
 
 import asyncio
 import errno
 import os
 import socket
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
 from gateway.errors import ListenError
@@ -30,10 +30,7 @@ _ADVICE: Final = {
 }
 #: What is said of a port that another socket of ours has; without rights the system says EACCES of it.
 _TAKEN: Final = (errno.EACCES, errno.EADDRINUSE)
-_TAKEN_BY_US: Final = (
-    "{} has this port, by modbus-gateway.socket (name that address, or change its ListenStream=) or by the config in"
-    " force (restart)"
-)
+_TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change its ListenStream="
 _EVERY_ADDRESS: Final = "::"
 _IPV4_MAPPED: Final = "::ffff:"
 
@@ -42,44 +39,97 @@ AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
 
 
 class OpenSockets:
-    """Sockets that are bound already: by systemd, which keeps clients waiting during a restart."""
+    """Sockets that are bound already: by systemd, which keeps clients waiting during a restart.
 
-    def __init__(self, sockets: Iterable[socket.socket] = ()) -> None:
+    And those of listeners that are `leaving`: they are used again too, or give way to others on their ports.
+    """
+
+    def __init__(self, sockets: Iterable[socket.socket] = (), leaving: Iterable[socket.socket] = ()) -> None:
         self.all = tuple(sockets)
+        self._leaving = tuple(leaving)
+        self._gave_way: list[socket.socket] = []
 
     def take(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
         """A copy of the socket at this address, if there is one; the original stays open."""
-        for sock in self.all:
+        for sock in (*self.all, *self._leaving):
             if (sock.type, sock.getsockname()[:2]) == (kind, address[:2]):
                 return sock.dup()
         return None
 
+    def bind(self, sock: socket.socket, address: tuple[Any, ...]) -> None:
+        """Bind `sock`, in the place of those that are leaving if it must be. Clients that still wait there are reset.
+
+        Raises:
+            OSError: as `socket.bind`.
+        """
+        try:
+            sock.bind(address)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
+            self._make_way(sock.type, address[1])
+            with _sharing(sock):
+                sock.bind(address)
+
+    def put_back(self) -> None:
+        """Let those that gave way go on: they stay. Whoever has come in their place was closed before."""
+        for sock in self._gave_way:
+            if sock.type == socket.SOCK_STREAM:
+                sock.listen(BACKLOG)
+            else:
+                _let_share(sock, is_shared=False)
+
     def at(self, kind: int, port: int) -> list[str]:
-        """The addresses of those with this port."""
+        """The addresses of those of systemd with this port."""
         return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
 
     def without(self, doors: Iterable[socket.socket]) -> list[str]:
-        """The addresses of those through which none of these `doors` leads: `tcp://0.0.0.0:502`."""
+        """The addresses of those of systemd through which none of these `doors` leads: `tcp://0.0.0.0:502`."""
         used = {(door.type, door.getsockname()) for door in doors}
         return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in used]
 
+    def _make_way(self, kind: int, port: int) -> None:
+        """See that those at this port are in nobody's way. They stay bound; those of systemd are not ours to stop."""
+        if self.at(kind, port):
+            return
+        for sock in self._leaving:
+            if (sock.type, sock.getsockname()[1]) == (kind, port) and sock not in self._gave_way:
+                self._gave_way.append(sock)
+                if kind == socket.SOCK_STREAM:
+                    sock.shutdown(socket.SHUT_RDWR)  # it listens no more
+                else:
+                    _let_share(sock, is_shared=True)
 
-async def doors(
-    settings: ListenSettings, kind: socket.SocketKind, ready: OpenSockets | None = None
+
+async def addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[AddressInfo]:
+    """The addresses of a listener.
+
+    Raises:
+        ListenError: its host has none.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(settings.host, settings.port, type=kind, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as error:
+        raise cannot_listen(settings, error) from error
+    return list(dict.fromkeys(found))
+
+
+def doors(
+    settings: ListenSettings, addresses: Iterable[AddressInfo], ready: OpenSockets | None = None
 ) -> list[socket.socket]:
-    """A socket for each address of a listener, through which nobody can come yet. `::` takes IPv4 clients as well.
+    """A socket for each of a listener's addresses, through which nobody can come yet. `::` takes IPv4 clients as well.
 
     Sockets that are `ready` are used instead of new ones.
 
     Raises:
         ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
     """
-    loop = asyncio.get_running_loop()
     ready = ready or OpenSockets()
     try:
-        found = await loop.getaddrinfo(settings.host, settings.port, type=kind, flags=socket.AI_PASSIVE)
-        return _bound(found, ready, ipv6_only=settings.ipv6_only)
-    except (OSError, UnicodeError) as error:
+        return _bound(addresses, ready, ipv6_only=settings.ipv6_only)
+    except OSError as error:
+        kind = socket.SOCK_DGRAM if settings.scheme == "udp" else socket.SOCK_STREAM
         raise cannot_listen(settings, error, ready.at(kind, settings.port)) from error
 
 
@@ -124,40 +174,6 @@ def why(error: OSError | UnicodeError) -> str:
     return str(error.strerror).lower()  # a name that cannot be resolved: its number is none of the system's
 
 
-class Reserve:
-    """A descriptor kept back. When there are no others, it makes room to take a client and send it away at once.
-
-    A client that is left waiting would keep the listening socket readable, and the event loop busy.
-    """
-
-    def __init__(self) -> None:
-        self._descriptor: int | None = None
-
-    def hold(self) -> None:
-        """Keep one back, if there is one."""
-        if self._descriptor is None:
-            with suppress(OSError):
-                self._descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
-
-    def release(self) -> None:
-        """Keep none back."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
-
-    def send_away(self, door: socket.socket) -> str | None:
-        """Close the connection that waits first at `door`; who it was, or None when that could not be done."""
-        self.release()
-        try:
-            client, address = door.accept()
-            client.close()
-        except OSError:
-            return None
-        finally:
-            self.hold()
-        return written(*address[:2])
-
-
 def _address(sock: socket.socket) -> str:
     return url("udp" if sock.type == socket.SOCK_DGRAM else "tcp", *sock.getsockname()[:2])
 
@@ -165,23 +181,36 @@ def _address(sock: socket.socket) -> str:
 def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, *, ipv6_only: bool) -> list[socket.socket]:
     with ExitStack() as on_error:
         sockets = []
-        for family, kind, protocol, _, address in dict.fromkeys(addresses):
-            sock = ready.take(kind, address)
-            is_bound = sock is not None
-            sock = on_error.enter_context(sock or socket.socket(family, kind, protocol))
+        for family, kind, protocol, _, address in addresses:
+            taken = ready.take(kind, address)
+            sock = on_error.enter_context(taken or socket.socket(family, kind, protocol))
             _set_options(sock)
-            if not is_bound:
-                _bind(sock, address, ipv6_only=ipv6_only)
+            if taken is None:
+                _set_scope(sock, address, ipv6_only=ipv6_only)
+                ready.bind(sock, address)
             sockets.append(sock)
         on_error.pop_all()
     return sockets
 
 
-def _bind(sock: socket.socket, address: tuple[Any, ...], *, ipv6_only: bool) -> None:
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, sock.type == socket.SOCK_STREAM)
+def _set_scope(sock: socket.socket, address: tuple[Any, ...], *, ipv6_only: bool) -> None:
+    """What else may have the port: connections that have ended, and IPv4 beside IPv6."""
+    _let_share(sock, is_shared=sock.type == socket.SOCK_STREAM)
     if sock.family == socket.AF_INET6:
         sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, ipv6_only or address[0] != _EVERY_ADDRESS)
-    sock.bind(address)
+
+
+@contextmanager
+def _sharing(sock: socket.socket) -> Iterator[None]:
+    """In it `sock` can be bound beside others that share their port: no longer, or it would share its own too."""
+    is_shared = sock.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+    _let_share(sock, is_shared=True)
+    yield
+    _let_share(sock, is_shared=bool(is_shared))
+
+
+def _let_share(sock: socket.socket, *, is_shared: bool) -> None:
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, is_shared)
 
 
 def _set_options(sock: socket.socket) -> None:

@@ -3,15 +3,15 @@
 import asyncio
 import socket
 import traceback
-from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
 from gateway import events
 from gateway.listeners.peer import Peer
-from gateway.listeners.session import NO_RIGHTS, NO_ROOM, Counts, ListenSettings
-from gateway.listeners.sockets import OpenSockets, door_address, doors, plain, written
+from gateway.listeners.room import MADE_ROOM, refusal
+from gateway.listeners.session import Counts, ListenSettings
+from gateway.listeners.sockets import AddressInfo, OpenSockets, addresses, door_address, doors, plain, written
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
 from gateway.routing.router import Router
@@ -56,6 +56,7 @@ class UdpListener:
         self.emit = emit
         self.counts = DatagramCounts()
         self._peers: dict[tuple[Any, ...], Peer] = {}
+        self._addresses: list[AddressInfo] = []
         self._doors: list[socket.socket] = []
         self._sweeping: asyncio.TimerHandle | None = None
 
@@ -79,15 +80,26 @@ class UdpListener:
         """Whether any peer has a request under way."""
         return not all(peer.is_idle for peer in self._peers.values())
 
-    async def bind(self, ready: OpenSockets | None = None) -> None:
-        """Take the address without reading anything yet; a socket that is `ready` for it is used.
+    async def find(self) -> None:
+        """Look up the addresses to be bound.
 
         Raises:
-            ListenError: it is in use, needs more rights, or is no address of this machine.
+            ListenError: nobody knows the host's name.
         """
-        self._doors = await doors(self.settings, socket.SOCK_DGRAM, ready)
+        self._addresses = await addresses(self.settings, socket.SOCK_DGRAM)
+
+    def bind(self, ready: OpenSockets | None = None) -> None:
+        """Take the addresses without reading anything yet; sockets that are `ready` for them are used.
+
+        Raises:
+            ListenError: one is in use, needs more rights, or is no address of this machine.
+        """
+        self._doors = doors(self.settings, self._addresses, ready)
         for door in self._doors:
             _tell_which_address_was_asked(door)
+
+    def listen(self) -> None:
+        """Nothing: datagrams come and wait from `bind` on."""
 
     def start(self) -> None:
         """Take requests."""
@@ -142,10 +154,10 @@ class UdpListener:
         if peer is not None:
             return peer
         client, host = written(*address[:2]), plain(address[0])
-        refusal = self._refusal(host)
-        if refusal:
+        why_not = refusal(host, self.router.rights, self._peers.values(), self.settings.clients, self._dismiss)
+        if why_not:
             self.counts.rejected += 1
-            self.emit(events.ClientRejected(self.settings.name, client, refusal))
+            self.emit(events.ClientRejected(self.settings.name, client, why_not))
             return None
         send = partial(self._send, door, _from_where_it_was_asked(asked), address)
         peer = Peer(client, host=host, router=self.router, send=send, in_flight=self.settings.in_flight)
@@ -160,23 +172,8 @@ class UdpListener:
         except OSError:  # as good as lost on its way, and the client knows what to do then
             self.counts.unsent += 1
 
-    def _refusal(self, host: str) -> str:
-        """Why datagrams from this address are dropped; empty when there is a place for a peer there now."""
-        if not self.router.rights.admits(host):
-            return NO_RIGHTS
-        return "" if self._make_room() else NO_ROOM
-
-    def _make_room(self) -> bool:
-        if len(self._peers) < self.settings.clients:
-            return True
-        idle = [key for key, peer in self._peers.items() if peer.is_idle]
-        if not idle:
-            return False
-        share = Counter(host for host, *_ in self._peers)
-        self._forget(
-            min(idle, key=lambda key: (-share[key[0]], self._peers[key].last_asked)), "made room for another client"
-        )
-        return True
+    def _dismiss(self, peer: Peer) -> None:
+        self._forget(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
 
     def _forget(self, key: tuple[Any, ...], reason: str) -> None:
         peer = self._peers.pop(key)

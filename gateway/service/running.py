@@ -71,6 +71,8 @@ class Running:
             ListenError: another program has taken an address meanwhile.
         """
         for listener in self.gateway.listeners:
+            listener.listen()
+        for listener in self.gateway.listeners:
             listener.start()
 
     def close_doors(self) -> None:
@@ -103,7 +105,9 @@ class Running:
         old = self.gateway
         gone = [one for one in old.listeners if one not in new.listeners]
         come = [one for one in new.listeners if one not in old.listeners]
-        await self._bind(new, come, OpenSockets([*self._sockets.all, *(door for one in gone for door in one.doors)]))
+        await self._take_doors(new, come, gone)
+        for listener in gone:
+            listener.finish()
         new.route()
         self.gateway = new
         for mirror in set(old.mirrors).difference(new.mirrors):
@@ -123,16 +127,26 @@ class Running:
             for mirror in new.mirrors:
                 mirror.start()
 
-    async def _bind(self, gateway: Gateway, come: Iterable[Listener], sockets: OpenSockets) -> None:
-        """Take the addresses of those of the gateway's listeners that `come`."""
+    async def _take_doors(self, new: Gateway, come: list[Listener], gone: list[Listener]) -> None:
+        """Let clients wait at the addresses of those that `come`, also where these were in the way that have `gone`."""
+        sockets = OpenSockets(self._sockets.all, leaving=(door for one in gone for door in one.doors))
         try:
+            await self._bind(new, come, sockets)
             for listener in come:
-                await listener.bind(sockets)
-            self._check_that_all_are_used(gateway)
+                listener.listen()
         except ListenError:
             for listener in come:
                 listener.close()
+            sockets.put_back()
             raise
+
+    async def _bind(self, gateway: Gateway, come: Iterable[Listener], sockets: OpenSockets) -> None:
+        """Take the addresses of those of the gateway's listeners that `come`."""
+        for listener in come:
+            await listener.find()
+        for listener in come:
+            listener.bind(sockets)
+        self._check_that_all_are_used(gateway)
 
     def _check_that_all_are_used(self, gateway: Gateway) -> None:
         """Clients of a socket that nobody looks after would wait for ever."""
@@ -146,8 +160,7 @@ class Running:
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:
-        """End a listener once its clients have their answers."""
-        listener.finish()
+        """End a listener that takes no requests any more, once its clients have their answers."""
         await _until(lambda: not listener.has_clients)
         listener.close()
         self._going.remove(listener)

@@ -67,8 +67,14 @@ class Doors:
         self.router = listener.router
         self.told: list[str] = []
 
-    async def bind(self, ready=None) -> None:
+    async def find(self) -> None:
+        self.told.append("find")
+
+    def bind(self, ready=None) -> None:
         self.told.append("bind")
+
+    def listen(self) -> None:
+        self.told.append("listen")
 
     def start(self) -> None:
         self.told.append("start")
@@ -245,8 +251,8 @@ async def test_a_listener_that_changes_is_bound_before_the_old_one_goes(serving)
         outcome = await service.reload(LISTEN + "clients = 3\n" + HALL_A)
         (new,) = service.running.gateway.listeners
         assert outcome == Outcome(changed=("listen scada",))
-        assert old.told == ["bind", "start", "finish", "close"]
-        assert new.told == ["bind", "start"]
+        assert old.told == ["find", "bind", "listen", "start", "finish", "close"]
+        assert new.told == ["find", "bind", "listen", "start"]
 
 
 # --- images that persist ---------------------------------------------------------------------------
@@ -274,24 +280,24 @@ def keeping(serving, database, tmp_path):
 
 
 async def test_a_write_that_was_answered_while_a_new_listener_takes_its_address_is_there_after_it(keeping, monkeypatch):
-    async def bind(doors, ready=None):
+    async def find(doors):
         assert await client.asks(200, WRITE) == WRITE
 
     async with keeping(ALWAYS) as service:
         client = service.client()
-        monkeypatch.setattr(Doors, "bind", bind)
+        monkeypatch.setattr(Doors, "find", find)
         await service.reload(LISTEN + "clients = 3\n" + INTERVAL)
         assert await service.client().asks(200, READ) == "03 02 00 07"
 
 
 async def test_a_write_that_the_disk_refuses_during_a_reload_is_undone_in_the_new_image(keeping, database, monkeypatch):
-    async def bind(doors, ready=None):
+    async def find(doors):
         client.ask(200, WRITE)
 
     async with keeping(ALWAYS) as service:
         client = service.client()
         database.is_full = True
-        monkeypatch.setattr(Doors, "bind", bind)
+        monkeypatch.setattr(Doors, "find", find)
         await service.reload(LISTEN + "clients = 3\n" + INTERVAL)
         assert await client.answer() == "86 04"
         assert await service.client().asks(200, READ) == "03 02 00 00"

@@ -45,13 +45,19 @@ class Doors:
     def has_clients(self) -> bool:
         return asyncio.get_running_loop().time() < self._gone_at
 
-    async def bind(self, ready=None) -> None:
+    async def find(self) -> None:
+        self.told.append("find")
+
+    def bind(self, ready=None) -> None:
         self.told.append("bind")
+
+    def listen(self) -> None:
+        self.told.append("listen")
+        if self._error is not None:
+            raise self._error
 
     def start(self) -> None:
         self.told.append("start")
-        if self._error is not None:
-            raise self._error
 
     def finish(self) -> None:
         self.told.append("finish")
@@ -102,9 +108,9 @@ async def test_it_is_ready_once_every_line_was_tried_and_clients_can_connect() -
     service = Service()
     service.open_with("hall-b", hang)
     await asyncio.sleep(4.9)
-    assert service.doors[0].told == ["bind"]
+    assert service.doors[0].told == ["find", "bind"]
     await asyncio.sleep(0.2)
-    assert service.doors[0].told == ["bind", "start"]
+    assert service.doors[0].told == ["find", "bind", "listen", "start"]
     assert service.told(Ready) == [Ready(("tcp://127.0.0.1:502",), lines_up=1, lines_down=1)]
     await service.stops_within()
 
@@ -145,7 +151,9 @@ async def test_a_stop_asks_no_more_of_clients_than_they_need() -> None:
     service = Service(Doors(drains_in=0.5), Doors(drains_in=1.0))
     await asyncio.sleep(1)
     assert await service.stops_within() == pytest.approx(1.0, abs=0.1)
-    assert [doors.told for doors in service.doors] == [["bind", "start", "finish", "close", "close"]] * 2
+    assert [doors.told for doors in service.doors] == [
+        ["find", "bind", "listen", "start", "finish", "close", "close"]
+    ] * 2
     assert [event.name for event in service.events[-2:]] == ["stopping", "stopped"]
 
 

@@ -172,7 +172,9 @@ async def house(
 ) -> AsyncIterator[House]:
     settings = ListenSettings("scada", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme=scheme)
     home = House(settings)
-    await home.listener.bind()
+    await home.listener.find()
+    home.listener.bind()
+    home.listener.listen()
     home.listener.start()
     try:
         yield home
@@ -464,7 +466,7 @@ async def test_the_system_keeps_little_for_a_connection() -> None:
 async def test_a_defect_in_welcoming_a_client_does_not_end_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
     async with house() as home:
         with monkeypatch.context() as defective:
-            defective.setattr(home.listener, "_make_room", None)
+            defective.setattr(tcp_module, "refusal", None)
             assert await (await home.connect()).is_closed()
         assert len(home.told(PartFailed)) == 1
         assert await (await home.client()).is_open()
@@ -508,28 +510,32 @@ async def test_a_listener_that_closes_ends_all_connections() -> None:
 async def test_two_listeners_on_one_port_are_an_error_in_words() -> None:
     async with house() as home:
         second = TcpListener(ListenSettings("all", "0.0.0.0", home.port), home.listener.router, home.events.append)
+        await second.find()
         with pytest.raises(ListenError, match=r"cannot listen on tcp://0\.0\.0\.0:\d+: another \[\[listen\]\]"):
-            await second.bind()
+            second.bind()
 
 
 async def test_a_port_that_is_taken_between_bind_and_start_is_an_error_in_words() -> None:
     first = TcpListener(ListenSettings("a", "127.0.0.1", 0), to_everywhere(Plant()), print)
-    await first.bind()
+    await first.find()
+    first.bind()
     port = int(first.address.rsplit(":", 1)[1])
     settings = ListenSettings("b", "0.0.0.0", port, source="gateway.toml:7")
     second = TcpListener(settings, to_everywhere(Plant()), lambda event: None)
-    await second.bind()
+    await second.find()
+    second.bind()
     with closing(first), closing(second):
+        second.listen()
         second.start()
         with pytest.raises(ListenError, match=r"cannot listen on tcp://127\.0\.0\.1:\d+: another \[\[listen\]\]"):
-            first.start()
+            first.listen()
 
 
 @pytest.mark.parametrize("host", ["a..b", "x" * 70])
 async def test_what_is_no_host_name_is_an_error_in_words(host: str) -> None:
     listener = TcpListener(ListenSettings("a", host, 0, source="gateway.toml:7"), to_everywhere(Plant()), print)
     with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on tcp://.*: this is no host name"):
-        await listener.bind()
+        await listener.find()
 
 
 def _has_ipv6() -> bool:
@@ -569,8 +575,10 @@ async def test_an_ipv6_listener_leaves_ipv4_to_another_one_when_it_is_told_to(or
     with ExitStack() as stack:
         for listener in listeners:
             stack.enter_context(closing(listener))
-            await listener.bind()
+            await listener.find()
+            listener.bind()
         for listener in listeners:
+            listener.listen()
             listener.start()
         old, new = await Client.connect(port), await Client.connect(port, "::1")
         assert await old.is_open()

@@ -112,7 +112,9 @@ async def house(
     clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1"
 ) -> AsyncIterator[House]:
     home = House(ListenSettings("field", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme="udp"))
-    await home.listener.bind()
+    await home.listener.find()
+    home.listener.bind()
+    home.listener.listen()
     home.listener.start()
     try:
         yield home
@@ -311,19 +313,22 @@ async def test_two_listeners_on_one_port_are_an_error_in_words() -> None:
     async with house() as home:
         settings = ListenSettings("second", "127.0.0.1", home.port, source="gateway.toml:7", scheme="udp")
         second = UdpListener(settings, home.listener.router, home.events.append)
+        await second.find()
         with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on udp://127\.0\.0\.1:\d+: another"):
-            await second.bind()
+            second.bind()
 
 
 async def test_udp_and_tcp_may_have_the_same_port() -> None:
     async with house() as home:
         tcp = TcpListener(ListenSettings("tcp", "127.0.0.1", 0), home.listener.router, home.events.append)
-        await tcp.bind()
+        await tcp.find()
+        tcp.bind()
         port = int(tcp.address.rpartition(":")[2])
         settings = ListenSettings("udp", "127.0.0.1", port, scheme="udp")
         udp = UdpListener(settings, home.listener.router, home.events.append)
         with suppress(ListenError):  # a client of another program may have this port by chance
-            await udp.bind()
+            await udp.find()
+            udp.bind()
             assert udp.address == f"udp://127.0.0.1:{port}"
         udp.close()
         tcp.close()

@@ -1,0 +1,198 @@
+"""Listeners that go to another address on their port: the new one takes the place of the old, or nothing changes."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from gateway.errors import ListenError
+from gateway.listeners.session import ListenSettings
+from gateway.listeners.sockets import OpenSockets, addresses, doors
+from kit.process import PATIENCE, GatewayProcess, command
+
+TCP, UDP = socket.SOCK_STREAM, socket.SOCK_DGRAM
+ASK = bytes.fromhex("0001 0000 0006 C8 03 0000 0001")
+ANSWER = bytes.fromhex("0001 0000 0005 C8 03 02 0000")
+
+
+def _has_ipv6() -> bool:
+    try:
+        with socket.socket(socket.AF_INET6) as sock:
+            sock.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
+
+
+ipv6 = pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
+MOVES = [
+    ("127.0.0.1", "0.0.0.0"),
+    ("0.0.0.0", "127.0.0.1"),
+    pytest.param("127.0.0.1", "::", marks=ipv6),
+    pytest.param("::", "127.0.0.1", marks=ipv6),
+    pytest.param("0.0.0.0", "::", marks=ipv6),
+]
+
+
+@pytest.fixture
+def port() -> int:
+    """One that is free for TCP and for UDP."""
+    while True:
+        with socket.socket() as tcp, socket.socket(type=UDP) as udp:
+            tcp.bind(("127.0.0.1", 0))
+            try:
+                udp.bind(tcp.getsockname())
+            except OSError:
+                continue
+            return tcp.getsockname()[1]
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+class Street:
+    """Doors of one kind on one port."""
+
+    def __init__(self, stack: ExitStack, kind: socket.SocketKind, port: int) -> None:
+        self._stack = stack
+        self._kind = kind
+        self._port = port
+
+    async def bound(self, host: str, ready: OpenSockets | None = None) -> socket.socket:
+        settings = ListenSettings("scada", host, self._port, scheme="udp" if self._kind == UDP else "tcp")
+        (door,) = doors(settings, await addresses(settings, self._kind), ready)
+        return self._stack.enter_context(door)
+
+    async def open(self, host: str, ready: OpenSockets | None = None) -> socket.socket:
+        door = await self.bound(host, ready)
+        if self._kind == TCP:
+            door.listen()
+        return door
+
+    def leads_to(self, door: socket.socket) -> bool:
+        """Whether who comes to 127.0.0.1 comes to this door."""
+        door.settimeout(PATIENCE)
+        with socket.socket(type=self._kind) as client:
+            client.settimeout(PATIENCE)
+            client.connect(("127.0.0.1", self._port))
+            if self._kind == TCP:
+                with door.accept()[0] as taken:
+                    return taken.getpeername()[1] == client.getsockname()[1]
+            client.send(b"?")
+            return door.recvfrom(1)[1][1] == client.getsockname()[1]
+
+    def has_room_for_another(self, host: str) -> bool:
+        """Whether another program could take from what comes to the port."""
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, self._kind) as other:
+            other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                other.bind((host, self._port))
+            except OSError:
+                return False
+            return True
+
+
+@pytest.fixture(params=[TCP, UDP], ids=["tcp", "udp"])
+def street(request, stack: ExitStack, port: int) -> Street:
+    return Street(stack, request.param, port)
+
+
+@pytest.mark.parametrize(("old", "new"), MOVES)
+async def test_a_new_door_takes_the_place_of_one_that_leaves(street: Street, old: str, new: str) -> None:
+    leaving = await street.open(old)
+    come = await street.open(new, OpenSockets(leaving=[leaving]))
+    leaving.close()
+    assert street.leads_to(come)
+    assert not street.has_room_for_another(new)
+
+
+@pytest.mark.parametrize(("old", "new"), MOVES)
+async def test_a_door_that_stays_after_all_is_as_it_was(street: Street, old: str, new: str) -> None:
+    stays = await street.open(old)
+    sockets = OpenSockets(leaving=[stays])
+    (await street.bound(new, sockets)).close()
+    sockets.put_back()
+    assert street.leads_to(stays)
+    assert not street.has_room_for_another(old)
+
+
+async def test_only_one_can_take_the_place(street: Street) -> None:
+    sockets = OpenSockets(leaving=[await street.open("127.0.0.1")])
+    await street.open("0.0.0.0", sockets)
+    with pytest.raises((ListenError, OSError)):
+        await street.open("0.0.0.0", sockets)
+
+
+async def test_a_door_of_systemd_gives_way_to_nobody(street: Street, port: int) -> None:
+    door = await street.open("127.0.0.1")
+    with door.dup() as ours, pytest.raises(ListenError, match=rf"://127\.0\.0\.1:{port} has this port, by modbus-gate"):
+        await street.open("0.0.0.0", OpenSockets([door], leaving=[ours]))
+    assert street.leads_to(door)
+
+
+def config(*binds: str, unit: int = 200) -> str:
+    listeners = "".join(f'[[listen]]\nname = "{number}"\nbind = "{bind}"\n' for number, bind in enumerate(binds))
+    return f"{listeners}[[image]]\nunit = {unit}\nholding = 10\n"
+
+
+class Moving:
+    """A gateway whose listeners go to other addresses."""
+
+    def __init__(self, stack: ExitStack, folder: Path, text: str) -> None:
+        self._control = folder / "control.sock"
+        self.gateway = stack.enter_context(GatewayProcess(folder, f'{text}[control]\nsocket = "{self._control}"\n'))
+        self._rest = self.gateway.config.read_text().removeprefix(text)
+
+    def reload(self, text: str) -> str:
+        """What the command says."""
+        self.gateway.config.write_text(text + self._rest)
+        return command("reload", "--control", str(self._control)).stdout
+
+
+def answer(port: int, kind: socket.SocketKind) -> bytes:
+    with socket.socket(type=kind) as client:
+        client.settimeout(PATIENCE)
+        client.connect(("127.0.0.1", port))
+        client.send(ASK)
+        return client.recv(260)
+
+
+@pytest.mark.parametrize(("scheme", "kind"), [("tcp", TCP), ("udp", UDP)])
+def test_a_reload_moves_a_listener_to_every_address_and_back(
+    tmp_path: Path, stack: ExitStack, port: int, scheme: str, kind: socket.SocketKind
+) -> None:
+    here, everywhere = config(f"{scheme}://127.0.0.1:{port}"), config(f"{scheme}://0.0.0.0:{port}")
+    moving = Moving(stack, tmp_path, here)
+    for place in (everywhere, here):
+        assert moving.reload(place) == "changed: listen 0\n"
+        assert answer(port, kind) == ANSWER
+    assert moving.gateway.stop() == 0
+    assert not [event for event in moving.gateway.log if event["event"] == "client_rejected"]
+
+
+@pytest.mark.parametrize(("scheme", "kind"), [("tcp", TCP), ("udp", UDP)])
+def test_a_listener_stays_when_another_one_cannot_come(
+    tmp_path: Path, stack: ExitStack, port: int, scheme: str, kind: socket.SocketKind
+) -> None:
+    moving = Moving(stack, tmp_path, config(f"{scheme}://127.0.0.1:{port}"))
+    said = moving.reload(config(f"{scheme}://0.0.0.0:{port}", "tcp://192.0.2.1:5020"))
+    assert "this machine has no such address" in said
+    assert answer(port, kind) == ANSWER
+
+
+def test_two_names_of_one_address_are_rejected_before_anything_changes(
+    tmp_path: Path, stack: ExitStack, port: int
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        stays = probe.getsockname()[1]
+    moving = Moving(stack, tmp_path, config(f"tcp://127.0.0.1:{stays}"))
+    # a name that only the system knows for what it is
+    three = (f"tcp://127.0.0.1:{stays}", f"tcp://0x7f000001:{port}", f"tcp://127.0.0.1:{port}")
+    assert f"cannot listen on tcp://127.0.0.1:{port}: another [[listen]]" in moving.reload(config(*three, unit=201))
+    assert answer(stays, TCP) == ANSWER
+    assert moving.reload(config(f"tcp://127.0.0.1:{stays}")) == "nothing has changed\n"
