@@ -144,6 +144,13 @@ def until(is_so: Callable[[], object], otherwise: Callable[[], str]) -> None:
 
 @contextmanager
 def booted(folder: Path) -> Iterator[BootedSystem]:
+    """A system with the gateway of this checkout and its units; otherwise see `booted_bare`."""
+    with booted_bare(folder, system_tree()) as system:
+        yield _installed(system)
+
+
+@contextmanager
+def booted_bare(folder: Path, tree: Path) -> Iterator[BootedSystem]:
     """A system of its own, on a network of its own; /dev/pts of this machine is its /dev/hostpts.
 
     Raises:
@@ -151,14 +158,14 @@ def booted(folder: Path) -> Iterator[BootedSystem]:
     """
     with _control_groups() as groups, (folder / "console").open("w+") as console:
         nspawn = subprocess.Popen(
-            ["sh", "-c", _JOIN, "sh", *map(str, groups), "--", *_nspawn()],
+            ["sh", "-c", _JOIN, "sh", *map(str, groups), "--", *_nspawn(tree)],
             stdin=subprocess.DEVNULL,
             stdout=console,
             stderr=subprocess.STDOUT,
             env={**os.environ, "SYSTEMD_NSPAWN_UNIFIED_HIERARCHY": "1"},
         )
         try:
-            yield _installed(_started(nspawn, console.name))
+            yield _started(nspawn, console.name)
         finally:
             nspawn.terminate()
             try:
@@ -168,11 +175,11 @@ def booted(folder: Path) -> Iterator[BootedSystem]:
                 nspawn.wait()
 
 
-def _nspawn() -> list[str]:
+def _nspawn(tree: Path) -> list[str]:
     return [
         "systemd-nspawn",
         "--quiet",
-        f"--directory={system_tree()}",
+        f"--directory={tree}",
         "--volatile=overlay",
         "--boot",
         "--register=no",

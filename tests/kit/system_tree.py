@@ -9,29 +9,31 @@ import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-_SUITE = "bookworm"
-_MAKE = ("mmdebstrap", "--quiet", "--variant=minbase", "--include=systemd,systemd-sysv,python3", _SUITE)
+_MAKE = ("mmdebstrap", "--quiet", "--variant=minbase", "--include=systemd,systemd-sysv,python3")
+
+#: The release of Debian that is booted, unless another one is asked for.
+RELEASE = "bookworm"
 
 #: The Python in it.
 PYTHON = (3, 11)
 
 
-def system_tree() -> Path:
+def system_tree(release: str = RELEASE) -> Path:
     """Where it is, or would be. One that is made differently has another name."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    key = hashlib.sha256(" ".join(_MAKE).encode()).hexdigest()[:12]
-    return cache / "modbus-gateway-tests" / f"{_SUITE}-{key}"
+    key = hashlib.sha256(" ".join([*_MAKE, release]).encode()).hexdigest()[:12]
+    return cache / "modbus-gateway-tests" / f"{release}-{key}"
 
 
-def make() -> None:
+def make(release: str = RELEASE) -> None:
     """Make it, unless it is there."""
-    tree = system_tree()
+    tree = system_tree(release)
     if tree.exists():
         return
     tree.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=tree.parent) as folder:
         fresh = Path(folder, "root")
-        subprocess.run([*_MAKE, str(fresh)], check=True)
+        subprocess.run([*_MAKE, release, str(fresh)], check=True)
         fresh.rename(tree)
 
 

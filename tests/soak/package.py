@@ -1,0 +1,119 @@
+"""The Debian package in a Debian that is booted for it: it installs, serves, is upgraded, removed and purged.
+
+    .venv/bin/python tests/soak/package.py bookworm
+    .venv/bin/python tests/soak/package.py trixie
+
+It builds the package first, and needs root, systemd-nspawn, mmdebstrap, and what deploy/build-deb asks for. That
+takes a minute or two; status 0 if all went well.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from kit.booted import SERVICE, SOCKET, BootedSystem, booted_bare
+from kit.system_tree import make, system_tree
+
+BUILD = Path(__file__).resolve().parents[2] / "deploy/build-deb"
+CONFIG = "/etc/modbus-gateway/gateway.toml"
+STATE = "/var/lib/private/modbus-gateway"
+#: The first three holding registers of unit 200, and what the config of a new installation says about them.
+READ = bytes.fromhex("0001 0000 0006 C8 03 0000 0003")
+ANSWER = bytes.fromhex("0001 0000 0009 C8 03 06 0001 0002 0003")
+
+
+def build() -> Path:
+    """Build the package, as a user does."""
+    done = subprocess.run([BUILD], stdout=subprocess.PIPE, text=True, check=True)
+    return Path(done.stdout.strip())
+
+
+def newer(package: Path, folder: Path) -> Path:
+    """The same as a later version, whose config is another one."""
+    tree, file = folder / "newer", folder / "newer.deb"
+    subprocess.run(["dpkg-deb", "--raw-extract", package, tree], check=True)
+    control = tree / "DEBIAN/control"
+    control.write_text(control.read_text().replace("\nVersion: ", "\nVersion: 1:"))
+    with (tree / CONFIG.lstrip("/")).open("a") as config:
+        config.write("# There is more to say.\n")
+    subprocess.run(["dpkg-deb", "--build", tree, file], check=True, stdout=subprocess.DEVNULL)
+    return file
+
+
+def install(system: BootedSystem, package: Path) -> None:
+    """Install or upgrade as `apt` does when nobody answers questions; what it depends on must be there."""
+    shutil.copy(package, system.root / "root/package.deb")
+    system.done("dpkg", "--force-confdef", "--install", "/root/package.deb")
+
+
+def check_serving(system: BootedSystem) -> None:
+    """The service runs, its user has the rights that it needs, and clients get answers."""
+    assert system.show("ActiveState") == "active", system.status()
+    with system.connect() as client:
+        client.sendall(READ)
+        assert client.recv(260) == ANSWER, system.status()
+
+
+def check_installation(system: BootedSystem, package: Path) -> None:
+    """Install it where it never was."""
+    begin = time.monotonic()
+    install(system, package)
+    check_serving(system)
+    for unit in (SERVICE, SOCKET):
+        system.done("systemctl", "is-enabled", unit)
+    system.done("modbus-gateway", "check")
+    assert "try-me" in system.done("mbgw", "status")
+    assert (system.root / "usr/lib/modbus-gateway/gateway/__pycache__").exists(), "nothing was compiled"
+    system.done("modbus-gateway", "demo", "--once")
+    print(f"it installs and serves, {time.monotonic() - begin:.1f} s")
+
+
+def check_upgrade(system: BootedSystem, package: Path) -> None:
+    """Upgrade it, with a config that was changed here and there."""
+    config = (system.root / CONFIG.lstrip("/")).read_text().replace("try-me", "mine")
+    system.write(CONFIG, config)
+    before = system.show("MainPID")
+    install(system, package)
+    assert (system.root / CONFIG.lstrip("/")).read_text() == config, "the changes of the administrator are lost"
+    assert system.show("MainPID") != before, "the old version still runs"
+    check_serving(system)
+    assert "mine" in system.done("modbus-gateway", "status")
+    print("an upgrade keeps the config")
+
+
+def check_removal(system: BootedSystem) -> None:
+    """Remove it: what is the administrator's stays."""
+    system.write(f"{STATE}/kept", "")
+    system.done("dpkg", "--remove", "modbus-gateway")
+    assert [system.show("ActiveState", unit) for unit in (SERVICE, SOCKET)] == ["inactive", "inactive"]
+    assert system.done("find", "/usr", "-name", "*modbus*") == ""
+    system.done("ls", CONFIG, f"{STATE}/kept")
+    print("its removal keeps config and state")
+
+
+def check_purge(system: BootedSystem) -> None:
+    """Purge it: nothing stays."""
+    system.done("dpkg", "--purge", "modbus-gateway")
+    assert system.done("find", "/etc", "/usr", "/var/lib", "-name", "*modbus*") == ""
+    print("nothing is left after a purge")
+
+
+def main(release: str) -> None:
+    """Check all of it; the first thing that is wrong ends it."""
+    package = build()
+    print(f"{package.name}, {package.stat().st_size / 1e6:.1f} MB, on Debian {release}")
+    make(release)
+    with tempfile.TemporaryDirectory() as folder, booted_bare(Path(folder), system_tree(release)) as system:
+        check_installation(system, package)
+        check_upgrade(system, newer(package, Path(folder)))
+        check_removal(system)
+        check_purge(system)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
