@@ -1,17 +1,15 @@
 """Joins a line's machine to its port and to the clock: the only part of a line that knows the event loop."""
 
 import asyncio
-import traceback
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from gateway.errors import PortError
-from gateway.events import Emit, PartFailed
+from gateway.events import Emit
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
 from gateway.lines.turns import earliest
-from gateway.ports.clock import Alarm
+from gateway.ports.border import Border
 from gateway.ports.port import Port
 
 
@@ -28,36 +26,34 @@ class LineDriver:
     ) -> None:
         self.line = line
         self._rate_changed = rate_changed
-        self._emit = emit
         self._time = loop.time
-        self._alarm = Alarm(loop, self._wake)
-        self._port: Port | None = None
         self._look_at: float | None = None
+        name = f"line {line.settings.name}"
+        self._border = Border(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
-        self._run(self.line.submit, transaction, now)
+        self._border.run(self.line.submit, transaction, now)
 
     def port_up(self, port: Port) -> None:
         """The port is open."""
-        self._port = port
-        self._run(partial(self.line.port_up, virtual=port.virtual), port.write, port.latency, self._time())
+        self._border.port = port
+        self._border.run(partial(self.line.port_up, virtual=port.virtual), port.write, port.latency, self._time())
 
     def received(self, data: bytes) -> None:
         """These bytes became readable."""
-        self._run(self._receive, data, self._time())
+        self._border.run(self._receive, data, self._time())
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; requests fail at once until it is back."""
-        self._port = self._look_at = None
-        self._run(self.line.port_down, self._time())
+        self._border.lost()
 
     def change_rate(self, baud: int) -> None:
         """Go on at `baud`, line and port: the only device has changed its rate."""
         self.line.change_rate(baud, self._time())
         self._rate_changed(baud)
-        if self._port is not None:
-            self._port.change_baud(baud)
+        if self._border.port is not None:
+            self._border.port.change_baud(baud)
 
     @property
     def is_busy(self) -> bool:
@@ -66,52 +62,36 @@ class LineDriver:
 
     def finish(self) -> None:
         """Take no more requests; the one that is on the line may still be answered."""
-        self._run(self.line.finish, self._time())
+        self._border.run(self.line.finish, self._time())
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""
-        deadline = self.line.deadline()
-        return 0.0 if deadline is None else max(0.0, now - deadline)
+        return self._border.overdue(now)
 
     def close(self) -> None:
         """Wake no more."""
-        self._alarm.close()
+        self._border.close()
 
-    def _wake(self) -> None:
+    def _deadline(self) -> float | None:
+        return earliest(self.line.deadline(), self._look_at)
+
+    def _tick(self) -> None:
         if self._look_at is not None:
             self._look()
-        self._run(self.line.tick, self._time())
+        self.line.tick(self._time())
 
     def _look(self) -> None:
         """Take what has come since the port was paused, before anything is given up."""
         self._look_at = None
-        if self._port is not None:
-            self._port.look()
+        if self._border.port is not None:
+            self._border.port.look()
 
     def _receive(self, data: bytes, now: float) -> None:
         self.line.received(data, now)
         self._look_at = self.line.look_at(now)
-        if self._look_at is not None and self._port is not None:
-            self._port.pause()
+        if self._look_at is not None and self._border.port is not None:
+            self._border.port.pause()
 
-    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
-        try:
-            step(*arguments)
-        except Exception as error:  # noqa: BLE001 - the border of a line: a defect in it must not reach the others
-            self._start_anew(error)
-        self._alarm.set(earliest(self.line.deadline(), self._look_at))
-
-    def _start_anew(self, error: Exception) -> None:
-        self._tell(error)
-        port, self._port = self._port, None
-        try:
-            self.line.port_down(self._time())
-        except Exception as second:  # noqa: BLE001 - see _run
-            self._tell(second)
-        finally:
-            if port is not None:
-                port.close()
-
-    def _tell(self, error: Exception) -> None:
-        text = "".join(traceback.format_exception(error))
-        self._emit(PartFailed(f"line {self.line.settings.name}", repr(error), text))
+    def _down(self) -> None:
+        self._look_at = None
+        self.line.port_down(self._time())

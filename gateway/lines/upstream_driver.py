@@ -1,15 +1,14 @@
 """Joins an upstream's machine to its connection and to the clock: the only part of it that knows the event loop."""
 
 import asyncio
-import traceback
 from collections.abc import Callable
 from typing import Any
 
 from gateway.errors import NotModbus, PortError
-from gateway.events import Emit, PartFailed, UpstreamClosed
+from gateway.events import Emit, UpstreamClosed
 from gateway.lines.transaction import Transaction
 from gateway.lines.upstream import Upstream
-from gateway.ports.clock import Alarm
+from gateway.ports.border import Border
 from gateway.ports.port import Port
 
 
@@ -24,8 +23,8 @@ class UpstreamDriver:
         self.upstream = upstream
         self._emit = emit
         self._time = loop.time
-        self._alarm = Alarm(loop, self._wake)
-        self._port: Port | None = None
+        name = f"upstream {upstream.settings.name}"
+        self._border = Border(name, loop, emit, deadline=upstream.deadline, tick=self._tick, down=upstream.port_down)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
@@ -33,7 +32,7 @@ class UpstreamDriver:
 
     def port_up(self, port: Port) -> None:
         """There is a connection."""
-        self._port = port
+        self._border.port = port
         self._run(self.upstream.port_up, port.write)
 
     def received(self, data: bytes) -> None:
@@ -42,8 +41,7 @@ class UpstreamDriver:
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The connection has gone; requests fail at once until there is another one."""
-        self._port = None
-        self._run(self.upstream.port_down)
+        self._border.lost()
 
     @property
     def is_busy(self) -> bool:
@@ -56,31 +54,26 @@ class UpstreamDriver:
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""
-        deadline = self.upstream.deadline()
-        return 0.0 if deadline is None else max(0.0, now - deadline)
+        return self._border.overdue(now)
 
     def close(self) -> None:
         """Wake no more."""
-        self._alarm.close()
+        self._border.close()
 
-    def _wake(self) -> None:
-        self._run(self.upstream.tick, self._time())
+    def _tick(self) -> None:
+        self._step(self.upstream.tick, self._time())
 
     def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+        self._border.run(self._step, step, *arguments)
+
+    def _step(self, step: Callable[..., None], *arguments: Any) -> None:
         try:
             step(*arguments)
         except NotModbus as error:
-            self._hang_up(UpstreamClosed(self.upstream.settings.name, f"what came is no Modbus TCP: {error}"))
-        except Exception as error:  # noqa: BLE001 - the border of an upstream: a defect in it must not reach the others
-            text = "".join(traceback.format_exception(error))
-            self._hang_up(PartFailed(f"upstream {self.upstream.settings.name}", repr(error), text))
+            self._hang_up(f"what came is no Modbus TCP: {error}")
         if self.upstream.is_spent:
-            self._hang_up(UpstreamClosed(self.upstream.settings.name, "too many answers are overdue on it"))
-        self._alarm.set(self.upstream.deadline())
+            self._hang_up("too many answers are overdue on it")
 
-    def _hang_up(self, event: UpstreamClosed | PartFailed) -> None:
-        self._emit(event)
-        port, self._port = self._port, None
-        self.upstream.port_down()
-        if port is not None:
-            port.close()
+    def _hang_up(self, reason: str) -> None:
+        self._emit(UpstreamClosed(self.upstream.settings.name, reason))
+        self._border.hang_up()

@@ -1,15 +1,12 @@
 """Joins the session of a server line to its port and to the clock: the only part of it that knows the event loop."""
 
 import asyncio
-import traceback
-from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from gateway.errors import PortError
-from gateway.events import Emit, PartFailed
+from gateway.events import Emit
 from gateway.listeners.serial_session import SerialSession, ServerSettings
-from gateway.ports.clock import Alarm
+from gateway.ports.border import Border
 from gateway.ports.port import Port
 from gateway.request import Target
 
@@ -23,10 +20,9 @@ class SerialListener:
 
     def __init__(self, settings: ServerSettings, router: Target, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self.session = SerialSession(settings, router, self._wake, emit)
-        self._emit = emit
         self._time = loop.time
-        self._alarm = Alarm(loop, self._wake)
-        self._port: Port | None = None
+        deadline, down = self.session.deadline, self.session.port_down
+        self._border = Border(f"line {settings.name}", loop, emit, deadline=deadline, tick=self._tick, down=down)
 
     @property
     def is_busy(self) -> bool:
@@ -35,17 +31,16 @@ class SerialListener:
 
     def port_up(self, port: Port) -> None:
         """The port is open."""
-        self._port = port
-        self._run(partial(self.session.port_up, virtual=port.virtual), port.write, port.latency, self._time())
+        self._border.port = port
+        self._border.run(partial(self.session.port_up, virtual=port.virtual), port.write, port.latency, self._time())
 
     def received(self, data: bytes) -> None:
         """These bytes became readable."""
-        self._run(self.session.received, data, self._time())
+        self._border.run(self.session.received, data, self._time())
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; nobody is answered until it is back."""
-        self._port = None
-        self._run(self.session.port_down)
+        self._border.lost()
 
     def finish(self) -> None:
         """Take no more requests; the one that is under way is still answered."""
@@ -53,27 +48,14 @@ class SerialListener:
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""
-        deadline = self.session.deadline()
-        return 0.0 if deadline is None else max(0.0, now - deadline)
+        return self._border.overdue(now)
 
     def close(self) -> None:
         """Wake no more."""
-        self._alarm.close()
+        self._border.close()
 
     def _wake(self) -> None:
-        self._run(self.session.tick, self._time())
+        self._border.wake()
 
-    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
-        try:
-            step(*arguments)
-        except Exception as error:  # noqa: BLE001 - the border of a line: a defect in it must not reach the others
-            self._start_anew(error)
-        self._alarm.set(self.session.deadline())
-
-    def _start_anew(self, error: Exception) -> None:
-        text = "".join(traceback.format_exception(error))
-        self._emit(PartFailed(f"line {self.session.settings.name}", repr(error), text))
-        port, self._port = self._port, None
-        self.session.port_down()
-        if port is not None:
-            port.close()
+    def _tick(self) -> None:
+        self.session.tick(self._time())

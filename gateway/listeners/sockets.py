@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
+from gateway.ports.keepalive import notice_vanished_peers
 
 #: What the system may keep of a connection's bytes, each way: many requests, and no memory for clients to fill.
 KERNEL_BUFFER: Final = 64 * 1024
@@ -218,13 +219,10 @@ def _set_options(sock: socket.socket) -> None:
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
     if sock.type == socket.SOCK_STREAM:
-        _notice_vanished_peers(sock)
-
-
-def _notice_vanished_peers(sock: socket.socket) -> None:
-    """Accepted connections inherit it."""
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, USER_TIMEOUT)
+        notice_vanished_peers(
+            sock,
+            idle=KEEPALIVE_IDLE,
+            interval=KEEPALIVE_INTERVAL,
+            probes=KEEPALIVE_PROBES,
+            user_timeout=USER_TIMEOUT,
+        )

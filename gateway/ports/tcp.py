@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, Final, cast
 
 from gateway.errors import PortError
+from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.port import Port, PortUser, TcpSettings
 from gateway.ports.threads import ThreadOfItsOwn
 
@@ -226,11 +227,9 @@ async def _connect(settings: TcpSettings, address: _AddressInfo) -> TcpPort:
 def _set_options(sock: socket.socket) -> None:
     """Send at once, and notice a server that vanishes."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, USER_TIMEOUT)
+    notice_vanished_peers(
+        sock, idle=KEEPALIVE_IDLE, interval=KEEPALIVE_INTERVAL, probes=KEEPALIVE_PROBES, user_timeout=USER_TIMEOUT
+    )
 
 
 def _why(settings: TcpSettings, error: OSError | UnicodeError) -> str:

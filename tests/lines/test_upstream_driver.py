@@ -127,3 +127,13 @@ async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driv
     assert driven.events[0].part == "upstream plant-1"
     assert "ZeroDivisionError" in driven.events[0].traceback
     assert driven.port.closed
+
+
+async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too(monkeypatch):
+    monkeypatch.setattr(Upstream, "port_down", defect)
+    driven = Driven()
+    driven.upstream._framer = SimpleNamespace(cut=defect)
+    driven.driver.received(b"?")
+    assert [type(event) for event in driven.events] == [PartFailed, PartFailed]
+    assert driven.port.closed
+    driven.driver.close()

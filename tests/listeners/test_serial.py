@@ -105,3 +105,16 @@ async def test_a_defect_ends_at_the_border_and_the_port_is_reopened() -> None:
     await asyncio.sleep(0.1)
     assert driven.port.written == [encode(41, RESPONSE)]
     driven.listener.close()
+
+
+async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too(monkeypatch) -> None:
+    def defect(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("gateway.listeners.serial_session.SerialSession.port_down", defect)
+    monkeypatch.setattr("gateway.listeners.serial_session.SerialSession.received", defect)
+    driven = Driven()
+    driven.listener.received(READ)
+    assert [type(event) for event in driven.events] == [PartFailed, PartFailed]
+    assert driven.port.closed
+    driven.listener.close()
