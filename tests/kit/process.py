@@ -1,6 +1,7 @@
 """The gateway as a process of its own, as an operator starts it."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -34,7 +35,9 @@ class GatewayProcess:
         self._events: Queue[dict[str, Any]] = Queue()
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen([*COMMAND, "run", str(self.config)], stderr=subprocess.PIPE, text=True)
+        own = {**os.environ, "RUNTIME_DIRECTORY": str(self.config.parent)}  # the control socket of no other gateway
+        run = [*COMMAND, "run", str(self.config)]
+        self._process = subprocess.Popen(run, stderr=subprocess.PIPE, text=True, env=own)
         self._reader = threading.Thread(target=self._read_log, name="gateway's log")
         self._reader.start()
         ready = self.wait_for("ready")
