@@ -8,8 +8,7 @@ from gateway.config.address import Address
 from gateway.config.ranges import joined_ranges
 from gateway.config.schema import Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.images.image import ImageSettings
-from gateway.images.mirror import MirrorSettings
-from gateway.images.polls import Poll
+from gateway.images.polls import MirrorSettings, Poll
 from gateway.lines.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.lines.upstream import UpstreamSettings

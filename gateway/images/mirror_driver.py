@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from gateway.events import Emit, PartFailed
-from gateway.images.mirror import Mirror, MirroredDevice, MirrorSettings
+from gateway.images.mirror import Mirror
+from gateway.images.polling import MirroredDevice
+from gateway.images.polls import MirrorSettings
 from gateway.ports.clock import Alarm
 from gateway.request import Request
 
@@ -36,9 +38,10 @@ class MirrorDriver:
         self._alarm.set(self.mirror.deadline())
 
     def close(self) -> None:
-        """Poll no more; polls that wait are not sent."""
+        """Poll no more; polls that wait are not sent, and reads that wait for one fail."""
         self._is_open = False
         self._alarm.close()
+        self._run(self.mirror.close, self._time())
 
     def submit(self, request: Request, now: float) -> None:
         """Take over a client's request."""
@@ -52,9 +55,9 @@ class MirrorDriver:
         """Take the answer to a poll."""
         self._run(self.mirror.polled, request, pdu, self._time())
 
-    def written(self, request: Request, response: bytes | None) -> None:
-        """Take the answer to a client's write."""
-        self._run(self.mirror.written, request, response, self._time())
+    def passed(self, request: Request, response: bytes | None) -> None:
+        """Take the answer to a client's request that has been through to the device."""
+        self._run(self.mirror.passed, request, response, self._time())
 
     def _wake(self) -> None:
         self._run(self.mirror.tick, self._time())

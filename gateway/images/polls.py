@@ -1,10 +1,11 @@
-"""What a mirror asks its device for: as few reads as the device allows."""
+"""What a mirror is to ask its device for: as few reads as the device allows."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from gateway.modbus.codes import Area, FunctionCode
+from gateway.profiles.profile import Profile, Range
 
 #: The function that reads an area, and the most items in one request (A 6.1-6.4).
 _READS: Final = {
@@ -38,6 +39,23 @@ class Poll:
 
     def __str__(self) -> str:
         return f"{self.area} {self.first}-{self.last}"
+
+
+@dataclass(frozen=True, slots=True)
+class MirrorSettings:
+    """A mirror of the device called `of`, which has `profile`. `areas` are the addresses of all `polls`.
+
+    Values older than `stale` seconds are not given out.
+    """
+
+    unit: int
+    name: str
+    of: str
+    profile: Profile
+    polls: tuple[Poll, ...]
+    areas: Mapping[Area, tuple[Range, ...]]
+    stale: float
+    source: str = field(default="", compare=False)
 
 
 def polling_function(area: Area) -> FunctionCode:

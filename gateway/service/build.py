@@ -8,9 +8,9 @@ from typing import Literal
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.events import Emit
 from gateway.images.image import Image, ImageSettings
-from gateway.images.mirror import MirrorSettings
 from gateway.images.mirror_driver import MirrorDriver
 from gateway.images.persistent import PersistentImage
+from gateway.images.polls import MirrorSettings
 from gateway.images.store import Store
 from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver

@@ -3,8 +3,8 @@
 import pytest
 
 from gateway.events import PollRefused
-from gateway.images.mirror import Mirror, MirrorSettings
-from gateway.images.polls import Poll
+from gateway.images.mirror import Mirror
+from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
 from gateway.request import Request
@@ -41,9 +41,9 @@ class Bench:
     def rests(self, now):
         return self.is_resting
 
-    def answers(self, pdu: str | None) -> None:
-        """The device answers the oldest question."""
-        request, response = self.asked.pop(0), None if pdu is None else bytes.fromhex(pdu)
+    def answers(self, pdu: str | None, which: int = 0) -> None:
+        """The device answers a question, the oldest one unless said otherwise."""
+        request, response = self.asked.pop(which), None if pdu is None else bytes.fromhex(pdu)
         request.origin.answer(request, response)
 
     # the poller
@@ -54,8 +54,8 @@ class Bench:
     def answer(self, request, pdu):
         self.mirror.polled(request, pdu, self.now)
 
-    def written(self, request, response):
-        self.mirror.written(request, response, self.now)
+    def passed(self, request, response):
+        self.mirror.passed(request, response, self.now)
 
     # the test
 
@@ -81,6 +81,8 @@ class Client:
     def __init__(self, bench: Bench, client: str = "10.0.0.9:1") -> None:
         self.client = client
         self.is_there = True
+        #: What it asks as soon as it has an answer.
+        self.next: list[str] = []
         self._bench = bench
         self._came = []
 
@@ -89,12 +91,18 @@ class Client:
 
     def answer(self, request, pdu):
         self._came.append(None if pdu is None else pdu.hex(" ").upper())
+        questions, self.next = self.next, []
+        for question in questions:
+            self._send(question)
 
     def ask(self, pdu: str = "03 0000 0001"):
         """Ask; what has come so far."""
+        self._send(pdu)
+        return self.came()
+
+    def _send(self, pdu):
         request = Request(241, bytes.fromhex(pdu), self, self._bench.now)
         self._bench.mirror.submit(request, self._bench.now)
-        return self.came()
 
     def came(self):
         came, self._came = self._came, []
@@ -225,7 +233,7 @@ def test_every_area_can_be_mirrored():
 
 def test_a_read_over_two_ranges_needs_both():
     bench = Bench(Poll(Area.HOLDING, 0, 0, 0.5), Poll(Area.HOLDING, 1, 1, 5.0))
-    bench.mirror._tables[Area.HOLDING].ranges = ((0, 1),)
+    bench.mirror._polling._tables[Area.HOLDING].ranges = ((0, 1),)
     bench.at(0.0)
     bench.answers("03 02 00 05")
     client = Client(bench)
@@ -304,10 +312,11 @@ def test_a_write_that_had_no_effect_costs_no_poll(fresh, response, is_known):
 def test_a_write_elsewhere_leaves_the_values_alone(fresh):
     client = Client(fresh)
     client.ask("06 0001 0006")
-    assert client.ask() == [FIVE]
+    assert client.ask() == []
     fresh.answers("06 0001 0006")
-    assert client.came() == ["06 00 01 00 06"]
+    assert client.came() == ["06 00 01 00 06", FIVE]
     assert client.ask() == [FIVE]
+    assert fresh.questions == []
 
 
 def test_a_write_of_an_unknown_kind_may_have_changed_everything(fresh):
@@ -343,6 +352,122 @@ def test_other_questions_go_to_the_device(fresh):
     assert fresh.questions == ["11"]
     fresh.answers("11 02 07 FF")
     assert client.came() == ["11 02 07 FF"]
+
+
+# --- order -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("is_poll_first", [True, False])
+def test_a_poll_that_was_asked_before_a_write_shows_nothing_of_it(fresh, is_poll_first):
+    """Behind an upstream, poll and write are under way side by side."""
+    client = Client(fresh)
+    fresh.at(0.5)
+    client.ask("06 0000 0006")
+    if is_poll_first:
+        fresh.answers(FIVE)
+        fresh.answers("06 0000 0006")
+    else:
+        fresh.answers("06 0000 0006", 1)
+        fresh.answers(FIVE)
+    assert client.came() == ["06 00 00 00 06"]
+    assert client.ask() == []
+    assert fresh.ages() == [None]
+    assert fresh.at(0.5) == ["03 00 00 00 01"]
+    fresh.answers(SIX)
+    assert client.came() == [SIX]
+
+
+def test_whoever_asked_before_the_end_of_a_write_needs_not_wait_for_it(bench):
+    """Otherwise a client that writes on and on would let others wait for ever."""
+    reader, writer = Client(bench, "10.0.0.8:1"), Client(bench)
+    bench.at(0.0)
+    reader.ask()
+    writer.ask("06 0000 0006")
+    bench.answers("06 0000 0006", 1)
+    bench.answers(FIVE)
+    assert reader.came() == [FIVE]
+    assert reader.ask() == []
+
+
+def test_a_write_waits_for_what_its_client_has_asked_before(bench):
+    client = Client(bench)
+    bench.at(0.0)
+    client.ask()
+    client.ask("06 0000 0006")
+    client.ask()
+    assert bench.questions == ["03 00 00 00 01"]
+    bench.answers(FIVE)
+    assert client.came() == [FIVE]
+    assert bench.questions == ["06 00 00 00 06"]
+    bench.answers("06 0000 0006")
+    bench.at(0.0)
+    bench.answers(SIX)
+    assert client.came() == ["06 00 00 00 06", SIX]
+
+
+def test_a_write_does_not_wait_for_what_others_have_asked(bench):
+    reader, writer = Client(bench, "10.0.0.8:1"), Client(bench)
+    bench.at(0.0)
+    reader.ask()
+    writer.ask("06 0000 0006")
+    assert bench.questions == ["03 00 00 00 01", "06 00 00 00 06"]
+
+
+def test_writes_of_one_client_are_handed_on_one_behind_the_other(fresh):
+    client = Client(fresh)
+    client.ask("06 0000 0006")
+    client.ask("06 0000 0007")
+    assert fresh.questions == ["06 00 00 00 06", "06 00 00 00 07"]
+    client.ask()
+    fresh.answers("06 0000 0006")
+    fresh.at(0.0)
+    assert client.came() == ["06 00 00 00 06"]
+    fresh.answers("06 0000 0007")
+    fresh.answers(SIX)
+    assert client.came() == ["06 00 00 00 07"]
+    assert fresh.at(0.0) == ["03 00 00 00 01"]
+
+
+def test_a_read_waits_for_the_answer_to_any_question_before_it(fresh):
+    client = Client(fresh)
+    client.ask("11")
+    assert client.ask() == []
+    fresh.answers("11 02 07 FF")
+    assert client.came() == ["11 02 07 FF", FIVE]
+
+
+def test_a_client_may_ask_on_while_it_is_answered(fresh):
+    client = Client(fresh)
+    client.next = ["03 0000 0001", "06 0000 0006", "03 0000 0001"]
+    assert client.ask() == [FIVE, FIVE]
+    fresh.answers("06 0000 0006")
+    fresh.at(0.0)
+    fresh.answers(SIX)
+    assert client.came() == ["06 00 00 00 06", SIX]
+
+
+# --- the end ---------------------------------------------------------------------------------------
+
+
+def test_what_waits_at_the_end_fails(bench):
+    client = Client(bench)
+    bench.at(0.0)
+    client.ask()
+    client.ask("06 0000 0006")
+    bench.mirror.close(0.0)
+    assert client.came() == ["83 0B"]
+    assert bench.questions == ["03 00 00 00 01", "06 00 00 00 06"]
+
+
+def test_what_would_wait_after_the_end_fails(fresh):
+    client = Client(fresh)
+    client.ask("06 0000 0006")
+    client.ask()
+    fresh.mirror.close(0.0)
+    assert client.came() == []
+    fresh.answers("06 0000 0006")
+    assert client.came() == ["06 00 00 00 06", "83 0B"]
+    assert client.ask() == ["83 0B"]
 
 
 def test_the_repr_is_a_status_line(fresh):

@@ -255,6 +255,22 @@ async def test_a_listener_that_changes_is_bound_before_the_old_one_goes(serving)
         assert new.told == ["find", "bind", "listen", "start"]
 
 
+@pytest.mark.parametrize("changed", ["line", "mirror"])
+async def test_what_waits_in_a_mirror_that_is_replaced_is_answered(serving, changed):
+    mirror = '[[image]]\nunit = 241\nof = "silo"\nread = [{ holding = "0-1", every = "10 s" }]\nstale = "60 s"\n'
+    async with serving(LISTEN + HALL_A + mirror) as service:
+        await asyncio.sleep(2.0)
+        client = service.client()
+        client.ask(241, WRITE)
+        client.ask(241, READ)
+        await asyncio.sleep(0.001)
+        if changed == "mirror":
+            await service.reload(LISTEN + HALL_A + mirror.replace("60 s", "50 s"))
+        else:
+            await service.reload(LISTEN + HALL_A.replace("devices", "queue = 10\ndevices") + mirror)
+        assert [await client.answer(), await client.answer()] == [WRITE, "83 0B"]
+
+
 # --- images that persist ---------------------------------------------------------------------------
 
 INTERVAL, ALWAYS = IMAGE + 'persist = "interval"\n', IMAGE + 'persist = "always"\n'

@@ -3,6 +3,7 @@
 import asyncio
 
 from gateway.events import UnitResting
+from gateway.modbus import mbap
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.house import House, house
 
@@ -100,6 +101,52 @@ async def test_a_write_goes_through_and_is_read_back_by_everybody():
         assert [await writer.answer(), await writer.answer()] == ["06 00 03 BE EF", "03 02 BE EF"]
         assert await reader.asks(241, "03 0003 0001") == "03 02 BE EF"
         assert silo.holding[3] == 0xBEEF
+
+
+async def test_a_client_reads_back_what_it_wrote_though_writes_overtake_polls():
+    """Behind another server requests go side by side, and this one takes longer to read than to write."""
+    config = """
+    [[upstream]]
+    name  = "plant-1"
+    to    = "tcp://10.1.0.5:502"
+    units = [{ as = 37, unit = 37 }]
+
+    [[image]]
+    unit  = 241
+    of    = "plant-1/37"
+    read  = [{ holding = "0-0", every = "500 ms" }]
+    stale = "60 s"
+    """
+    async with house(config) as home:
+        loop, framer, register = asyncio.get_running_loop(), mbap.MbapFramer(), bytes(2)
+        server = home.lines["tcp://10.1.0.5:502"]
+
+        def answer(data: bytes) -> None:
+            nonlocal register
+            for adu in framer.cut(data):
+                if adu.pdu[0] == 6:
+                    register = adu.pdu[3:]
+                response, delay = (adu.pdu, 0.01) if adu.pdu[0] == 6 else (b"\3\2" + register, 0.3)
+                loop.call_later(delay, server.deliver, mbap.encode(adu.transaction, adu.unit, response))
+
+        server.on_write = answer
+        await asyncio.sleep(5.0)
+        client = home.client()
+        for value in range(1, 60):
+            await client.asks(241, f"06 0000 {value:04X}")
+            assert await client.asks(241, "03 0000 0001") == f"03 02 00 {value:02X}"
+            await asyncio.sleep(0.13)
+
+
+async def test_one_clients_requests_keep_their_order():
+    async with house(CONFIG) as home:
+        furnish(home)
+        await asyncio.sleep(5.0)
+        client, other = home.client(), home.client("10.0.0.8:1")
+        await other.asks(241, "06 0001 0009")
+        for pdu in ("03 0003 0001", "06 0003 0007", "03 0003 0001"):
+            client.ask(241, pdu)
+        assert [await client.answer() for _ in range(3)] == ["03 02 00 67", "06 00 03 00 07", "03 02 00 07"]
 
 
 async def test_a_mirror_whose_line_is_down_gives_out_nothing_old():
