@@ -35,7 +35,8 @@ class GatewayProcess:
         self._events: Queue[dict[str, Any]] = Queue()
 
     def __enter__(self) -> Self:
-        own = {**os.environ, "RUNTIME_DIRECTORY": str(self.config.parent)}  # the control socket of no other gateway
+        folder = str(self.config.parent)  # for a control socket and a state that no other gateway has
+        own = {"STATE_DIRECTORY": folder, **os.environ, "RUNTIME_DIRECTORY": folder}
         run = [*COMMAND, "run", str(self.config)]
         self._process = subprocess.Popen(run, stderr=subprocess.PIPE, text=True, env=own)
         self._reader = threading.Thread(target=self._read_log, name="gateway's log")
