@@ -18,6 +18,8 @@ _END = b"\r\n"
 _SEVEN_BITS = bytes(range(128)) * 2
 #: Unit identifier, one byte of PDU, LRC.
 _SHORTEST = 3
+#: The same of an exception, whose PDU has two bytes.
+_EXCEPTION = 4
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
@@ -36,6 +38,8 @@ class AsciiFramer:
         self._buffer = b""
         self._passed_over = 0
         self._last = 0.0
+        self._head = b""
+        self._size = 0
         self.heard_noise = False
 
     encode = staticmethod(encode)
@@ -55,10 +59,13 @@ class AsciiFramer:
         """Characters since the last frame."""
         return self._passed_over + len(self._buffer)
 
-    def expect(self, unit: int | None, asked: RequestPdu) -> None:  # noqa: ARG002 - an ASCII frame needs no foretelling
+    def expect(self, unit: int | None, asked: RequestPdu) -> None:
         """A request goes on the line: forget what was received."""
         self._buffer = b""
         self.heard_noise = False
+        is_foretold = unit is not None and asked.response_size is not None
+        self._head = _START + (bytes((unit or 0,)) + asked.response_head).hex().upper().encode()
+        self._size = _characters((asked.response_size or 0) + 2) if is_foretold else 0
 
     def received(self, data: bytes, now: float) -> list[Frame]:
         """Take bytes that became readable at `now`; frames that are complete with them, in order."""
@@ -72,8 +79,16 @@ class AsciiFramer:
 
     @property
     def missing(self) -> int:
-        """Not known: a colon may start anew at any time."""
-        return 0
+        """So many characters must come before there can be a response; 0 when nothing has begun, or that is not known.
+
+        A colon may start anew at any time, and what it starts may be an exception.
+        """
+        here = len(self._buffer)
+        if not here:
+            return 0
+        if self._size and self._buffer.upper().startswith(self._head):
+            return max(0, min(self._size - here, _characters(_EXCEPTION)))
+        return max(0, _characters(_SHORTEST) - here)
 
     def deadline(self) -> float | None:
         """None: a hole in a frame is noticed when its next character comes."""
@@ -114,3 +129,8 @@ class AsciiFramer:
             self._buffer = self._buffer[count:]
             self._passed_over += count
             self.heard_noise = True
+
+
+def _characters(size: int) -> int:
+    """Of the frame with so many bytes between colon and CR LF."""
+    return len(_START) + 2 * size + len(_END)

@@ -1,6 +1,7 @@
 """Nobody looks at each byte of an answer, and nothing that matters is seen later for it, or differently."""
 
 import asyncio
+from dataclasses import replace
 from typing import Self
 
 import pytest
@@ -11,11 +12,13 @@ from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.lines.look import HELD_BACK, LONGEST, look_at
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus.chartime import LineTiming
 from gateway.modbus.rtu import encode
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import Port
 from kit.asker import Asker
-from kit.line_bench import ASCII, READ, REQUEST_TIME, RESPONSE, SETTINGS, TIMING, Bench
+from kit.line_bench import ASCII, READ, REQUEST_TIME, SETTINGS, TIMING, Bench
 from kit.virtual_time import VirtualTimeLoop
 
 CHARACTER = TIMING.character
@@ -23,6 +26,11 @@ CHARACTER = TIMING.character
 READ_TEN = "03 00 10 00 0A"
 TEN = encode(1, bytes.fromhex("03 14") + bytes(range(20)))
 EXCEPTION = encode(1, bytes.fromhex("83 02"))
+ASCII_TEN = ascii_framing.encode(1, TEN[1:-2])
+ASCII_EXCEPTION = ascii_framing.encode(1, EXCEPTION[1:-2])
+#: A frame whose PDU is a function code.
+SHORTEST_ASCII = len(ascii_framing.encode(1, b"\x03"))
+CHARACTER_OF = {TIMING: TIMING.character, ASCII: ASCII.character}
 
 
 # --- how long ---
@@ -129,12 +137,32 @@ def test_while_a_late_answer_is_awaited_every_byte_is_looked_at(bench: Bench) ->
     assert away(bench) is None
 
 
-def test_an_ascii_frame_can_begin_anew_at_any_time() -> None:
+@pytest.fixture
+def ascii_bench() -> Bench:
     bench = Bench(timing=ASCII)
-    bench.ask()
+    bench.ask(READ_TEN)
     bench.pass_time(0.1)
-    bench.hear(bench.frame(1, RESPONSE)[:20])
-    assert away(bench) is None
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("come", "missing"),
+    [
+        (1, SHORTEST_ASCII - 1),
+        (4, SHORTEST_ASCII - 4),
+        (7, len(ASCII_EXCEPTION)),  # the head is known, but a colon may start anew
+        (len(ASCII_TEN) - 6, 6),
+    ],
+)
+def test_in_ascii_as_much_is_waited_for_as_the_shortest_answer_has(ascii_bench: Bench, come: int, missing: int) -> None:
+    hear(ascii_bench, ASCII_TEN[:come])
+    assert away(ascii_bench) == pytest.approx((missing - 1) * CHARACTER_OF[ASCII] / CHARACTER)
+
+
+@pytest.mark.parametrize("heard", [b":02031400010203", ASCII_TEN[:-4] + b"0000"])
+def test_in_ascii_each_character_of_what_is_no_answer_is_looked_at(ascii_bench: Bench, heard: bytes) -> None:
+    hear(ascii_bench, heard)
+    assert away(ascii_bench) is None
 
 
 # --- what a driver does about it ---
@@ -159,11 +187,13 @@ class Counting(LineDriver):
 class Wired:
     """A driver on a line in memory, on which devices talk at the line's rate."""
 
-    def __init__(self, *, looks_away: bool = True) -> None:
+    def __init__(self, timing: LineTiming = TIMING, *, looks_away: bool = True) -> None:
+        self.timing = timing
         self.loop = asyncio.get_running_loop()
         self.events: list[object] = []
         self.memory = MemoryLine(latency=0.005)
-        self.driver = Counting(Line(SETTINGS, self.events.append), self.loop, self.events.append, [].append)
+        settings = replace(SETTINGS, timing=timing)
+        self.driver = Counting(Line(settings, self.events.append), self.loop, self.events.append, [].append)
         self.driver.looks_away = looks_away
         self.user = User(self.driver)
         self.client = Asker()
@@ -181,11 +211,11 @@ class Wired:
         """Ask; return when a device has the request."""
         now = self.loop.time()
         self.device.submit(self.client.ask(pdu, now=now), now)
-        await asyncio.sleep(REQUEST_TIME + 4 * CHARACTER)
+        await asyncio.sleep(self.timing.frame(len(bytes.fromhex(pdu))) + 4 * self.timing.character)
 
     async def says(self, data: bytes) -> None:
         for byte in data:
-            await asyncio.sleep(CHARACTER)
+            await asyncio.sleep(self.timing.character)
             self.memory.deliver(bytes((byte,)))
 
 
@@ -203,6 +233,14 @@ async def test_an_answer_of_25_bytes_wakes_the_line_4_times_and_is_complete_on_i
         await wired.says(TEN)
         assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
         assert wired.driver.wakes == 4
+
+
+async def test_in_ascii_an_answer_of_51_characters_wakes_the_line_8_times() -> None:
+    async with Wired(ASCII) as wired:
+        await wired.asks()
+        await wired.says(ASCII_TEN)
+        assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
+        assert wired.driver.wakes == 8
 
 
 async def test_an_exception_is_answered_on_its_last_byte_though_a_long_answer_was_awaited() -> None:
@@ -272,28 +310,40 @@ async def test_a_defect_in_judging_when_to_look_stays_in_its_line() -> None:
         assert wired.client.answers == ["83 0B"]
 
 
-#: What may stand on a line: pieces of good frames of all kinds, and noise.
-PIECES = st.sampled_from(
-    [TEN, EXCEPTION, encode(1, bytes.fromhex(READ_TEN)), encode(2, TEN[1:-2]), TEN[:7], TEN[5:], b"\x00", TEN[:3]]
-)
-TRAFFIC = st.lists(st.tuples(st.one_of(PIECES, st.binary(max_size=6)), st.sampled_from([0, 3, 40])), max_size=6)
+#: Each mode's frames.
+ENCODERS = {TIMING: encode, ASCII: ascii_framing.encode}
+#: What may stand on a line: pieces of good frames of all kinds, and noise. A piece is a frame from here to there.
+FRAMES = st.sampled_from([(1, TEN[1:-2]), (1, EXCEPTION[1:-2]), (1, bytes.fromhex(READ_TEN)), (2, TEN[1:-2])])
+PIECES = st.tuples(FRAMES, st.sampled_from([0, 0, 0, 2, 5]), st.sampled_from([99, 99, 99, 3, 7, 20]))
+SILENCES = st.sampled_from([0, 3, 40])
+TRAFFIC = st.lists(st.tuples(st.one_of(PIECES, st.binary(max_size=6)), SILENCES), max_size=6)
 
 
-@given(TRAFFIC)
-def test_whoever_looks_away_hears_the_same(traffic: list[tuple[bytes, int]]) -> None:
-    assert outcome(traffic, looks_away=True) == outcome(traffic, looks_away=False)
+@pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+@given(traffic=TRAFFIC)
+def test_whoever_looks_away_hears_the_same(timing: LineTiming, traffic: list[tuple[object, int]]) -> None:
+    said = [(as_said(piece, timing), silence) for piece, silence in traffic]
+    assert outcome(timing, said, looks_away=True) == outcome(timing, said, looks_away=False)
 
 
-def outcome(traffic: list[tuple[bytes, int]], *, looks_away: bool) -> object:
+def as_said(piece: object, timing: LineTiming) -> bytes:
+    """A piece of traffic as bytes on the line."""
+    if isinstance(piece, bytes):
+        return piece
+    (unit, pdu), begin, end = piece  # type: ignore[misc]
+    return ENCODERS[timing](unit, pdu)[begin:end]
+
+
+def outcome(timing: LineTiming, traffic: list[tuple[bytes, int]], *, looks_away: bool) -> object:
     """Answers, counts and events of three requests while this is on the line; each piece with a silence behind it."""
 
     async def talk() -> object:
-        async with Wired(looks_away=looks_away) as wired:
+        async with Wired(timing, looks_away=looks_away) as wired:
             for pdu in (READ_TEN, READ, READ_TEN):
                 await wired.asks(pdu)
                 for data, silence in traffic:
                     await wired.says(data)
-                    await asyncio.sleep(silence * CHARACTER)
+                    await asyncio.sleep(silence * timing.character)
                 await asyncio.sleep(2.0)
             counts = {function: repr(each) for function, each in wired.device.counts.items()}
             return wired.client.answers, counts, [type(event) for event in wired.events], wired.memory.written
