@@ -7,9 +7,10 @@ from gateway.service.control import _converse
 
 class Transport:
     aborted = False
+    keeps = 64 * 1024
 
     def set_write_buffer_limits(self, high: int) -> None:
-        pass
+        self.keeps = high
 
     def abort(self) -> None:
         self.aborted = True
@@ -27,7 +28,7 @@ class Writer:
         self.written.append(data)
 
     async def drain(self) -> None:
-        if not self._takes:
+        if not self._takes and sum(map(len, self.written)) > self.transport.keeps:
             await asyncio.Event().wait()
 
     def close(self) -> None:

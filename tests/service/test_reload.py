@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, LineUp, PartFailed
 from gateway.images.store import Store
 from gateway.modbus.rtu import encode
@@ -269,6 +270,23 @@ async def test_what_waits_in_a_mirror_that_is_replaced_is_answered(serving, chan
         else:
             await service.reload(LISTEN + HALL_A.replace("devices", "queue = 10\ndevices") + mirror)
         assert [await client.answer(), await client.answer()] == [WRITE, "83 0B"]
+
+
+async def test_a_listener_that_cannot_come_is_closed_and_nothing_has_changed(serving, monkeypatch):
+    come = []
+
+    def listen(doors):
+        come.append(doors)
+        raise ListenError("another socket was quicker")
+
+    async with serving(LISTEN + HALL_A) as service:
+        (stays,) = service.running.gateway.listeners
+        monkeypatch.setattr(Doors, "listen", listen)
+        assert await service.reload(LISTEN + "clients = 3\n" + HALL_B) == Outcome(("another socket was quicker",))
+        assert [doors.told for doors in come] == [["find", "bind", "close"]]
+        assert service.running.gateway.listeners == (stays,)
+        assert stays.told == ["find", "bind", "listen", "start"]
+        assert await service.client().asks(41, READ) == "03 02 00 00"
 
 
 # --- images that persist ---------------------------------------------------------------------------

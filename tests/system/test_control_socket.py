@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from gateway.cli import daemon as daemon_module
 from gateway.cli.daemon import ask
 from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
@@ -123,8 +124,8 @@ async def test_one_client_too_many_hears_so_and_the_others_are_served(tmp_path: 
 
 
 @contextmanager
-def daemon(path: Path, answer: bytes) -> Iterator[None]:
-    """Something at `path` that hangs up on whoever connects, without hearing it."""
+def daemon(path: Path, answer: bytes, *, hears: bool = True) -> Iterator[Thread]:
+    """Something at `path` that hangs up on who connects, without hearing all, or anything at all."""
     with ExitStack() as stack:
         door = stack.enter_context(socket(AF_UNIX))
         door.bind(str(path))
@@ -132,13 +133,14 @@ def daemon(path: Path, answer: bytes) -> Iterator[None]:
 
         def hang_up() -> None:
             with door.accept()[0] as client:
-                client.recv(1)  # what is not read makes it a reset
+                if hears:
+                    client.recv(1)  # what is not read makes it a reset
                 client.sendall(answer)
 
         thread = Thread(target=hang_up, name="daemon")
         thread.start()
         stack.callback(thread.join, PATIENCE)
-        yield
+        yield thread
 
 
 @pytest.mark.parametrize(
@@ -153,3 +155,19 @@ def test_a_daemon_that_does_not_answer_is_a_problem_in_plain_words(tmp_path: Pat
     path = tmp_path / "control.sock"
     with daemon(path, answer), pytest.raises(DaemonError, match=words):
         ask("status", str(path))
+
+
+def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, connected = tmp_path / "control.sock", daemon_module._connected
+    with daemon(path, b'{"ok": false, "error": "later"}\n', hears=False) as thread:
+
+        def slowly(control: str | None) -> socket:
+            sock = connected(control)
+            thread.join(PATIENCE)
+            return sock
+
+        monkeypatch.setattr(daemon_module, "_connected", slowly)
+        with pytest.raises(DaemonError, match="the daemon says: later"):
+            ask("status", str(path))
