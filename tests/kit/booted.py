@@ -163,6 +163,7 @@ def booted_bare(folder: Path, tree: Path) -> Iterator[BootedSystem]:
             stdout=console,
             stderr=subprocess.STDOUT,
             env={**os.environ, "SYSTEMD_NSPAWN_UNIFIED_HIERARCHY": "1"},
+            start_new_session=True,  # killed together with us, it would leave the system running
         )
         try:
             yield _started(nspawn, console.name)
@@ -224,11 +225,11 @@ def _control_groups() -> Iterator[list[Path]]:
     """Control groups of the system's own: it may not meet another one, or those of this machine."""
     groups = [group / f"gateway-test-{os.getpid()}" for group in _our_groups()]
     try:
-        for group in groups:
-            group.mkdir()
-    except OSError as error:
-        raise CannotBootError(str(error)) from error
-    try:
+        try:
+            for group in groups:
+                group.mkdir()
+        except OSError as error:
+            raise CannotBootError(str(error)) from error
         yield groups
     finally:
         for group in groups:
