@@ -3,8 +3,9 @@
     .venv/bin/python tests/soak/kill.py --rounds 500
 
 Each round starts a gateway with an image that is kept `always`, reads what the last round left, and writes with several
-clients, each to a register of its own. Then kill -9, at any moment. A register may hold the last acknowledged value, or
-the one that was under way; anything else is a loss. Persisted writes are timed beside plain ones.
+clients, each to a register of its own. Meanwhile a reload puts an image of another size in the place of that one. Then
+kill -9, at any moment. A register may hold the last acknowledged value, or the one that was under way; anything else is
+a loss, at the next start as well as right after the write. Persisted writes are timed beside plain ones.
 """
 
 import argparse
@@ -17,7 +18,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -69,9 +69,10 @@ class Client:
             self.times[unit].append(time.perf_counter() - begin)
         return acknowledged
 
-    def read(self, register: int) -> int:
-        """The value of a register of the kept image."""
-        return int.from_bytes(self.ask(KEPT, bytes((3, 0, register, 0, 1)))[2:], "big")
+    def read(self, register: int) -> int | None:
+        """The value of a register of the kept image; None when the gateway has gone."""
+        response = self.ask(KEPT, bytes((3, 0, register, 0, 1)))
+        return int.from_bytes(response[2:], "big") if response else None
 
     def close(self) -> None:
         self._socket.close()
@@ -82,17 +83,18 @@ class Writer:
 
     def __init__(self, register: int) -> None:
         self.register = register
-        self.acknowledged = self.sent = 0
+        self.acknowledged = self.sent = self.lost = 0
         self.times: dict[int, list[float]] = {KEPT: [], PLAIN: []}
 
-    def check(self, client: Client) -> int:
-        """How many acknowledged writes are lost: 1 if the register holds neither of both values."""
+    def check(self, client: Client) -> None:
+        """Look whether the register holds one of both values, unless the gateway has gone."""
         found = client.read(self.register)
-        lost = found not in (self.acknowledged, self.sent)
-        if lost:
+        if found is None:
+            return
+        if found not in (self.acknowledged, self.sent):
+            self.lost += 1
             print(f"register {self.register}: {found} found, {self.acknowledged} acknowledged, {self.sent} sent")
         self.acknowledged = self.sent = found
-        return lost
 
     def run(self, port: int) -> None:
         """Write until the gateway has gone."""
@@ -102,26 +104,36 @@ class Writer:
                 if not client.write(KEPT, self.register, self.sent):
                     break
                 self.acknowledged = self.sent
+                self.check(client)
                 client.write(PLAIN, self.register, self.sent)
             for unit, times in client.times.items():
                 self.times[unit] += times
 
 
-def losses(writers: list[Writer], rounds: int, seed: int, folder: Path) -> Iterator[int]:
-    """How many acknowledged writes are missing at the beginning of each round."""
+def kill_often(writers: list[Writer], rounds: int, seed: int, folder: Path) -> None:
+    """Let the writers write until the kill, round by round, and check what the last round left."""
     choose = random.Random(seed)
     for _ in range(rounds):
         with GatewayProcess(folder, CONFIG) as gateway:
             with closing(Client(gateway.port)) as client:
-                lost = sum(writer.check(client) for writer in writers)
+                for writer in writers:
+                    writer.check(client)
             threads = [threading.Thread(target=writer.run, args=(gateway.port,)) for writer in writers]
             for thread in threads:
                 thread.start()
-            time.sleep(choose.uniform(0, LONGEST_ROUND))
+            reload_at, kill_at = sorted(choose.uniform(0, LONGEST_ROUND) for _ in range(2))
+            time.sleep(reload_at)
+            resize(gateway, choose.randint(CLIENTS, 99))
+            time.sleep(kill_at - reload_at)
             gateway.signal(signal.SIGKILL)
             for thread in threads:
                 thread.join()
-        yield lost
+
+
+def resize(gateway: GatewayProcess, holding: int) -> None:
+    """Give the kept image so many registers."""
+    gateway.config.write_text(gateway.config.read_text().replace("holding = 100", f"holding = {holding}", 1))
+    gateway.signal(signal.SIGHUP)
 
 
 def show_times(name: str, times: list[float]) -> None:
@@ -138,7 +150,8 @@ def main() -> int:
     writers = [Writer(register) for register in range(CLIENTS)]
     with tempfile.TemporaryDirectory() as folder:
         os.environ["STATE_DIRECTORY"] = folder
-        lost = sum(losses(writers, arguments.rounds + 1, arguments.seed, Path(folder)))  # one more to see the last
+        kill_often(writers, arguments.rounds + 1, arguments.seed, Path(folder))  # one more to see the last
+    lost = sum(writer.lost for writer in writers)
     for name, unit in (("persisted writes", KEPT), ("plain writes", PLAIN)):
         show_times(name, [one for writer in writers for one in writer.times[unit]])
     print(f"{arguments.rounds} rounds, {lost} acknowledged writes lost")

@@ -5,6 +5,7 @@ import signal
 import socket
 import sqlite3
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from gateway.errors import StateError
 from gateway.events import StateDamaged
 from gateway.images.database import FILE_NAME, Item, open_database
+from gateway.images.store import INTERVAL
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from kit.process import PATIENCE, GatewayProcess, command
@@ -74,6 +76,20 @@ def test_what_was_acknowledged_outlives_kill_9(tmp_path: Path) -> None:
 def test_an_interval_loses_nothing_at_a_stop(tmp_path: Path) -> None:
     asked(tmp_path, "interval", "06 0000 BEEF")
     assert asked(tmp_path, "interval", "03 0000 0002") == ["03 04 BE EF 00 02"]
+
+
+def test_what_was_acknowledged_is_not_overwritten_by_what_came_before_a_reload(tmp_path: Path) -> None:
+    with GatewayProcess(tmp_path, CONFIG.format(persist="interval")) as gateway:
+        with closing(Client(gateway)) as client:
+            assert client.ask("06 0000 0007") == "06 00 00 00 07"
+            gateway.config.write_text(gateway.config.read_text().replace("interval", "always"))
+            gateway.signal(signal.SIGHUP)
+            gateway.wait_for("config_applied")
+            assert client.ask("06 0000 0008") == "06 00 00 00 08"
+        time.sleep(2 * INTERVAL)
+        gateway.signal(signal.SIGKILL)
+        gateway.wait()
+    assert asked(tmp_path, "always", "03 0000 0001") == ["03 02 00 08"]
 
 
 def test_an_image_that_shrinks_and_grows_again_has_its_values(tmp_path: Path) -> None:
