@@ -8,6 +8,7 @@ from math import ceil
 from typing import Any, Final
 
 from gateway.cli.columns import aligned
+from gateway.cli.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.rights import rights_as_json, rights_as_text
 from gateway.config.duration import show_duration
@@ -22,11 +23,9 @@ from gateway.config.forecast import (
 from gateway.config.load import Loaded, load
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolve
 from gateway.config.problem import Problem, dotted
-from gateway.config.ranges import show_ranges
 from gateway.config.unitset import show_units
 from gateway.errors import StateError
 from gateway.events import AddressRemembered, BaudRemembered
-from gateway.images.image import ImageSettings
 from gateway.lines.device import DeviceSettings
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import url
@@ -89,8 +88,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts += [_line(line) for line in plan.lines]
     parts += [_upstream(upstream) for upstream in plan.upstreams]
     parts += [_server(server, plan) for server in plan.servers]
-    if plan.images:
-        parts.append(_images(plan.images))
+    parts += images_as_text(plan)
     parts += _remembered(plan)
     if plan.lines or plan.upstreams:
         parts.append(_ADVICE)
@@ -238,15 +236,6 @@ def _remembered_value(each: AddressRemembered | BaudRemembered) -> str:
     return f"{each.baud} baud, the config says {each.configured}"
 
 
-def _images(images: tuple[ImageSettings, ...]) -> str:
-    rows = [(str(image.unit), image.name, image.profile.name, _areas(image)) for image in images]
-    return "Images\n" + aligned([("UNIT", "NAME", "PROFILE", "ADDRESSES"), *rows], "  ")
-
-
-def _areas(image: ImageSettings) -> str:
-    return "; ".join(f"{area} {show_ranges(ranges)}" for area, ranges in image.areas.items())
-
-
 def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
     picture: dict[str, Any] = {"problems": [_problem_as_json(problem) for problem in loaded.problems]}
     if plan is not None:
@@ -266,10 +255,8 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["remembered"] = _remembered_as_json(plan)
         picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]
         picture["servers"] = [_server_as_json(server, plan) for server in plan.servers]
-        picture["images"] = [
-            {"unit": image.unit, "name": image.name, "profile": image.profile.name, "areas": image.areas}
-            for image in plan.images
-        ]
+        picture["images"] = images_as_json(plan)
+        picture["mirrors"] = mirrors_as_json(plan)
     return picture
 
 

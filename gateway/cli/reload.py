@@ -38,4 +38,4 @@ def _lines(answer: dict[str, list[str]]) -> list[str]:
     if answer["problems"]:
         return [*answer["problems"], "the file was rejected; the config in force stays"]
     changes = [f"{said}: {', '.join(answer[what])}" for what, said in _CHANGES.items() if answer[what]]
-    return changes or ["nothing has changed"]
+    return [*(changes or ["nothing has changed"]), *answer["warnings"]]

@@ -94,7 +94,7 @@ def _check_mirror(image: Image) -> Iterator[Problem]:
     for row in image.read:
         if sum(row.has(area) for area in Area) != 1:
             yield error(row.path, "must name one of holding, input, coils and discrete")
-        if row.every > image.stale:
+        if row.every >= image.stale:
             what = f"values become stale between two polls: stale is {show_duration(image.stale)}"
             yield warning((*row.path, "every"), what, "make stale two or three times as long as every")
     yield from _check_polled_once(image)

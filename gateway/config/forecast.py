@@ -75,10 +75,10 @@ def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]
     waits = {image.unit: (image.name, 0.0) for image in plan.images}
     for line in plan.lines:
         waits |= {device.known_as: (device.name, longest_wait(line, device)) for device in line.devices}
-    devices = dict(waits.values())
-    waits |= {mirror.unit: (mirror.name, devices[mirror.of]) for mirror in plan.mirrors}
     for upstream in plan.upstreams:
         waits |= {device.known_as: (device.name, longest_wait_behind(upstream)) for device in upstream.devices}
+    devices = dict(waits.values())
+    waits |= {mirror.unit: (mirror.name, devices[mirror.of]) for mirror in plan.mirrors}
     return {unit: waits[unit] for unit in sorted(server.line.serves)}
 
 

@@ -3,7 +3,8 @@
 - **Turns by client.** Each client has its own row of waiting transactions, and clients take turns.
 - **Urgent ones first**: writes, and devices of high priority. Only what is next in a client's row counts, so priority
   acts between clients. After `OVERTAKES` urgent ones in a row a plain one goes, if one waits.
-- **A mirror's polls last**, but one after at most `YIELDS` others, so that values do not become stale on a busy line.
+- **A mirror's polls last**, but one of each mirror after about `YIELDS` others, so that values do not become stale on a
+  busy line.
 - **Order.** A client's requests to one device keep their order. Its broadcasts keep theirs to all that it asks before
   and behind them. What must not be sent yet lets others pass, but not those.
 - **Equal reads share one transaction** as long as it waits, and as long as nothing but reads has come since. It waits
@@ -22,7 +23,7 @@ from gateway.request import Request
 
 #: How many urgent transactions may go before a plain one that waits.
 OVERTAKES: Final = 4
-#: How many others may go before a poll that waits.
+#: How many others may go while a mirror waits for its poll.
 YIELDS: Final = 16
 
 _READS: Final = frozenset(
@@ -165,7 +166,7 @@ class WaitingQueue:
 
     def _in_turn(self) -> tuple[deque[_Row], ...]:
         """Urgent rows first and polls last, unless the others have waited long enough."""
-        if self._yields >= YIELDS:
+        if self._yields * len(self._polls) >= YIELDS:
             return self._polls, self._urgent, self._plain
         if self._overtakes >= OVERTAKES:
             return self._plain, self._urgent, self._polls

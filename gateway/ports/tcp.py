@@ -50,7 +50,7 @@ _REASONS: Final = {
 _AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
 
 #: Names that a name server is still asked for, because the attempt was given up before it answered.
-_being_looked_up: set[str] = set()
+_being_looked_up: set[TcpSettings] = set()
 
 
 async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
@@ -171,14 +171,13 @@ class TcpPort(asyncio.BufferedProtocol):
 
 async def _look_up(settings: TcpSettings) -> list[_AddressInfo]:
     """The server's addresses. Asked for in a thread of its own: nothing can stop a resolver that hangs."""
-    host = settings.host
-    if host in _being_looked_up:
+    if settings in _being_looked_up:
         raise _no_name_server()
-    _being_looked_up.add(host)
+    _being_looked_up.add(settings)
     looking_up: asyncio.Future[list[_AddressInfo]] = asyncio.get_running_loop().run_in_executor(
-        ThreadOfItsOwn(f"look up {host}"), _addresses_of, settings
+        ThreadOfItsOwn(f"look up {settings.host}"), _addresses_of, settings
     )
-    looking_up.add_done_callback(partial(_looked_up, host))
+    looking_up.add_done_callback(partial(_looked_up, settings))
     try:
         async with asyncio.timeout(LOOKING_UP_DEADLINE):
             return await asyncio.shield(looking_up)
@@ -194,8 +193,8 @@ def _no_name_server() -> socket.gaierror:
     return socket.gaierror(socket.EAI_AGAIN, "no answer in time")
 
 
-def _looked_up(host: str, looking_up: asyncio.Future[list[_AddressInfo]]) -> None:
-    _being_looked_up.discard(host)
+def _looked_up(settings: TcpSettings, looking_up: asyncio.Future[list[_AddressInfo]]) -> None:
+    _being_looked_up.discard(settings)
     if not looking_up.cancelled():
         looking_up.exception()  # asyncio complains of errors that nobody has looked at
 

@@ -3,7 +3,7 @@
 import asyncio
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gateway import events
@@ -20,13 +20,17 @@ from gateway.service.watchdog import summary
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a reload: `problems` if the file was rejected, else what it changed, table by table."""
+    """What became of a reload: `problems` if the file was rejected, else what it changed, table by table.
+
+    `restart` is what counts after a restart only; `warnings` are those of `check`.
+    """
 
     problems: tuple[str, ...] = ()
     added: tuple[str, ...] = ()
     removed: tuple[str, ...] = ()
     changed: tuple[str, ...] = ()
     restart: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 class Reloader:
@@ -42,6 +46,7 @@ class Reloader:
         self._running = running
         self._rebuild = rebuild
         self._systemd = systemd
+        self._at_start = running.gateway.plan
         self._turn = asyncio.Lock()
         self._next: asyncio.Task[Outcome] | None = None
         self._tasks: set[asyncio.Task[Outcome]] = set()
@@ -87,7 +92,8 @@ class Reloader:
         except (ListenError, StateError) as error:
             return self._rejected((str(error),))
         garbage.settle()
-        outcome = differences(old, new)
+        warnings = tuple(map(str, loaded.problems))
+        outcome = replace(differences(old, new), restart=settled(self._at_start, new), warnings=warnings)
         self._running.emit(
             events.ConfigApplied(str(self._file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
         )
@@ -106,7 +112,6 @@ def differences(old: Plan, new: Plan) -> Outcome:
         added=tuple(name for name in after if name not in before),
         removed=tuple(name for name in before if name not in after),
         changed=tuple(name for name, table in after.items() if name in before and before[name] != table),
-        restart=tuple(name for name, one, other in _fixed(old, new) if one != other),
     )
 
 
@@ -122,6 +127,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
     }
 
 
-def _fixed(old: Plan, new: Plan) -> tuple[tuple[str, object, object], ...]:
-    """What is settled at the start."""
-    return (("log", old.log, new.log), ("control", old.control, new.control))
+def settled(at_start: Plan, new: Plan) -> tuple[str, ...]:
+    """What `new` has otherwise, and was settled at the start."""
+    fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control))
+    return tuple(name for name, one, other in fixed if one != other)

@@ -85,8 +85,8 @@ def test_the_picture_of_a_file(config, capsys):
             others    552 ms            -           552 ms
 
         Images
-          UNIT  NAME        PROFILE  ADDRESSES
-          200   shift-data  generic  coils 0-7, 16-23; holding 0-99
+          UNIT  NAME        PROFILE  KEPT   ADDRESSES
+          200   shift-data  generic  never  coils 0-7, 16-23; holding 0-99
 
         Longest wait = max_wait + gap + longest request on the wire + its time limit.
         Set each client's time-out above the longest wait of the units that it asks.
@@ -199,6 +199,7 @@ def test_the_picture_as_json(config, capsys):
             "unit": 200,
             "name": "shift-data",
             "profile": "generic",
+            "persist": "never",
             "areas": {"coils": [[0, 7], [16, 23]], "holding": [[0, 99]]},
         }
     ]
@@ -351,3 +352,23 @@ def test_a_state_file_that_cannot_be_read_is_said_too(config, capsys, tmp_path, 
     assert "move it away to start without it" in capsys.readouterr().out
     main(["check", config(FILE), "--json"])
     assert json.loads(capsys.readouterr().out)["remembered"] is None
+
+
+def test_mirrors_are_in_the_picture(tmp_path, capsys):
+    file = tmp_path / "gateway.toml"
+    file.write_text(
+        '[[line]]\nport = "/dev/ttyUSB9"\ndevices = [{ unit = 1, name = "silo" }]\n'
+        '[[image]]\nunit = 241\nname = "m"\nof = "silo"\nread = [{ holding = "0-1", every = "500 ms" }]\n'
+    )
+    assert main(["check", str(file)]) == 0
+    assert "241   m     silo  2 s    holding 0-1 every 500 ms" in capsys.readouterr().out
+    assert main(["check", "--json", str(file)]) == 0
+    assert json.loads(capsys.readouterr().out)["mirrors"] == [
+        {
+            "unit": 241,
+            "name": "m",
+            "of": "silo",
+            "stale_ms": 2000.0,
+            "polls": [{"addresses": "holding 0-1", "every_ms": 500.0}],
+        }
+    ]

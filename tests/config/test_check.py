@@ -548,7 +548,9 @@ def test_a_poll_reads_one_area(areas):
 def test_a_mirror_polls_an_address_once():
     rows = '{ holding = "0-9", every = "1 s" }, { holding = "9-12", every = "2 s" }, { input = "9", every = "1 s" }'
     text = LINE + f'[[image]]\nunit = 241\nof = "one"\nread = [{rows}]\n'
-    assert problems(text) == ["error: image[0].read[1].holding: holding 9-12 overlap with an earlier row"]
+    assert [said for said in problems(text) if said.startswith("error")] == [
+        "error: image[0].read[1].holding: holding 9-12 overlap with an earlier row"
+    ]
 
 
 def test_a_mirror_polls_what_its_device_has():
@@ -560,8 +562,9 @@ def test_a_mirror_polls_what_its_device_has():
     ]
 
 
-def test_a_mirror_whose_values_are_stale_before_they_are_polled_again():
-    text = LINE + MIRROR.replace("500 ms", "5 s")
+@pytest.mark.parametrize("every", ["2 s", "5 s"])
+def test_a_mirror_whose_values_are_stale_before_they_are_polled_again(every):
+    text = LINE + MIRROR.replace("500 ms", every)
     assert problems(text) == [
         (
             "warning: image[0].read[0].every: values become stale between two polls: stale is 2 s"

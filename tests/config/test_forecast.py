@@ -2,7 +2,14 @@
 
 import pytest
 
-from gateway.config.forecast import FunctionLimits, function_limits, longest_wait, longest_wait_outside, waits_behind
+from gateway.config.forecast import (
+    FunctionLimits,
+    function_limits,
+    longest_wait,
+    longest_wait_behind,
+    longest_wait_outside,
+    waits_behind,
+)
 from gateway.config.load import builtin_profiles, parse
 from gateway.config.plan import profile_of, resolve
 from gateway.config.schema import ProfileTable
@@ -172,3 +179,15 @@ def test_who_stands_behind_a_server_line():
         200: ("image-200", 0.0),
         241: ("image-241", silo),
     }
+
+
+def test_a_server_line_may_serve_a_mirror_of_a_unit_behind_an_upstream():
+    config = parse(
+        '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\nserves = [5]\n'
+        '[[upstream]]\nname = "plant"\nto = "tcp://10.0.0.1"\nunits = [{ as = 37, unit = 37 }]\n'
+        '[[image]]\nunit = 5\nname = "m"\nof = "plant/37"\nread = [{ holding = "0-1", every = "1 s" }]\n',
+        port_trouble=lambda _: None,
+    ).config
+    assert config is not None
+    plan = resolve(config)
+    assert waits_behind(plan.servers[0], plan) == {5: ("m", longest_wait_behind(plan.upstreams[0]))}

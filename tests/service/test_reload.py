@@ -368,6 +368,14 @@ async def test_what_needs_a_restart_is_said(serving):
     async with serving(LISTEN + HALL_A) as service:
         outcome = await service.reload(LISTEN + HALL_A + '[log]\nlevel = "debug"\n[control]\nsocket = "/tmp/x"\n')
         assert outcome == Outcome(restart=("log", "control"))
+        assert await service.reload(LISTEN + HALL_A) == Outcome()
+
+
+async def test_warnings_of_a_file_that_is_accepted_are_handed_on(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        outcome = await service.reload(LISTEN.replace("127.0.0.1", "0.0.0.0") + HALL_A)
+        assert outcome.changed == ("listen scada",)
+        assert "clients from other machines may only read" in outcome.warnings[0]
 
 
 async def test_a_mirror_follows_its_device_to_the_new_line(serving):
