@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Protocol
 
+from gateway.errors import PathUnavailable
 from gateway.events import Emit, PollRefused
 from gateway.images.polled_range import PolledRange
 from gateway.images.polls import MirrorSettings, Poll, joined
@@ -17,6 +18,8 @@ from gateway.request import Origin, Request
 
 #: Exceptions by which devices refuse a range as a whole: address, quantity, and what some answer instead.
 _REFUSALS: Final = frozenset({2, 3, 4})
+#: How long until a poll is tried again that could not be sent, because the line has no port; in seconds.
+UNSENT_PAUSE: Final = 0.25
 
 
 @dataclass(slots=True)
@@ -75,8 +78,10 @@ class Polling:
         return self._tables[span.area].read(span)
 
     def changed(self, span: Span | None, now: float) -> None:
-        """A write to `span` has ended; None stands for every address."""
+        """A write to `span` has ended; None stands for every address. What else it changed in the device shows soon."""
         self.writes += 1
+        for polled in self._ranges:
+            polled.due_at = min(polled.due_at, now)
         for polled in self.touched(span):
             polled.changed(now, self.writes)
 
@@ -119,6 +124,8 @@ class Polling:
     def _failed(self, polled: PolledRange, response: bytes | None, now: float) -> None:
         self._counts.failed_polls += 1
         polled.failed()
+        if response is not None and response[1] == PathUnavailable.code:
+            polled.due_at = min(polled.due_at, now + UNSENT_PAUSE)
         if response is None or response[1] not in _REFUSALS:
             return
         if polled.poll.parts:

@@ -50,8 +50,6 @@ class Running:
     async def lines_open(self) -> AsyncIterator[None]:
         """Open the port of every line and keep it open. At the end all are closed."""
         self._start(self.gateway.parts)
-        for mirror in self.gateway.mirrors:
-            mirror.start()
         try:
             yield
         finally:
@@ -60,9 +58,11 @@ class Running:
                 mirror.close()
 
     async def tried(self) -> None:
-        """Wait until every line was tried once."""
+        """Wait until every line was tried once; then mirrors begin to poll."""
         for part in self.gateway.parts:
             await part.keeper.tried.wait()
+        for mirror in self.gateway.mirrors:
+            mirror.start()
 
     def open_doors(self) -> None:
         """Let clients come in.

@@ -472,3 +472,27 @@ def test_what_would_wait_after_the_end_fails(fresh):
 
 def test_the_repr_is_a_status_line(fresh):
     assert repr(fresh.mirror) == "<Mirror silo of silo-1 polls=1 failed=0>"
+
+
+def test_a_poll_that_could_not_be_sent_is_tried_again_soon():
+    bench = Bench(Poll(Area.HOLDING, 0, 0, 60.0))
+    bench.at(0.0)
+    bench.answers("83 0A")
+    assert bench.at(0.2) == []
+    assert bench.at(0.3) == ["03 00 00 00 01"]
+    bench.answers("83 0B")
+    assert bench.at(30.0) == []
+
+
+def test_a_write_elsewhere_may_have_changed_the_values_too_so_that_they_are_polled_soon():
+    bench = Bench(Poll(Area.HOLDING, 0, 0, 60.0), stale=120.0)
+    bench.at(0.0)
+    bench.answers(FIVE)
+    client = Client(bench)
+    client.ask("06 1A00 00BB")
+    bench.now = 1.0
+    bench.answers("06 1A00 00BB")
+    assert client.came() == ["06 1A 00 00 BB"]
+    assert bench.at(1.0) == ["03 00 00 00 01"]
+    bench.answers(SIX)
+    assert client.ask() == [SIX]
