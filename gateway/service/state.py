@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from fcntl import LOCK_EX, flock
 from pathlib import Path
 from typing import Final
 
@@ -65,6 +66,8 @@ def kept_in(folder: Path) -> Memory:
 class StateFile(Memory):
     """A memory in a file, which is written anew by a thread with each change. A failure is told, and serving goes on.
 
+    Several gateways may share a file: each changes its own entries only.
+
     Raises:
         StateError: the file is there and cannot be read.
     """
@@ -78,8 +81,7 @@ class StateFile(Memory):
     def remember(self, key: str, configured: int, now: int) -> None:
         """See Memory; the file follows."""
         super().remember(key, configured, now)
-        text = json.dumps(self._entries, indent=2) + "\n"
-        self._writer.submit(_write, self._file, text).add_done_callback(self._written)
+        self._writer.submit(_change, self._file, key, self._entries.get(key)).add_done_callback(self._written)
 
     def close(self) -> None:
         """Nothing more is remembered; returns when the file has been written."""
@@ -87,8 +89,8 @@ class StateFile(Memory):
 
     def _written(self, writing: Future[None]) -> None:
         error = writing.exception()
-        if isinstance(error, OSError):
-            self._emit(StateNotKept(str(self._file), error.strerror or str(error)))
+        if error is not None:
+            self._emit(StateNotKept(str(self._file), getattr(error, "strerror", None) or str(error)))
 
 
 def _read(file: Path) -> Entries:
@@ -107,8 +109,19 @@ def _is_entry(value: object) -> bool:
     return isinstance(value, dict) and all(isinstance(value.get(key), int) for key in ("configured", "now"))
 
 
-def _write(file: Path, text: str) -> None:
+def _change(file: Path, key: str, entry: dict[str, int] | None) -> None:
+    """Change one entry; None takes it out. Others that were written meanwhile stay."""
     file.parent.mkdir(parents=True, exist_ok=True)
+    with file.with_suffix(".lock").open("w") as lock:
+        flock(lock, LOCK_EX)
+        entries = _read(file)
+        entries.pop(key, None)
+        if entry is not None:
+            entries[key] = entry
+        _write(file, json.dumps(entries, indent=2) + "\n")
+
+
+def _write(file: Path, text: str) -> None:
     fresh = file.with_suffix(".new")
     with fresh.open("w", encoding="utf-8") as stream:
         stream.write(text)

@@ -87,3 +87,14 @@ def test_a_foreign_file_is_refused(tmp_path: Path, content: str) -> None:
 )
 def test_where_state_is_kept(environment: dict[str, str], is_root: bool, folder: str) -> None:
     assert state_folder(environment, is_root=is_root) == Path(folder)
+
+
+def test_gateways_that_share_a_file_change_their_own_entries_only(tmp_path: Path) -> None:
+    one, other = StateFile(tmp_path, [].append), StateFile(tmp_path, [].append)
+    one.remember("/dev/a silo-1", 1, 5)
+    one.close()
+    other.remember("/dev/b silo-2", 2, 6)
+    other.close()
+    again = StateFile(tmp_path, [].append)
+    assert (again.recall("/dev/a silo-1", 1), again.recall("/dev/b silo-2", 2)) == (5, 6)
+    again.close()
