@@ -160,10 +160,12 @@ class Store:
         if soon:
             self._write_later()
         self._refuses = True
-        for done in told:  # which grows by what comes meanwhile
-            done(False)
-        told.clear()
-        self._refuses = False
+        try:
+            for done in told:  # which grows by what comes meanwhile
+                done(False)
+        finally:
+            told.clear()
+            self._refuses = False
 
     def _tell(self, error: BaseException | None) -> None:
         """Trouble is told when it begins and when it ends."""

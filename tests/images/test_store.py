@@ -117,6 +117,21 @@ async def test_what_comes_while_a_failure_is_told_fails_too(bench):
     assert (bench.told[2:], bench.on_disk()) == ([(4, True)], {2: 4})
 
 
+async def test_a_defect_in_one_image_does_not_end_the_keeping_of_others(bench):
+    def defect(is_kept):
+        raise ZeroDivisionError
+
+    defects = []
+    asyncio.get_running_loop().set_exception_handler(lambda loop, context: defects.append(context["exception"]))
+    bench.database.is_full = True
+    bench.store.keep_at_once(Change("shift", Area.HOLDING, 0, (1,)), defect)
+    await written()
+    bench.database.is_full = False
+    bench.at_once(0, 2)
+    await written()
+    assert ([type(each) for each in defects], bench.told) == ([ZeroDivisionError], [(2, True)])
+
+
 async def test_what_was_acknowledged_is_tried_until_the_disk_takes_it(bench):
     bench.database.is_full = True
     bench.soon(0, 1)
