@@ -1,0 +1,122 @@
+"""What it takes until the gateway is ready, and how much memory that has cost, beside what Python needs for nothing.
+
+    .venv/bin/python tests/bench/start.py
+
+Eight lines, on virtual ports. Medians. The first start compiles Python's modules, as an installer does, and is left
+out. `CPU` is what counts on a busy machine.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+from programs import CHECKOUT, GATEWAY, config
+from scenarios import Scenario
+
+LINES = Scenario(what="", clients=1, lines=8)
+HELP = [*GATEWAY[:-1], "--help"]
+#: A program with an event loop that does nothing.
+NOTHING = [sys.executable, "-c", "import asyncio; asyncio.run(asyncio.sleep(0))"]
+
+
+class Start(NamedTuple):
+    """Seconds until it was ready or over, seconds of CPU time until then, memory in MiB."""
+
+    wall: float
+    cpu: float
+    memory: float
+
+
+def until_end(command: list[str], environment: dict[str, str]) -> Start:
+    """A program that ends by itself."""
+    began = time.perf_counter()
+    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment)
+    _, status, used = os.wait4(program.pid, 0)
+    wall = time.perf_counter() - began
+    program.returncode = os.waitstatus_to_exitcode(status)
+    return Start(wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+
+
+def until_ready(file: Path, environment: dict[str, str]) -> Start:
+    """The gateway with this config, until it says that it is ready."""
+    began = time.perf_counter()
+    program = subprocess.Popen([*GATEWAY, file], stderr=subprocess.PIPE, text=True, env=environment)
+    try:
+        log = []
+        for line in program.stderr:
+            log.append(line)
+            if '"ready"' in line:
+                break
+        else:
+            raise SystemExit(f"the gateway is not ready: {''.join(log)}")
+        wall = time.perf_counter() - began
+        return Start(wall, _cpu(program.pid), _resident(program.pid))
+    finally:
+        program.terminate()
+        program.communicate()
+
+
+def _environment(compiled: Path) -> dict[str, str]:
+    """This checkout, with a folder for its compiled modules."""
+    environment = os.environ | {"PYTHONPATH": str(CHECKOUT), "PYTHONPYCACHEPREFIX": str(compiled)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return environment
+
+
+def _cpu(process: int) -> float:
+    """CPU time that a process has used, in seconds."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _resident(process: int) -> float:
+    """Resident memory in MiB."""
+    return int(Path(f"/proc/{process}/status").read_text().split("VmRSS:")[1].split()[0]) / 1024
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=7, help="how often each is started")
+    rounds = parser.parse_args().rounds
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench.")))
+        ttys = [_virtual_port(stack) for _ in range(LINES.lines)]
+        file = folder / "gateway.toml"
+        file.write_text(config(LINES, folder, ttys, port=0))
+        environment = _environment(folder)
+        kinds: dict[str, Callable[[], Start]] = {
+            "Python and asyncio, nothing else": lambda: until_end(NOTHING, environment),
+            "`--help`": lambda: until_end(HELP, environment),
+            "`run` until ready, 8 lines": lambda: until_ready(file, environment),
+        }
+        for start in kinds.values():
+            start()
+        starts = {name: [] for name in kinds}
+        for _ in range(rounds):
+            for name, start in kinds.items():
+                starts[name].append(start())
+    print("| | ms | CPU ms | MiB |\n|---|---:|---:|---:|")
+    for name, found in starts.items():
+        wall, cpu, memory = (median(figures) for figures in zip(*found, strict=True))
+        print(f"| {name} | {wall * 1000:.0f} | {cpu * 1000:.0f} | {memory:.1f} |")
+
+
+def _virtual_port(stack: ExitStack) -> Path:
+    """A pseudo-terminal that nobody answers on."""
+    ends = os.openpty()
+    for end in ends:
+        stack.callback(os.close, end)
+    return Path(os.ttyname(ends[1]))
+
+
+if __name__ == "__main__":
+    main()
