@@ -98,6 +98,8 @@ SCENARIOS: dict[str, Scenario] = {
     ),
     "port1": Scenario(what="16 clients, 1 line, unpaced", clients=16),
     "registers125": Scenario(what="the same, 125 registers each", clients=16, count=125),
+    "ports8x512": Scenario(what="512 clients, 8 lines, unpaced", clients=512, lines=8),
+    "ports32": Scenario(what="256 clients, 32 lines, unpaced", clients=256, lines=32, units="1-7"),
     "latency": Scenario(what="1 client, 50 requests a second, unpaced", clients=1, think=20, has_direct=True),
     "latency19200": Scenario(
         what="1 client, a line of 19200 baud, pauses", clients=1, baud=19200, think=20, seconds=4, has_direct=True
