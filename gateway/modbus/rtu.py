@@ -83,8 +83,11 @@ class ResponseFramer:
         """Take bytes that became readable at `now`; what looks like the response, if it is complete with them."""
         buffer = self._buffer
         buffer += data
-        if len(buffer) == self._size and buffer.startswith(self._head, self._unknown) and crc_fits(bytes(buffer)):
-            return [self._cut(0, self._size)]  # as nearly always
+        if len(buffer) == self._size and buffer.startswith(self._head, self._unknown):
+            adu = bytes(buffer)
+            if crc_fits(adu):  # as nearly always
+                buffer.clear()
+                return [Frame(adu[0], adu[1:-2])]
         frames = self._take()
         if len(buffer) > MAX_RTU_ADU:  # the response begins later
             del buffer[:-MAX_RTU_ADU]
