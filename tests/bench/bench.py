@@ -19,23 +19,23 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from measure import Figures, medians, run
+from measure import Figures, run, together
 from programs import BenchError, compile_into
 from scenarios import SCENARIOS, Scenario
 
 #: Title, and how the cell is made of the gateway's figures and the relay's.
-Column = tuple[str, Callable[[Figures, Figures | None], str]]
+Column = tuple[str, Callable[[Figures, Figures], str]]
 
 COLUMNS: tuple[Column, ...] = (
     ("answers/s", lambda ours, _: f"{ours['rate']:.0f}"),
-    ("relay", lambda _, relay: f"{relay['rate']:.0f}" if relay else ""),
+    ("relay", lambda _, relay: f"{relay['rate']:.0f}"),
     ("of line", lambda ours, _: f"{ours['of_line']:.3f}" if ours["of_line"] else ""),
-    ("relay", lambda _, relay: f"{relay['of_line']:.3f}" if relay and relay["of_line"] else ""),
+    ("relay", lambda _, relay: f"{relay['of_line']:.3f}" if relay["of_line"] else ""),
     ("p50 ms", lambda ours, _: f"{ours['p50']:.2f}"),
     ("p99 ms", lambda ours, _: f"{ours['p99']:.2f}"),
-    ("relay p99", lambda _, relay: f"{relay['p99']:.2f}" if relay else ""),
+    ("relay p99", lambda _, relay: f"{relay['p99']:.2f}"),
     ("CPU us", lambda ours, _: f"{ours['cpu']:.1f}"),
-    ("x relay", lambda ours, _: f"{ours['cpu_ratio']:.2f}" if "cpu_ratio" in ours else ""),
+    ("x relay", lambda ours, _: f"{ours['cpu_ratio']:.2f}"),
     ("of a core", lambda ours, _: f"{ours['load']:.0%}"),
     ("MiB", lambda ours, _: f"{ours['memory']:.1f}"),
     ("wrong", lambda ours, _: f"{ours['wrong']:.0f}"),
@@ -67,29 +67,30 @@ def main() -> int:
 
 def _show(title: str, scenario: Scenario, tools: Path, rounds: int) -> bool:
     """Measure and print one scenario; whether all answers were right."""
-    kinds = ["gateway", *["relay"] * scenario.has_relay, *["direct"] * scenario.has_direct]
+    kinds = ["gateway", "relay", *["direct"] * scenario.has_direct]
     runs: dict[str, list[Figures]] = {kind: [] for kind in kinds}
     try:
         for number in range(rounds):
             for kind in kinds if number % 2 else kinds[::-1]:
-                runs[kind].append(run(scenario, tools, kind))
+                runs[kind].append(run(scenario.alive if kind == "relay" else scenario, tools, kind))
     except BenchError as error:
         print(f"| {title} | {error} |")
         return False
-    ours, relay, direct = (medians(runs[kind]) if kind in runs else None for kind in ("gateway", "relay", "direct"))
-    if relay:
-        ours["cpu_ratio"] = ours["cpu"] / relay["cpu"]
+    ours, relay = together(runs["gateway"]), together(runs["relay"])
+    direct = together(runs["direct"]) if scenario.has_direct else None
+    ours["cpu_ratio"] = ours["cpu"] / relay["cpu"]
+    ours["of_relay"] = ours["rate"] / relay["rate"]
     cells = (make(ours, relay) for _, make in COLUMNS)
     print(f"| {title} |", " | ".join(cells), f"| {_remarks(scenario, ours, relay, direct)} |", flush=True)
     return not ours["wrong"] and not ours["lost"]
 
 
-def _remarks(scenario: Scenario, ours: Figures, relay: Figures | None, direct: Figures | None) -> str:
+def _remarks(scenario: Scenario, ours: Figures, relay: Figures, direct: Figures | None) -> str:
     remarks = [
-        f"{goal.figure} {ours[goal.figure]:.2f}, goal {goal}" + ("" if goal.is_met(ours[goal.figure]) else ": MISSED")
+        f"{goal.figure} {ours[goal.figure]:.2f}, goal {goal}{'' if goal.is_met(ours[goal.figure]) else ': MISSED'}"
         for goal in scenario.goals
     ]
-    if direct and relay:
+    if direct:
         added, least = ours["p50"] - direct["p50"], relay["p50"] - direct["p50"]
         remarks.append(f"{added:.2f} ms more than on the line itself (relay {least:.2f})")
     return "; ".join(remarks)
@@ -106,7 +107,7 @@ def _arguments() -> argparse.Namespace:
         description=__doc__.splitlines()[0], epilog="What the columns are: docs/performance.md"
     )
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help="some of --list (default: all)")
-    parser.add_argument("--rounds", type=int, default=3, help="how often each is measured; medians are shown")
+    parser.add_argument("--rounds", type=int, default=3, help="how often each is measured")
     parser.add_argument("--seconds", type=float, help="how long each round takes, instead of the scenario's own")
     parser.add_argument("--list", action="store_true", help="show the scenarios")
     args = parser.parse_args()
