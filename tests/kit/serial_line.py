@@ -4,6 +4,7 @@ import os
 import select
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Self
@@ -12,7 +13,7 @@ from kit.device import SimulatedLine
 from kit.pty import VirtualPort
 
 
-class _Served:
+class _Served(ABC):
     """A thread that looks after the far ends of virtual ports, as a context."""
 
     def __enter__(self) -> Self:
@@ -30,8 +31,9 @@ class _Served:
             with suppress(OSError, ValueError):  # a port is pulled out of our hands
                 self._turn(0.01)
 
+    @abstractmethod
     def _turn(self, timeout: float) -> None:
-        raise NotImplementedError
+        """Do what there is to do, or wait so many seconds for it."""
 
 
 class SerialDevices(_Served):
