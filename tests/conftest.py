@@ -8,12 +8,16 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+import gateway
 from gateway.ports.exact_loop import exact_loop
 from kit.virtual_time import VirtualTimeLoop
 
 _TESTS = Path(__file__).parent
 #: Folders whose tests meet sockets, terminals and processes: they run in real time, after all others.
 _REAL_TIME = frozenset({"system", "bench"})
+
+#: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.
+os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])
 
 hypothesis.settings.register_profile("dev", deadline=None)
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)

@@ -82,7 +82,7 @@ def _diagnostics(pdu: bytes) -> Expected:
     if asked not in ONE_WORD_DIAGNOSTICS:
         return Expected(pdu[:3], None)
     need(len(pdu) == 5, pdu, "the length must be 5 bytes")
-    return Expected(pdu[:3] if asked in (RETURN_DIAGNOSTIC_REGISTER, *COUNTERS) else pdu, 5)
+    return Expected(pdu[:3] if asked == RETURN_DIAGNOSTIC_REGISTER or asked in COUNTERS else pdu, 5)
 
 
 def _read_files(pdu: bytes) -> Expected:
@@ -121,7 +121,7 @@ def _encapsulated(pdu: bytes) -> Expected:
     if pdu[1] != DEVICE_IDENTIFICATION:
         return Expected(pdu[:2], None)
     need(len(pdu) == 4, pdu, "the length must be 4 bytes")
-    need(pdu[2] in (*STREAM_CODES, ONE_OBJECT), pdu, f"the code must be 1 to {ONE_OBJECT}")
+    need(pdu[2] == ONE_OBJECT or pdu[2] in STREAM_CODES, pdu, f"the code must be 1 to {ONE_OBJECT}")
     return Expected(pdu[:3], None, MAX_PDU)
 
 

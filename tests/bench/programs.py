@@ -14,7 +14,6 @@ from typing import Any
 from scenarios import Scenario
 
 HERE = Path(__file__).parent
-CHECKOUT = HERE.parents[1]
 
 #: How long a program may take to start or to end, in seconds.
 PATIENCE = 20.0
@@ -22,7 +21,8 @@ PATIENCE = 20.0
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 
-GATEWAY = [sys.executable, "-m", "gateway.cli.main", "run"]
+#: The installed one, unless PYTHONPATH leads to another.
+GATEWAY = [sys.executable, "-P", "-m", "gateway.cli.main", "run"]
 
 
 class BenchError(Exception):
@@ -49,8 +49,7 @@ def start(command: list[str | Path], on: set[int], **more: Any) -> subprocess.Po
         os.sched_setaffinity(0, on)
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
-    environment = os.environ | {"PYTHONPATH": str(CHECKOUT)}
-    return subprocess.Popen(command, text=True, env=environment, preexec_fn=in_child, **more)  # noqa: PLW1509 - no threads
+    return subprocess.Popen(command, text=True, preexec_fn=in_child, **more)  # noqa: PLW1509 - no threads
 
 
 def end(program: subprocess.Popen) -> str:

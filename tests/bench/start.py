@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from programs import CHECKOUT, GATEWAY, config
+from programs import GATEWAY, config
 from scenarios import Scenario
 
 LINES = Scenario(what="", clients=1, lines=8)
@@ -65,8 +65,8 @@ def until_ready(file: Path, environment: dict[str, str]) -> Start:
 
 
 def _environment(compiled: Path) -> dict[str, str]:
-    """This checkout, with a folder for its compiled modules."""
-    environment = os.environ | {"PYTHONPATH": str(CHECKOUT), "PYTHONPYCACHEPREFIX": str(compiled)}
+    """With a folder for what Python makes of modules when it first reads them."""
+    environment = os.environ | {"PYTHONPYCACHEPREFIX": str(compiled)}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     return environment
 

@@ -80,7 +80,7 @@ def test_all_settings_of_a_line():
         timing=timing,
         gap=0.007,
         idle_chars=3.5,
-        turnaround=pytest.approx(0.15),
+        turnaround=0.15,
         queue=8,
         max_wait=4.0,
         broadcast=False,

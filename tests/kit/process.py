@@ -13,7 +13,7 @@ from typing import Any, Self
 #: How long a process may take for anything, in seconds. Real machines are slow at times.
 PATIENCE = 20.0
 
-COMMAND = [sys.executable, "-m", "gateway.cli.main"]
+COMMAND = [sys.executable, "-P", "-m", "gateway.cli.main"]
 
 
 def command(*words: str) -> subprocess.CompletedProcess[str]:

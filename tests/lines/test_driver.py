@@ -85,6 +85,7 @@ async def test_a_change_of_rate_reaches_line_port_and_whoever_opens_the_port_nex
     driven.driver.close()
 
 
+@pytest.mark.interpreted
 async def test_a_defect_ends_at_the_border_requests_fail_and_the_port_is_reopened() -> None:
     driven = Driven()
     driven.ask()
@@ -124,6 +125,7 @@ async def three_clients(driven: Driven) -> list[Asker]:
     return clients
 
 
+@pytest.mark.interpreted
 async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too() -> None:
     driven = Driven()
     clients = await three_clients(driven)
@@ -136,6 +138,7 @@ async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_
     driven.driver.close()
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("where", ["encode", "write", "finished", "observer"])
 async def test_a_defect_loses_no_request_each_gets_exactly_one_answer(where: str) -> None:
     driven = Driven()
@@ -174,6 +177,7 @@ async def test_a_defect_while_a_broadcast_leaves_ends_it_once(where: str) -> Non
     driven.driver.close()
 
 
+@pytest.mark.interpreted
 async def test_a_request_that_cannot_even_be_started_is_answered() -> None:
     driven = Driven()
     await asyncio.sleep(0.1)

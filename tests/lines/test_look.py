@@ -16,7 +16,6 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.rtu import encode
 from gateway.ports.memory import MemoryLine
-from gateway.ports.port import Port
 from kit.asker import Asker
 from kit.line_bench import ASCII, READ, REQUEST_TIME, SETTINGS, TIMING, Bench
 from kit.virtual_time import VirtualTimeLoop
@@ -168,39 +167,26 @@ def test_in_ascii_each_character_of_what_is_no_answer_is_looked_at(ascii_bench: 
 # --- what a driver does about it ---
 
 
-class Counting(LineDriver):
-    """Counts how often it was woken by bytes. `looks_away` or its port hands over all the same, as a network does."""
-
-    wakes = 0
-    looks_away = True
-
-    def port_up(self, port: Port) -> None:
-        if not self.looks_away:
-            port.pause = lambda: None  # type: ignore[method-assign]
-        super().port_up(port)
-
-    def received(self, data: bytes) -> None:
-        self.wakes += 1
-        super().received(data)
-
-
 class Wired:
-    """A driver on a line in memory, on which devices talk at the line's rate."""
+    """A driver on a line in memory, on which devices talk at the line's rate. Unless it `looks_away`, it sees each."""
 
     def __init__(self, timing: LineTiming = TIMING, *, looks_away: bool = True) -> None:
         self.timing = timing
+        self.looks_away = looks_away
         self.loop = asyncio.get_running_loop()
         self.events: list[object] = []
         self.memory = MemoryLine(latency=0.005)
         settings = replace(SETTINGS, timing=timing)
-        self.driver = Counting(Line(settings, self.events.append), self.loop, self.events.append, [].append)
-        self.driver.looks_away = looks_away
+        self.driver = LineDriver(Line(settings, self.events.append), self.loop, self.events.append, [].append)
         self.user = User(self.driver)
         self.client = Asker()
         self.device = Device(Bench().device().settings, self.driver)
 
     async def __aenter__(self) -> Self:
-        self.driver.port_up(await self.memory.open_port(self.user))
+        port = await self.memory.open_port(self.user)
+        if not self.looks_away:
+            port.pause = lambda: None  # type: ignore[method-assign]
+        self.driver.port_up(port)
         await asyncio.sleep(1.0)
         return self
 
@@ -220,11 +206,16 @@ class Wired:
 
 
 class User:
-    """The driver as its port sees it; the keeper is not here."""
+    """The driver as its port sees it; the keeper is not here. `wakes` counts how often bytes woke it."""
 
     def __init__(self, driver: LineDriver) -> None:
-        self.received = driver.received
+        self.driver = driver
         self.lost = driver.port_down
+        self.wakes = 0
+
+    def received(self, data: bytes) -> None:
+        self.wakes += 1
+        self.driver.received(data)
 
 
 async def test_an_answer_of_25_bytes_wakes_the_line_4_times_and_is_complete_on_its_last_byte() -> None:
@@ -232,7 +223,7 @@ async def test_an_answer_of_25_bytes_wakes_the_line_4_times_and_is_complete_on_i
         await wired.asks()
         await wired.says(TEN)
         assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
-        assert wired.driver.wakes == 4
+        assert wired.user.wakes == 4
 
 
 async def test_in_ascii_an_answer_of_51_characters_wakes_the_line_8_times() -> None:
@@ -240,7 +231,7 @@ async def test_in_ascii_an_answer_of_51_characters_wakes_the_line_8_times() -> N
         await wired.asks()
         await wired.says(ASCII_TEN)
         assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
-        assert wired.driver.wakes == 8
+        assert wired.user.wakes == 8
 
 
 async def test_an_exception_is_answered_on_its_last_byte_though_a_long_answer_was_awaited() -> None:
@@ -298,6 +289,7 @@ async def test_a_port_that_comes_back_is_looked_at() -> None:
         assert wired.client.answers[1:] == ["04 14" + " 00" * 20]
 
 
+@pytest.mark.interpreted
 async def test_a_defect_in_judging_when_to_look_stays_in_its_line() -> None:
     async with Wired() as wired:
         await wired.asks()

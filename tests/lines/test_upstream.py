@@ -357,6 +357,7 @@ def test_a_client_that_asks_again_from_within_its_answer_is_served() -> None:
     assert eager.answers == [RESPONSE, "83 0B", "83 0B", "83 0A"]
 
 
+@pytest.mark.interpreted
 def test_too_many_overdue_answers_ask_for_a_new_connection_once_nothing_is_under_way(monkeypatch) -> None:
     monkeypatch.setattr(upstream_module, "MOST_OWED", 3)
     bench = UpstreamBench()

@@ -91,6 +91,7 @@ async def test_it_hangs_up_when_what_comes_is_no_modbus(driven: Driven) -> None:
     assert told.reason == "what came is no Modbus TCP: a protocol identifier of 21584; that of Modbus is 0"
 
 
+@pytest.mark.interpreted
 async def test_it_hangs_up_when_too_many_answers_are_overdue(driven: Driven, monkeypatch) -> None:
     monkeypatch.setattr(upstream_module, "MOST_OWED", 1)
     driven.ask()
@@ -107,6 +108,7 @@ def defect(*_: object) -> None:
     raise ZeroDivisionError
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("where", ["write", "cut", "accepts"])
 async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driven: Driven, where: str, monkeypatch):
     clients = [Asker(f"10.0.0.{number}:1") for number in range(4)]
@@ -129,6 +131,7 @@ async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driv
     assert driven.port.closed
 
 
+@pytest.mark.interpreted
 async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too(monkeypatch):
     monkeypatch.setattr(Upstream, "port_down", defect)
     driven = Driven()

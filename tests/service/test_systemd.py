@@ -94,6 +94,7 @@ class Watched:
         self.gateway = gateway
 
 
+@pytest.mark.interpreted
 async def test_a_loop_that_is_late_and_a_line_that_is_stuck_give_no_sign_of_life(systemd: socket.socket) -> None:
     async with house(CONFIG) as home:
         watching = asyncio.create_task(watch(Watched(home.gateway), notifier(systemd, WATCHDOG_USEC="3000000")))

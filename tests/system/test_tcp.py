@@ -295,6 +295,7 @@ async def test_without_an_idle_time_nobody_is_idle() -> None:
         assert await client.is_open()
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("drip", [b"", bytes(1000)], ids=["slowloris (C01)", "slow drip (C02)"])
 async def test_a_client_that_sends_half_a_request_is_closed(drip: bytes) -> None:
     async with house(clients=200) as home:
@@ -324,6 +325,7 @@ async def test_a_slow_reader_is_read_no_more_and_gets_everything_later(monkeypat
         assert [await slow.answer() for _ in range(2000)] == list(range(1, 2001))
 
 
+@pytest.mark.interpreted
 async def test_a_client_that_reads_nothing_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """C08: others are served meanwhile, and the connection ends though its responses were never taken."""
     async with house() as home:
@@ -676,6 +678,7 @@ async def test_what_is_neither_rtu_nor_ascii_is_closed(scheme: str) -> None:
         assert await hears(other, ENCODE[scheme](PROMPT, RESPONSE))
 
 
+@pytest.mark.interpreted
 async def test_ascii_that_is_never_finished_is_closed() -> None:
     async with house(scheme="ascii+tcp") as home:
         client = await home.client()
