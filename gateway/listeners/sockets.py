@@ -23,15 +23,17 @@ USER_TIMEOUT: Final = 50_000
 BACKLOG: Final = 1024
 
 _ADVICE: Final = {
-    errno.EACCES: "permission denied; ports below 1024 need root or CAP_NET_BIND_SERVICE",
     errno.EADDRINUSE: "another [[listen]] or another program has this port, perhaps another modbus-gateway",
     errno.EADDRNOTAVAIL: "this machine has no such address",
     errno.EMFILE: "no file descriptors are left; raise LimitNOFILE= of the service",
     errno.ENFILE: "the machine has no file descriptors left",
 }
-#: What is said of a port that another socket of ours has; without rights the system says EACCES of it.
-_TAKEN: Final = (errno.EACCES, errno.EADDRINUSE)
-_TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change its ListenStream="
+#: What is said of a port to which we have no right, and of one that a socket of systemd has.
+_NO_RIGHT: Final = (
+    "permission denied; a port below 1024 needs root, CAP_NET_BIND_SERVICE, or a socket of systemd: "
+    "give modbus-gateway.socket {}"
+)
+_TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change it there to {}"
 _EVERY_ADDRESS: Final = "::"
 _IPV4_MAPPED: Final = "::ffff:"
 
@@ -130,8 +132,7 @@ def doors(
     try:
         return _bound(addresses, ready, ipv6_only=settings.ipv6_only)
     except OSError as error:
-        kind = socket.SOCK_DGRAM if settings.scheme == "udp" else socket.SOCK_STREAM
-        raise cannot_listen(settings, error, ready.at(kind, settings.port)) from error
+        raise cannot_listen(settings, error, ready) from error
 
 
 def door_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
@@ -140,11 +141,12 @@ def door_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> st
     return url(settings.scheme, host, port)
 
 
-def cannot_listen(settings: ListenSettings, error: OSError | UnicodeError, ours: Sequence[str] = ()) -> ListenError:
-    """Why nobody can connect to a listener, with its place in the config. `ours`: what we have open at its port."""
+def cannot_listen(
+    settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets | None = None
+) -> ListenError:
+    """Why nobody can connect to a listener, with its place in the config. `ready` are sockets that were open before."""
     place = f"{settings.source}: " if settings.source else ""
-    is_taken = isinstance(error, OSError) and error.errno in _TAKEN
-    reason = _TAKEN_BY_US.format(", ".join(ours)) if ours and is_taken else why(error)
+    reason = _matter_of_systemd(settings, error, ready or OpenSockets()) or why(error)
     return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {reason}")
 
 
@@ -173,6 +175,21 @@ def why(error: OSError | UnicodeError) -> str:
     if error.errno is not None and error.errno > 0:
         return os.strerror(error.errno).lower()
     return str(error.strerror).lower()  # a name that cannot be resolved: its number is none of the system's
+
+
+def _matter_of_systemd(settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets) -> str:
+    """What to change in modbus-gateway.socket; empty if that is no remedy.
+
+    Without rights the system says EACCES of a port that is in use, too.
+    """
+    if not isinstance(error, OSError) or error.errno not in {errno.EACCES, errno.EADDRINUSE}:
+        return ""
+    is_udp = settings.scheme == "udp"
+    key = "ListenDatagram" if is_udp else "ListenStream"
+    wanted = f"{key}={written(settings.host, settings.port)}, then systemctl restart modbus-gateway.socket"
+    if ours := ready.at(socket.SOCK_DGRAM if is_udp else socket.SOCK_STREAM, settings.port):
+        return _TAKEN_BY_US.format(", ".join(ours), wanted)
+    return _NO_RIGHT.format(wanted) if error.errno == errno.EACCES else ""
 
 
 def _address(sock: socket.socket) -> str:

@@ -152,7 +152,7 @@ class Running:
         """Clients of a socket that nobody looks after would wait for ever."""
         left_over = self._sockets.without(door for one in gateway.listeners for door in one.doors)
         if left_over:
-            advice = "add one, or take its ListenStream= out of modbus-gateway.socket"
+            advice = "add one, or take it out of modbus-gateway.socket, then systemctl restart modbus-gateway.socket"
             raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")
 
     def _start(self, parts: Iterable[Part]) -> None:

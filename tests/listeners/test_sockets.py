@@ -2,10 +2,12 @@
 
 import errno
 import socket
+from collections.abc import Iterator
 
 import pytest
 
-from gateway.listeners.sockets import plain, why, written
+from gateway.listeners.session import ListenSettings
+from gateway.listeners.sockets import OpenSockets, cannot_listen, plain, why, written
 
 
 @pytest.mark.parametrize(
@@ -41,3 +43,38 @@ def test_rights_see_the_address_of_an_ipv4_client_as_such(host: str, text: str) 
 )
 def test_errors_are_said_in_words(error: OSError | UnicodeError, text: str) -> None:
     assert why(error) == text
+
+
+@pytest.fixture
+def ours() -> Iterator[socket.socket]:
+    """A socket of systemd."""
+    with socket.create_server(("127.0.0.1", 0)) as sock:
+        yield sock
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EADDRINUSE])
+def test_a_port_that_systemd_has_is_given_away_in_its_unit(ours: socket.socket, number: int) -> None:
+    port = ours.getsockname()[1]
+    told = cannot_listen(ListenSettings("scada", "10.2.0.1", port), OSError(number, ""), OpenSockets([ours]))
+    assert str(told) == (
+        f"cannot listen on tcp://10.2.0.1:{port}: tcp://127.0.0.1:{port} has this port, by modbus-gateway.socket: "
+        f"name that address, or change it there to ListenStream=10.2.0.1:{port}, "
+        "then systemctl restart modbus-gateway.socket"
+    )
+
+
+@pytest.mark.parametrize(
+    ("scheme", "host", "stream"),
+    [("tcp", "::", "ListenStream=[::]:503"), ("udp", "0.0.0.0", "ListenDatagram=0.0.0.0:503")],
+)
+def test_a_port_that_takes_rights_can_be_opened_by_systemd(scheme: str, host: str, stream: str) -> None:
+    told = cannot_listen(ListenSettings("scada", host, 503, scheme=scheme), OSError(errno.EACCES, ""))
+    assert str(told).partition(":503: ")[2] == (
+        "permission denied; a port below 1024 needs root, CAP_NET_BIND_SERVICE, or a socket of systemd: "
+        f"give modbus-gateway.socket {stream}, then systemctl restart modbus-gateway.socket"
+    )
+
+
+def test_a_port_of_another_program_is_no_matter_of_systemd(ours: socket.socket) -> None:
+    told = cannot_listen(ListenSettings("scada", "::", 503), OSError(errno.EADDRINUSE, ""), OpenSockets([ours]))
+    assert "another program has this port" in str(told)
