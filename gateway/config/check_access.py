@@ -38,10 +38,16 @@ def _defaults(config: Config) -> Iterator[Problem]:
             row = f'listen = ["{listen.label}"]'
         elif not listen.bind.is_loopback:
             what = "clients from other machines may only read without [[access]]"
-            row = 'from = ["127.0.0.1", "10.2.0.0/24"]'
+            row = f'from = ["10.2.0.0/24", {_this_machine(listen, config)}]'
         if row:
             remedy = f"to let them write, add [[access]] with {row} and {_FIRST_RIGHT}"
             yield warning((*listen.path, "bind"), what, remedy)
+
+
+def _this_machine(listen: Listen, config: Config) -> str:
+    """From where programs on this machine come, as a row names it."""
+    networks = [own for own in LOOPBACK if not _why_nobody_comes(listen, own, _listeners(config))]
+    return ", ".join(f'"{str(own).removesuffix("/128")}"' for own in networks)
 
 
 def _check_content(row: Access) -> Iterator[Problem]:

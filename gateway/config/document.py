@@ -23,7 +23,7 @@ format = "8E1"
 EXAMPLE: Final = """\
 [[listen]]                       # where clients connect
 name    = "scada"
-bind    = "tcp://0.0.0.0:502"
+bind    = "tcp://[::]:502"
 unit0   = "broadcast"            # a write to unit 0 goes to every device and image; it is never answered
 
 [[line]]                         # an RS-485 line with six devices of three kinds

@@ -147,8 +147,22 @@ def _in_words(what: str, line: str) -> Problem:
 def _missing_quotes(line: str) -> str:
     for key, value in _BARE_VALUE.findall(line.partition("#")[0]):
         if not _is_toml(value):
-            return f'put the value in quotes: {key} = "{value.strip()}"'
+            return _as_toml(key, value.strip())
     return ""
+
+
+def _as_toml(key: str, value: str) -> str:
+    """How to write a value that is no TOML."""
+    if key in _number_keys():
+        return f"{key} is a number: digits only, not {value}"
+    return f'put the value in quotes: {key} = "{value}"'
+
+
+def _number_keys() -> set[str]:
+    """The keys that are a number in every table that has them."""
+    fields = [field for model in Table.__subclasses__() for field in model.model_fields.items()]
+    keys = [(field.alias or name, field.annotation in (int, float)) for name, field in fields]
+    return {key for key, is_number in keys if is_number} - {key for key, is_number in keys if not is_number}
 
 
 def _is_toml(value: str) -> bool:

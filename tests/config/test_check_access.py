@@ -37,7 +37,12 @@ def access(*rows, listen=SCADA):
         (
             SCADA,
             "clients from other machines may only read without [[access]]",
-            'from = ["127.0.0.1", "10.2.0.0/24"]',
+            'from = ["10.2.0.0/24", "127.0.0.0/8"]',
+        ),
+        (
+            SCADA.replace("0.0.0.0", "[::]"),
+            "clients from other machines may only read without [[access]]",
+            'from = ["10.2.0.0/24", "127.0.0.0/8", "::1"]',
         ),
     ],
 )

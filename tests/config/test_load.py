@@ -87,6 +87,17 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
             '[[line]]\ndevices = [{ unit = 1, name = "a", timeout = 5 s }]\n',
             'gateway.toml:2:48: error: unclosed inline table\n  help: put the value in quotes: timeout = "5 s"',
         ),
+        (
+            "[[line]]\nbaud = 1920O\n",
+            (
+                "gateway.toml:2:12: error: expected newline or end of document after a statement\n"
+                "  help: baud is a number: digits only, not 1920O"
+            ),
+        ),
+        (
+            "[[line]]\ndevices = [{ unit = 10-13 }]\n",
+            'gateway.toml:2:23: error: unclosed inline table\n  help: put the value in quotes: unit = "10-13"',
+        ),
         ("site = 1\nsite = 2", "gateway.toml:2:9: error: this key is there twice"),
         (
             "[line]\n[line]\n",
