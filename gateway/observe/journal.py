@@ -1,6 +1,7 @@
 """The systemd journal: one datagram an event, each field of it a field of the journal (systemd.journal-fields(7)).
 
 journalctl -u modbus-gateway MODBUS_UNIT=46
+journalctl -u modbus-gateway MODBUS_CLIENT_ADDRESS=10.2.0.7
 journalctl -u modbus-gateway MODBUS_EVENT=request_timeout + MODBUS_EVENT=late_response
 """
 
@@ -57,8 +58,15 @@ def encode(entry: Entry) -> bytes:
         "SYSLOG_IDENTIFIER": "modbus-gateway",
         "MODBUS_EVENT": entry.name,
         **{f"MODBUS_{name.upper()}": text for name, text in texts.items()},
+        **_host(texts.get("client", "")),
     }
     return b"".join(_field(name, text.encode("utf-8", "backslashreplace")) for name, text in fields.items())
+
+
+def _host(client: str) -> dict[str, str]:
+    """The address of a client without its port: the journal finds whole values only. A server line has none."""
+    host, _, port = client.rpartition(":")
+    return {"MODBUS_CLIENT_ADDRESS": host.strip("[]")} if port.isdecimal() and host else {}
 
 
 def _text(value: object) -> str:

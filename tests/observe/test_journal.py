@@ -3,6 +3,8 @@
 import os
 from struct import pack
 
+import pytest
+
 from gateway.events import Level
 from gateway.observe.backlog import Entry
 from gateway.observe.journal import encode, leads_to_journal
@@ -39,6 +41,17 @@ def test_a_value_of_several_lines_stands_behind_its_length_and_not_in_the_messag
     data = encode(Entry(0.0, 0.0, Level.ERROR, "part_failed", {"part": "line a", "traceback": "one\ntwo"}))
     assert data.startswith(b"MESSAGE=part_failed part=line a\n")
     assert data.endswith(b"MODBUS_TRACEBACK\n" + pack("<Q", 7) + b"one\ntwo\n")
+
+
+@pytest.mark.parametrize(
+    ("client", "address"), [("10.2.0.7:49152", b"10.2.0.7"), ("[fe80::7%eth0]:49152", b"fe80::7%eth0")]
+)
+def test_all_that_is_about_one_machine_can_be_found(client: str, address: bytes) -> None:
+    assert b"MODBUS_CLIENT_ADDRESS=" + address in encoded(client=client)
+
+
+def test_a_client_on_a_line_has_no_address():
+    assert not any(field.startswith(b"MODBUS_CLIENT_ADDRESS") for field in encoded(client="panel"))
 
 
 def test_what_is_no_text_is_written_all_the_same():
