@@ -61,6 +61,9 @@ def _connected(control: str | None) -> socket.socket:
         sock.settimeout(_PATIENCE)
         try:
             sock.connect(str(path))
+        except PermissionError:
+            sock.close()
+            raise DaemonError(f"only root and the gateway's own user may ask at {path}: use sudo") from None
         except OSError as error:
             sock.close()
             reasons.append(f"{path}: {error.strerror}")

@@ -27,6 +27,15 @@ _REASONS: Final = {
 }
 
 
+#: What gives a user the right to a port, by the port's group; that of pseudo-terminals is tty.
+_PERMISSION: Final = {
+    "root": "it belongs to root; give it to the group dialout with a udev rule",
+    "tty": "it belongs to the group tty; for a simulated port: chgrp dialout {port}; chmod 660 {port}",
+    "dialout": "add the user to the dialout group",
+}
+_ANOTHER_GROUP: Final = "add the user to the {group} group, the service with SupplementaryGroups={group}"
+
+
 def why_not_opened(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
     """What keeps the port from being opened, and what to do about it."""
     if isinstance(error, ValueError):  # pyserial's way to say that a custom rate could not be set
@@ -59,9 +68,7 @@ def _errno(error: BaseException) -> int:
 def permission_remedy(port: str) -> str:
     """What to do when a user may not use the port."""
     group = group_of(port)
-    if group == "root":
-        return "it belongs to root; give it to the group dialout with a udev rule"
-    return f"add the user to the {group} group"
+    return _PERMISSION.get(group, _ANOTHER_GROUP).format(port=port, group=group)
 
 
 def group_of(port: str) -> str:

@@ -1,0 +1,23 @@
+"""What an operator hears who may not use a port."""
+
+import pytest
+
+from gateway.ports import reasons
+from gateway.ports.reasons import permission_remedy
+
+
+@pytest.mark.parametrize(
+    ("group", "remedy"),
+    [
+        ("dialout", "add the user to the dialout group"),
+        ("uucp", "add the user to the uucp group, the service with SupplementaryGroups=uucp"),
+        ("root", "it belongs to root; give it to the group dialout with a udev rule"),
+        (
+            "tty",
+            "it belongs to the group tty; for a simulated port: chgrp dialout /run/plc; chmod 660 /run/plc",
+        ),
+    ],
+)
+def test_the_remedy_fits_the_group_of_the_port(group, remedy, monkeypatch):
+    monkeypatch.setattr(reasons, "group_of", lambda port: group)
+    assert permission_remedy("/run/plc") == remedy
