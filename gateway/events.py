@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from traceback import format_exception
 from typing import ClassVar, Self
 
 from gateway.errors import RequestError
@@ -125,6 +126,11 @@ class PartFailed(Event):
     part: str
     error: str
     traceback: str
+
+    @classmethod
+    def of(cls, part: str, error: Exception) -> Self:
+        """`part` has met `error`."""
+        return cls(part, repr(error), "".join(format_exception(error)))
 
 
 @dataclass(frozen=True)

@@ -58,3 +58,11 @@ def test_the_operator_can_look_it_up(event):
     page = (Path(__file__).parents[1] / "docs" / "operations.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
     assert any(f"`{event.name}`" in row for row in rows)
+
+
+def test_a_part_that_failed_says_with_which_error_and_where() -> None:
+    with pytest.raises(ZeroDivisionError) as raised:
+        1 / 0  # noqa: B018 - nobody foresaw this
+    told = events.PartFailed.of("line hall-a", raised.value)
+    assert (told.part, told.error) == ("line hall-a", "ZeroDivisionError('division by zero')")
+    assert "test_events.py" in told.traceback

@@ -1,7 +1,6 @@
 """Joins a mirror to the clock: the only part of it that knows the event loop."""
 
 import asyncio
-import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -66,7 +65,6 @@ class MirrorDriver:
         try:
             step(*arguments)
         except Exception as error:  # noqa: BLE001 - the border of a mirror: a defect in it must not reach its line
-            text = "".join(traceback.format_exception(error))
-            self._emit(PartFailed(f"mirror {self.mirror.settings.name}", repr(error), text))
+            self._emit(PartFailed.of(f"mirror {self.mirror.settings.name}", error))
         if self._is_open:
             self._alarm.set(self.mirror.deadline())

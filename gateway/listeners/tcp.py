@@ -2,7 +2,6 @@
 
 import asyncio
 import socket
-import traceback
 from typing import Final
 
 from gateway import events
@@ -146,7 +145,7 @@ class TcpListener:
 
     def failed(self, part: str, error: Exception) -> None:
         """An error that nobody foresaw has ended at one of this module's borders."""
-        self.emit(events.PartFailed(part, repr(error), "".join(traceback.format_exception(error))))
+        self.emit(events.PartFailed.of(part, error))
 
     async def _accept(self, door: socket.socket) -> None:
         """Take one client after the other, each in a turn of the loop of its own."""

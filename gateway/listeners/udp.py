@@ -2,7 +2,6 @@
 
 import asyncio
 import socket
-import traceback
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -135,8 +134,7 @@ class UdpListener:
         try:
             self._received(door, data, asked, address)
         except Exception as error:  # noqa: BLE001 - the border of a datagram
-            text = "".join(traceback.format_exception(error))
-            self.emit(events.PartFailed(f"client {written(*address[:2])}", repr(error), text))
+            self.emit(events.PartFailed.of(f"client {written(*address[:2])}", error))
 
     def _received(self, door: socket.socket, data: bytes, asked: Asked, address: tuple[Any, ...]) -> None:
         adu = mbap.decode(data)

@@ -1,7 +1,6 @@
 """The border around a part that has a port: its steps run here, and what goes wrong in them ends here."""
 
 import asyncio
-import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -74,4 +73,4 @@ class Border:
         self._alarm.close()
 
     def _tell(self, error: Exception) -> None:
-        self._emit(PartFailed(self._part, repr(error), "".join(traceback.format_exception(error))))
+        self._emit(PartFailed.of(self._part, error))

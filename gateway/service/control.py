@@ -9,7 +9,6 @@ import json
 import os
 import socket
 import stat
-import traceback
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import fields, is_dataclass
@@ -138,7 +137,7 @@ async def _answer(line: bytes, verbs: Mapping[str, Verb], emit: Emit) -> bytes:
     try:
         return _line(await _answered(line, verbs))
     except Exception as error:  # noqa: BLE001 - the border of a request
-        emit(PartFailed("control socket", repr(error), "".join(traceback.format_exception(error))))
+        emit(PartFailed.of("control socket", error))
         return _line(_refused("a defect in the gateway; its log says more"))
 
 
