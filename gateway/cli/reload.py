@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from typing import Any
 
 from gateway.cli.daemon import add_control_argument, ask
 from gateway.cli.main import FINE, PROBLEM_FOUND
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Reload, and print what that changed; 1 when the file was rejected.
+    """Reload, and print what that changed; 1 when the file was rejected, or something went wrong.
 
     Raises:
         DaemonError: no daemon answers.
@@ -34,8 +35,9 @@ def run(args: argparse.Namespace) -> int:
     return FINE if answer["ok"] else PROBLEM_FOUND
 
 
-def _lines(answer: dict[str, list[str]]) -> list[str]:
+def _lines(answer: dict[str, Any]) -> list[str]:
     if answer["problems"]:
         return [*answer["problems"], "the file was rejected; the config in force stays"]
     changes = [f"{said}: {', '.join(answer[what])}" for what, said in _CHANGES.items() if answer[what]]
-    return [*(changes or ["nothing has changed"]), *answer["warnings"]]
+    defect = [f"{answer['defect']}; the new config is in force"] if answer["defect"] else []
+    return [*(changes or ["nothing has changed"]), *answer["warnings"], *defect]

@@ -5,7 +5,6 @@ import asyncio
 import signal
 import sys
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 from gateway import events
@@ -20,7 +19,7 @@ from gateway.ports.kinds import opener
 from gateway.service import garbage
 from gateway.service.build import Gateway, build
 from gateway.service.control import control_open, control_path
-from gateway.service.reload import Reloader
+from gateway.service.reload import Reloader, warn
 from gateway.service.remembered import in_force
 from gateway.service.running import Running
 from gateway.service.state import Memory, StateFile, state_folder
@@ -50,8 +49,7 @@ def run(args: argparse.Namespace) -> int:
     plan = resolve(loaded.config)
     with open_log(plan.log.level, plan.log.format) as emit:
         emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
-        for problem in loaded.problems:
-            emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
+        warn(loaded.problems, emit)
         folder = state_folder()
         with closing(StateFile(folder, emit)) as memory, closing(Store(folder, emit)) as store:
             for remembered in in_force(plan, memory):

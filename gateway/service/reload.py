@@ -1,14 +1,14 @@
 """Reload: the config is read again, compared with the one in force, and applied as far as it differs."""
 
 import asyncio
-import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gateway import events
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
+from gateway.config.problem import Problem
 from gateway.errors import ListenError, StateError
 from gateway.ports.threads import ThreadOfItsOwn
 from gateway.service import garbage
@@ -22,7 +22,8 @@ from gateway.service.watchdog import summary
 class Outcome:
     """What became of a reload: `problems` if the file was rejected, else what it changed, table by table.
 
-    `restart` is what counts after a restart only; `warnings` are those of `check`.
+    `restart` is what counts after a restart only; `warnings` are those of `check`. `defect` is what went wrong when the
+    new config was in force already.
     """
 
     problems: tuple[str, ...] = ()
@@ -31,6 +32,7 @@ class Outcome:
     changed: tuple[str, ...] = ()
     restart: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    defect: str = ""
 
 
 class Reloader:
@@ -74,8 +76,7 @@ class Reloader:
             try:
                 return await self._reload()
             except Exception as error:  # noqa: BLE001 - the supervisor's border: what serves goes on
-                text = "".join(traceback.format_exception(error))
-                self._running.emit(events.PartFailed("reload", repr(error), text))
+                self._running.emit(events.PartFailed.of("reload", error))
                 return Outcome((f"a defect in the gateway: {error!r}",))
             finally:
                 if self._running.ready.is_set():
@@ -88,21 +89,43 @@ class Reloader:
             return self._rejected(tuple(str(each) for each in loaded.problems if each.severity == "error"))
         old, new = self._running.gateway.plan, resolve(loaded.config)
         try:
-            await self._running.switch(self._rebuild(new, self._running.gateway))
+            defect = await self._switch(self._rebuild(new, self._running.gateway))
         except (ListenError, StateError) as error:
             return self._rejected((str(error),))
         garbage.settle()
         warnings = tuple(map(str, loaded.problems))
-        outcome = replace(differences(old, new), restart=settled(self._at_start, new), warnings=warnings)
+        outcome = replace(differences(old, new), restart=settled(self._at_start, new), warnings=warnings, defect=defect)
+        warn(loaded.problems, self._running.emit)
         self._running.emit(
             events.ConfigApplied(str(self._file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
         )
         return outcome
 
+    async def _switch(self, new: Gateway) -> str:
+        """Go over to `new`; the defect, if there was one and `new` is in force all the same.
+
+        Raises:
+            ListenError: as Running.switch.
+        """
+        try:
+            await self._running.switch(new)
+        except Exception as error:
+            if self._running.gateway is not new:
+                raise
+            self._running.emit(events.PartFailed.of("reload", error))
+            return f"a defect in the gateway: {error!r}; restart it, and please report this"
+        return ""
+
     def _rejected(self, problems: tuple[str, ...]) -> Outcome:
         reason = problems[0].splitlines()[0] + (f" (and {len(problems) - 1} more)" if problems[1:] else "")
         self._running.emit(events.ConfigRejected(str(self._file), reason))
         return Outcome(problems)
+
+
+def warn(problems: Iterable[Problem], emit: events.Emit) -> None:
+    """Tell what deserves a look in a config that is used."""
+    for problem in problems:
+        emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
 
 
 def differences(old: Plan, new: Plan) -> Outcome:

@@ -19,6 +19,6 @@ def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
 
     async def reload(_request: Mapping[str, Any]) -> dict[str, Any]:
         outcome = await asyncio.shield(reloader.order())
-        return {"ok": not outcome.problems, **asdict(outcome)}
+        return {"ok": not (outcome.problems or outcome.defect), **asdict(outcome)}
 
     return {"status": show_status, "reload": reload}
