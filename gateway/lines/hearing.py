@@ -169,13 +169,22 @@ class Hearing:
         self._listen_anew()
         return framer
 
+    def framer_for(self, unit: int | None, asked: RequestPdu) -> ResponseFramer:
+        """One that looks for an answer to `asked` from `unit`, None from any."""
+        framer = self._new_framer()
+        framer.expect(unit, asked)
+        return framer
+
     def _stop_asking(self) -> None:
         self._ear.listen()
         self._ear.end()
 
     def _listen_anew(self) -> None:
-        self._framer: ResponseFramer = AsciiFramer() if self._mode == "ascii" else RtuFramer(self._silence)
+        self._framer = self._new_framer()
         self.deadline = self._framer.deadline
+
+    def _new_framer(self) -> ResponseFramer:
+        return AsciiFramer() if self._mode == "ascii" else RtuFramer(self._silence)
 
     def _forget(self) -> None:
         self._idle.clear()

@@ -12,24 +12,51 @@ from gateway.lines.transaction import Transaction
 from gateway.modbus.chartime import Mode
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, ResponseFramer
+from gateway.modbus.pdu import RequestPdu, parse_request
 
 #: A request that a window forbids waits if the window ends within so many seconds. Otherwise it fails at once, so that
 #: a client that polls one unit after the other does not freeze.
 WORTH_WAITING: Final = 0.250
 
 
+class Overdue(NamedTuple):
+    """What an earlier line on the same port has asked: `pdu` of `unit`. So many answers may come until `ends_at`.
+
+    `answers_from` is who may answer; None when that is not known.
+    """
+
+    unit: int
+    answers_from: int | None
+    pdu: bytes
+    owed: int
+    ends_at: float
+
+    @property
+    def asked(self) -> RequestPdu:
+        """What was asked."""
+        return parse_request(self.pdu)
+
+    def accepts(self, frame: Frame) -> bool:
+        """Whether `frame` is an answer: see Transaction."""
+        return self.answers_from in (None, frame.unit) and self.asked.accepts(frame.pdu)
+
+
+#: What was asked, by this line or by an earlier one.
+Question = Transaction | Overdue
+
+
 class LateResponse(NamedTuple):
     """A response that came after its limit."""
 
-    transaction: Transaction
+    question: Question
     frame: Frame
 
 
 class _Window:
     """The time in which `owed` answers may still come; `framer` has received what came of them so far."""
 
-    def __init__(self, transaction: Transaction, framer: ResponseFramer, ends_at: float, owed: int) -> None:
-        self.transaction = transaction
+    def __init__(self, question: Question, framer: ResponseFramer, ends_at: float, owed: int) -> None:
+        self.question = question
         self.framer = framer
         self.ends_at = ends_at
         self.owed = owed
@@ -40,7 +67,7 @@ class _Window:
         A late exception fits any quantity, so only unit and function count. Nobody answers a broadcast; who is asked at
         address 0 must be the only one that may speak.
         """
-        mine = self.transaction
+        mine = self.question
         if not other.expects_answer:
             return False
         if other.unit == BROADCAST_UNIT:
@@ -48,6 +75,11 @@ class _Window:
         if mine.asked.function != other.asked.function:
             return False
         return mine.answers_from is None or other.answers_from is None or mine.unit == other.device.unit
+
+    def overdue(self) -> Overdue:
+        """What another line has to know of it."""
+        asked = self.question
+        return Overdue(asked.unit, asked.answers_from, asked.asked.data, self.owed, self.ends_at)
 
 
 class LateWindows:
@@ -57,13 +89,14 @@ class LateWindows:
         self.windows: list[_Window] = []
         self._mode = mode
 
-    def open(self, transaction: Transaction, framer: ResponseFramer, ends_at: float, owed: int = 1) -> None:
-        """Until `ends_at` so many answers to `transaction` may come; `framer` is looking for them."""
-        self.windows.append(_Window(transaction, framer, ends_at, owed))
+    def open(self, question: Question, framer: ResponseFramer, ends_at: float, owed: int = 1) -> None:
+        """Until `ends_at` so many answers to `question` may come; `framer` is looking for them."""
+        self.windows.append(_Window(question, framer, ends_at, owed))
 
-    def take_over(self, others: "LateWindows") -> None:
-        """Await what `others` have awaited."""
-        self.windows += others.windows
+    def overdue(self, now: float) -> list[Overdue]:
+        """What is awaited, for a line that follows on the same port."""
+        self._close_ended(now)
+        return [window.overdue() for window in self.windows]
 
     def count(self, now: float) -> int:
         """How many windows are open."""
@@ -79,15 +112,15 @@ class LateWindows:
         """Whether a late answer of a unit other than `unit` begins somewhere in `heard`."""
         self._close_ended(now)
         return any(
-            has_begun(self._mode, heard, bytes((window.transaction.unit, function)))
+            has_begun(self._mode, heard, bytes((window.question.unit, function)))
             for window in self.windows
-            if window.transaction.unit != unit
-            for function in (window.transaction.asked.function, window.transaction.asked.function | EXCEPTION_BIT)
+            if window.question.unit != unit
+            for function in (window.question.asked.function, window.question.asked.function | EXCEPTION_BIT)
         )
 
     def awaits(self, frame: Frame) -> bool:
         """Whether `frame` is one of the late answers."""
-        return any(window.transaction.accepts(frame) for window in self.windows)
+        return any(window.question.accepts(frame) for window in self.windows)
 
     def received(self, data: bytes, now: float, others: list[Frame]) -> list[LateResponse]:
         """Take bytes that the line delivers; responses that are complete with them. The last one closes its window.
@@ -120,9 +153,9 @@ class LateWindows:
         for frame in frames:
             if frame in others:
                 others.remove(frame)
-            elif window.owed and window.transaction.accepts(frame):
+            elif window.owed and window.question.accepts(frame):
                 window.owed -= 1
-                late.append(LateResponse(window.transaction, frame))
+                late.append(LateResponse(window.question, frame))
         if not window.owed:
             self.windows.remove(window)
         return late

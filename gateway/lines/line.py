@@ -10,7 +10,7 @@ wants to be called again. It finishes its own state before it calls a request's 
 request at once.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -18,7 +18,7 @@ from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.hearing import Hearing, Outcome
-from gateway.lines.late import LateWindows
+from gateway.lines.late import LateWindows, Overdue
 from gateway.lines.overheard import Verdict
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
@@ -107,9 +107,14 @@ class Line:
         finally:
             _fail_all(waiting, errors.LineDown())
 
-    def succeed(self, predecessor: "Line") -> None:
-        """Await the late answers on the port that another line had before: they may still come."""
-        self._windows.take_over(predecessor._windows)  # noqa: SLF001 - of a line, as this is one
+    def overdue(self, now: float) -> list[Overdue]:
+        """The late answers that are awaited, for a line that follows on the same port: they may still come there."""
+        return self._windows.overdue(now)
+
+    def await_overdue(self, answers: Iterable[Overdue]) -> None:
+        """Await the late answers to what an earlier line on the port has asked."""
+        for each in answers:
+            self._windows.open(each, self._hearing.framer_for(each.answers_from, each.asked), each.ends_at, each.owed)
 
     def change_rate(self, baud: int, now: float) -> None:
         """The devices, and the port with them, change to another rate: nothing is sent for a moment.

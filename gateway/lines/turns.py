@@ -143,10 +143,11 @@ class Turns:
         return until is not None and until - now > WORTH_WAITING
 
     def _came_late(self, responses: list[LateResponse], now: float) -> list[Frame]:
-        for transaction, frame in responses:
-            self._report.late_response(transaction, now)
-            self.heard(transaction.device)
-            transaction.device.finished(transaction, frame)
+        for question, frame in responses:
+            if isinstance(question, Transaction):
+                self._report.late_response(question, now)
+                self.heard(question.device)
+                question.device.finished(question, frame)
         return [frame for _, frame in responses]
 
 

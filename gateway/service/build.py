@@ -31,10 +31,8 @@ from gateway.service.state import Memory
 #: Where clients connect, whatever they speak.
 Listener = TcpListener | UdpListener
 
-#: What has devices behind it.
-LineOrUpstream = GatewayLine | GatewayUpstream
 #: A part that holds a port or a connection open, and what joins it to that.
-Part = LineOrUpstream | GatewayServer
+Part = GatewayLine | GatewayUpstream | GatewayServer
 Driver = LineDriver | UpstreamDriver | SerialListener
 
 
@@ -42,7 +40,7 @@ Driver = LineDriver | UpstreamDriver | SerialListener
 class Gateway:
     """All parts of a gateway, in the order of the config: `lines` we ask on, and `servers`, lines we are asked on.
 
-    `routes` are where each router leads. They are in force once `route` was called.
+    `routes` are where each router leads, and `devices` those of each line. They are in force once `route` was called.
     """
 
     listeners: tuple[Listener, ...]
@@ -51,6 +49,7 @@ class Gateway:
     upstreams: tuple[GatewayUpstream, ...]
     images: tuple[Image, ...]
     mirrors: tuple[MirrorDriver, ...]
+    devices: tuple[dict[int, Device], ...]
     routes: tuple[tuple[Router, Mapping[int, Target]], ...]
     plan: Plan
 
@@ -70,6 +69,8 @@ class Gateway:
         for router, routes in self.routes:
             router.routes = routes
             router.rights = Rights(self.plan.access, router.door)
+        for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
+            line.adopt(line_plan, devices)
         for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
             server.plan = server_plan
         for upstream, upstream_plan in zip(self.upstreams, self.plan.upstreams, strict=True):
@@ -101,24 +102,24 @@ def build(
     servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit) for one in plan.servers)
     listeners = tuple(old.listener(one) or _listener(one, loop, emit) for one in plan.listeners)
     images = tuple(old.image(one) or _image(one, store, emit) for one in plan.images)
-    for line, line_plan in zip(lines, plan.lines, strict=True):
-        line.adopt(line_plan)
-    behind: tuple[LineOrUpstream, ...] = (*lines, *upstreams)
-    devices = {device.name: device for part in behind for device in part.devices.values()}
+    on_lines = tuple(line.devices_of(one) for line, one in zip(lines, plan.lines, strict=True))
+    devices: dict[int, Device] = {}
+    for units in (*on_lines, *(one.devices for one in upstreams)):
+        devices |= units
+    named = {device.name: device for device in devices.values()}
     mirrors = tuple(
-        old.mirror(one, devices[one.of]) or MirrorDriver(one, devices[one.of], loop, emit) for one in plan.mirrors
+        old.mirror(one, named[one.of]) or MirrorDriver(one, named[one.of], loop, emit) for one in plan.mirrors
     )
     targets: dict[int, Target] = {image.settings.unit: image for image in images}
-    for part in behind:
-        targets |= part.devices
+    targets |= devices
     targets |= {driver.mirror.settings.unit: driver for driver in mirrors}
-    everyone = [Recipient(line.every_device, line.plan.broadcasts) for line in lines]
+    everyone = [Recipient(line.every_device, one.broadcasts) for line, one in zip(lines, plan.lines, strict=True)]
     everyone += [_recipient(image) for image in images]
     routes = (
         *((one.router, _with_unit0(targets, one.settings, everyone)) for one in listeners),
         *((one.router, _served(targets, one.plan, everyone)) for one in servers),
     )
-    return Gateway(listeners, lines, servers, upstreams, images, mirrors, routes, plan)
+    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, routes, plan)
 
 
 class _Old:

@@ -40,35 +40,40 @@ class GatewayLine:
         self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
         self.keeper = Keeper(name, plan.port.port, self._port.open, self.driver, emit)
         self.every_device = EveryDevice(self.driver)
-        self._addresses = remembered.addresses(plan, memory)
-        self.devices: dict[int, Device] = {each.known_as: self._device(each) for each in plan.devices}
-        self.longest_wait = {each.known_as: longest_wait(plan, each) for each in plan.devices}
+        self.devices: dict[int, Device] = {}
+        self.longest_wait: dict[int, float] = {}
+        self.adopt(plan, self.devices_of(plan))
 
     def means(self, plan: LinePlan) -> bool:
         """Whether `plan` asks for this very line. One that passes units through may get or lose some of them."""
         return self.plan.meaning == plan.meaning
 
-    def adopt(self, plan: LinePlan) -> None:
+    def devices_of(self, plan: LinePlan) -> dict[int, Device]:
+        """The devices that `plan` has: those that are there already, and new ones."""
+        addresses = remembered.addresses(plan, self._memory)
+        return {
+            each.known_as: self.devices.get(each.known_as) or self._device(each, addresses[each.name])
+            for each in plan.devices
+        }
+
+    def adopt(self, plan: LinePlan, devices: dict[int, Device]) -> None:
         """The line is what `plan` means; it may have another place in the file, or pass other units through."""
         self.plan = plan
-        wanted = {each.known_as: each for each in plan.devices}
-        for unit in self.devices.keys() - wanted.keys():
-            del self.devices[unit]
-        for unit, settings in wanted.items():
-            if unit not in self.devices:
-                self.devices[unit] = self._device(settings)
-                self.longest_wait[unit] = longest_wait(plan, settings)
-            self.devices[unit].source = settings.source
+        self.devices = devices
+        for each in plan.devices:
+            devices[each.known_as].source = each.source
+            if each.known_as not in self.longest_wait:
+                self.longest_wait[each.known_as] = longest_wait(plan, each)
 
-    def _device(self, settings: DeviceSettings) -> Device:
+    def _device(self, settings: DeviceSettings, address: int) -> Device:
         if settings.unit == BROADCAST_UNIT:
             return LoneDevice(settings, self.driver, self._emit)
         if not settings.profile.quirks:
             self._whereabouts.place(settings.name, settings.unit)
             return Device(settings, self.driver, self._emit)
-        return self._restless_device(settings)
+        return self._restless_device(settings, address)
 
-    def _restless_device(self, settings: DeviceSettings) -> Device:
+    def _restless_device(self, settings: DeviceSettings, address: int) -> Device:
         line, key = self.plan.line, remembered.address_key(self.plan, settings)
         device = RestlessDevice(
             settings,
@@ -80,7 +85,7 @@ class GatewayLine:
             remember=partial(self._memory.remember, key, settings.unit),
             emit=self._emit,
         )
-        device.begin_at(self._addresses[settings.name])
+        device.begin_at(address)
         return device
 
 

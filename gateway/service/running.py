@@ -1,7 +1,6 @@
 """The parts of a gateway at work: opened, watched, exchanged for others, closed."""
 
 import asyncio
-import traceback
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
 from typing import Final
@@ -12,6 +11,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Driver, Gateway, Listener, Part
+from gateway.service.overdue import LeftBehind, Places, places
 from gateway.service.parts import GatewayLine
 
 #: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
@@ -34,6 +34,7 @@ class Running:
         #: Set while clients can connect and nobody has ordered the end.
         self.ready = asyncio.Event()
         self._sockets = sockets or OpenSockets()
+        self._left_behind = LeftBehind()
         self._tasks: dict[Part, asyncio.Task[None]] = {}
         #: Listeners that the config does not have any more, and that still have clients.
         self._going: list[Listener] = []
@@ -115,15 +116,18 @@ class Running:
         for listener in come:
             listener.start()
         self._going += gone
-        heirs = {part.keeper.port_path: part for part in new.parts if part not in old.parts}
         async with asyncio.TaskGroup() as group:
             for listener in gone:
                 group.create_task(self._retire_listener(listener), name=f"retire:{listener.settings.name}")
-            for part in old.parts:
-                if part not in new.parts:
-                    heir = heirs.pop(part.keeper.port_path, None)
-                    group.create_task(self._replace(part, heir), name=f"retire:{part.name}")
-            self._start(heirs.values())
+            retiring = [
+                (_places(part), group.create_task(self._retire(part), name=f"retire:{part.name}"))
+                for part in old.parts
+                if part not in new.parts
+            ]
+            for part in new.parts:
+                if part not in old.parts:
+                    before = [task for there, task in retiring if there & _places(part)]
+                    group.create_task(self._start_after(before, part), name=f"start:{part.name}")
             for mirror in new.mirrors:
                 mirror.start()
 
@@ -156,7 +160,10 @@ class Running:
             raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")
 
     def _start(self, parts: Iterable[Part]) -> None:
+        now = asyncio.get_running_loop().time()
         for part in parts:
+            if isinstance(part, GatewayLine):
+                part.driver.line.await_overdue(self._left_behind.awaited(_places(part), now))
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:
@@ -165,27 +172,35 @@ class Running:
         listener.close()
         self._going.remove(listener)
 
-    async def _replace(self, part: Part, heir: Part | None) -> None:
-        """End a part once what is under way has finished; what waits is refused. Another may begin on its port then."""
+    async def _retire(self, part: Part) -> None:
+        """End a part once what is under way has finished; what waits is refused."""
         part.driver.finish()
         await _until(lambda: not part.driver.is_busy)
         await self._end([part])
-        if heir is None:
-            return
-        if isinstance(part, GatewayLine) and isinstance(heir, GatewayLine):
-            heir.driver.line.succeed(part.driver.line)
-        self._start([heir])
+
+    async def _start_after(self, before: list[asyncio.Task[None]], part: Part) -> None:
+        """Start a part once those that may be on its port have ended."""
+        if before:
+            await asyncio.wait(before)
+        self._start([part])
 
     async def _end(self, parts: list[Part]) -> None:
-        tasks = [self._tasks[part] for part in parts]
+        tasks = [self._tasks[part] for part in parts if part in self._tasks]
         for task in tasks:
             task.cancel()
         with suppress(TimeoutError):  # then a driver hangs, and the end of the process closes its port
             async with asyncio.timeout(CLOSING_TIME):
                 await asyncio.gather(*tasks, return_exceptions=True)
+        now = asyncio.get_running_loop().time()
         for part in parts:
+            if isinstance(part, GatewayLine):
+                self._left_behind.leave(_places(part), part.driver.line.overdue(now))
             part.driver.close()
-            del self._tasks[part]
+            self._tasks.pop(part, None)
+
+
+def _places(part: Part) -> Places:
+    return places(part.name, part.plan.port)
 
 
 async def _keep(part: Part, emit: events.Emit) -> None:
@@ -194,8 +209,7 @@ async def _keep(part: Part, emit: events.Emit) -> None:
         try:
             await keeper.run()
         except Exception as error:  # noqa: BLE001 - the supervisor's border: one line's defect is not the others'
-            text = "".join(traceback.format_exception(error))
-            emit(events.PartFailed(f"line {part.name}", repr(error), text))
+            emit(events.PartFailed.of(f"line {part.name}", error))
             keeper.failed(PortError(f"a defect in the gateway: {error!r}"))
         await asyncio.sleep(_RESTART_PAUSE)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.events import BadFrame, ForeignFrame, LateResponse, RequestTimeout
+from gateway.events import BadFrame, ForeignFrame, LateResponse, OtherClientHeard, RequestTimeout
 from gateway.lines.late import WORTH_WAITING
 from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.modbus.ascii import AsciiFramer
@@ -536,3 +536,48 @@ def test_a_line_tells_how_many_late_answers_it_awaits_and_how_many_requests_wait
     assert (bench.line.late_windows(bench.now), bench.line.waiting) == (2, 1)
     bench.pass_time(10.0)
     assert (bench.line.late_windows(bench.now), bench.line.waiting) == (0, 0)
+
+
+# --- what an earlier line on the port has asked ---
+
+
+def succeed(bench: Bench) -> Bench:
+    """Another line on the same port, as after a reload or a restart."""
+    other = Bench()
+    other.now = bench.now
+    other.plug()
+    other.line.await_overdue(bench.line.overdue(bench.now))
+    other.pass_time(0.01)
+    return other
+
+
+def test_a_line_that_follows_awaits_what_the_earlier_one_has_awaited(bench: Bench) -> None:
+    time_out(bench, WRITE)
+    time_out(bench)
+    heir = succeed(bench)
+    assert heir.line.late_windows(heir.now) == 2
+    heir.ask()
+    assert heir.client.answers == ["83 0B"]
+    heir.ask(unit=2)
+    assert heir.written == [heir.frame(2, READ)]
+    heir.pass_time(0.01)
+    heir.respond(unit=2)
+    heir.respond(WRITE)
+    assert heir.line.late_windows(heir.now) == 1
+    assert (heir.line.unasked_bytes, heir.told(OtherClientHeard), heir.told(LateResponse)) == (0, [], [])
+    heir.pass_time(WINDOW)
+    assert heir.line.overdue(heir.now) == []
+    heir.ask()
+    assert heir.written[-1] == heir.frame(1, READ)
+
+
+def test_a_line_that_follows_on_one_that_was_asked_at_address_0_trusts_no_unit(bench: Bench) -> None:
+    bench.devices[0] = LoneDevice(bench.device(0).settings, bench.line)
+    time_out(bench, READ, unit=0)
+    heir = succeed(bench)
+    heir.ask(unit=5)
+    assert heir.client.answers == ["83 0B"]
+    heir.respond(unit=9)
+    heir.pass_time(0.01)
+    heir.ask(unit=5)
+    assert heir.written == [heir.frame(5, READ)]

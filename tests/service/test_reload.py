@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import ListenError
-from gateway.events import ConfigApplied, ConfigRejected, LineUp, PartFailed
+from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
 from gateway.images.store import Store
 from gateway.modbus.rtu import encode
 from gateway.routing.access import READING
@@ -376,6 +376,9 @@ async def test_warnings_of_a_file_that_is_accepted_are_handed_on(serving):
         outcome = await service.reload(LISTEN.replace("127.0.0.1", "0.0.0.0") + HALL_A)
         assert outcome.changed == ("listen scada",)
         assert "clients from other machines may only read" in outcome.warnings[0]
+        (told,) = [event for event in service.events if isinstance(event, ConfigWarning)]
+        assert "clients from other machines may only read" in told.problem
+        assert "add [[access]]" in told.help
 
 
 async def test_a_mirror_follows_its_device_to_the_new_line(serving):
@@ -414,6 +417,96 @@ async def test_a_late_answer_is_awaited_by_the_line_that_succeeds_on_the_port(se
         assert await client.asks(41, "03 00 09 00 01") == "83 0B"
         await asyncio.sleep(3.0)
         assert await client.asks(41, "03 00 09 00 01") == "03 02 00 09"
+
+
+async def asks_9_while_7_is_overdue(service: Service, *reloads: str) -> list[str]:
+    """Unit 41 answers register 7 late; asked for 9 behind these reloads, at once and later."""
+    answered_late(service, 1, first=1.3, later=0.3)
+    client = service.client()
+    assert await client.asks(41, "03 00 07 00 01") == "83 0B"
+    for config in reloads:
+        await service.reload(config)
+    await asyncio.sleep(0.1)
+    at_once = await client.asks(41, "03 00 09 00 01")
+    await asyncio.sleep(3.0)
+    return [at_once, await client.asks(41, "03 00 09 00 01")]
+
+
+async def test_a_late_answer_is_awaited_when_the_port_gets_another_name(serving, tmp_path):
+    link = tmp_path / "by-id"
+    link.symlink_to("/dev/hall-a")
+    async with serving(LISTEN + HALL_A) as service:
+        service.home.lines[str(link)] = service.home.lines["hall-a"]
+        renamed = LISTEN + HALL_A.replace("/dev/hall-a", str(link)).replace("hall-a", "hall-x", 1)
+        assert await asks_9_while_7_is_overdue(service, renamed) == ["83 0B", "03 02 00 09"]
+        assert not [event for event in service.events if isinstance(event, LineLost)]
+
+
+async def test_a_late_answer_is_awaited_when_a_device_server_is_written_otherwise(serving):
+    server = 'port = "rtu+tcp://moxa:4001"\ntimeout = "1 s"\nlatency = "5 ms"\n'
+    line = HALL_A.replace('port = "/dev/hall-a"\n', server)
+    renamed = LISTEN + line.replace("rtu+tcp://moxa", "rtu+tcp://MOXA").replace('"hall-a"', '"hall-x"')
+    async with serving(LISTEN + line) as service:
+        behind = service.home.lines["rtu+tcp://moxa:4001"]
+        service.home.lines |= {"rtu+tcp://MOXA:4001": behind, "hall-a": behind}
+        assert await asks_9_while_7_is_overdue(service, renamed) == ["83 0B", "03 02 00 09"]
+
+
+async def test_a_late_answer_is_awaited_by_a_line_that_went_and_comes_again(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        reloads = LISTEN + HALL_B, LISTEN + HALL_A
+        assert await asks_9_while_7_is_overdue(service, *reloads) == ["83 0B", "03 02 00 09"]
+
+
+async def test_lines_that_exchange_their_ports_wait_for_one_another(serving):
+    async with serving(LISTEN + HALL_A + HALL_B) as service:
+        service.home.lines["hall-a"].on_write = service.home.lines["hall-b"].on_write = lambda data: None
+        client = service.client()
+        client.ask(41, READ)
+        client.ask(2, READ)
+        await asyncio.sleep(0.01)
+        exchanged = (HALL_A + HALL_B).replace("/dev/hall-a", "x").replace("/dev/hall-b", "/dev/hall-a")
+        assert (await service.reload(LISTEN + exchanged.replace('"x"', '"/dev/hall-b"'))).problems == ()
+        await asyncio.sleep(1.0)
+        assert not [event for event in service.events if isinstance(event, LineLost)]
+        assert {line.openings for line in service.home.lines.values()} == {2}
+
+
+async def test_upstreams_to_the_same_server_come_and_go_together(serving):
+    upstream = '[[upstream]]\nname = "one"\nto = "tcp://10.0.0.1:502"\nunits = [{ as = 71, unit = 1 }]\n'
+    both = upstream + upstream.replace("one", "two").replace("71", "72")
+    async with serving(LISTEN + HALL_A) as service:
+        assert await service.reload(LISTEN + HALL_A + both) == Outcome(added=("upstream one", "upstream two"))
+        await asyncio.sleep(0.1)
+        assert all(part.keeper.tried.is_set() for part in service.running.gateway.parts)
+        changed = both.replace("units", 'timeout = "2 s"\nunits'.replace("\\\n", "\n"))
+        assert await service.reload(LISTEN + HALL_A + changed) == Outcome(changed=("upstream one", "upstream two"))
+        await asyncio.sleep(0.1)
+        assert all(part.keeper.tried.is_set() for part in service.running.gateway.parts)
+        assert await service.reload(LISTEN + HALL_A) == Outcome(removed=("upstream one", "upstream two"))
+        assert not [event for event in service.events if isinstance(event, PartFailed)]
+
+
+async def test_a_rejected_reload_leaves_the_units_of_a_line_that_passes_them_through(serving, monkeypatch):
+    def listen(doors):
+        raise ListenError("another socket was quicker")
+
+    line = '[[line]]\nname = "hall-a"\nport = "/dev/hall-a"\n'
+    async with serving(LISTEN + line) as service:
+        before = dict(service.part("hall-a").devices)
+        source = service.part("hall-a").plan.line.source
+        monkeypatch.setattr(Doors, "listen", listen)
+        outcome = await service.reload(LISTEN + IMAGE + '[[listen]]\nbind = "tcp://127.0.0.1:5021"\n' + line)
+        assert outcome.problems == ("another socket was quicker",)
+        assert service.part("hall-a").devices == before
+        assert service.part("hall-a").plan.line.source == source
+
+
+async def test_a_unit_that_an_image_gives_back_to_its_line_may_be_one_that_moves(serving):
+    line = '[[line]]\nname = "hall-a"\nport = "/dev/hall-a"\nprofile = "weigher"\n'
+    async with serving(LISTEN + line + IMAGE) as service:
+        assert await service.reload(LISTEN + line) == Outcome(removed=("image shift",))
+        assert service.part("hall-a").devices[200].unit == 200
 
 
 async def test_a_line_that_passes_units_through_is_not_touched_by_an_image_that_takes_one(serving):
@@ -473,6 +566,16 @@ async def test_a_defect_in_a_reload_is_told_and_the_old_config_serves_on(serving
         assert outcome.problems == ("a defect in the gateway: ZeroDivisionError('division by zero')",)
         assert [type(event) for event in service.events].count(PartFailed) == 1
         assert await service.client().asks(41, READ) == "03 02 00 00"
+
+
+async def test_a_defect_behind_the_switch_is_told_as_one_and_the_new_config_is_in_force(serving):
+    async with serving(LISTEN + HALL_A + HALL_B) as service:
+        service.part("hall-b").driver.finish = lambda: 1 / 0
+        outcome = await service.reload(LISTEN + HALL_A)
+        assert (outcome.problems, outcome.removed) == ((), ("line hall-b",))
+        assert outcome.defect.startswith("a defect in the gateway: ")
+        assert [type(event) for event in service.events].count(PartFailed) == 1
+        assert [part.name for part in service.running.gateway.parts] == ["hall-a"]
 
 
 async def test_a_line_that_goes_repeats_nothing(serving):
