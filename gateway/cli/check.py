@@ -3,7 +3,7 @@
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import ceil
 from typing import Any, Final
 
@@ -11,7 +11,9 @@ from gateway.cli.columns import aligned
 from gateway.cli.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.rights import rights_as_json, rights_as_text
+from gateway.config.address_trouble import address_trouble
 from gateway.config.duration import show_duration
+from gateway.config.file_trouble import file_trouble
 from gateway.config.forecast import (
     FunctionLimits,
     function_limits,
@@ -47,10 +49,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print every problem, and the picture of a file without errors. 1 when there is an error."""
-    loaded = load(args.config)
+    loaded = _looked_at(args.config)
     plan = None if loaded.config is None else resolve(loaded.config)
     print(json.dumps(_as_json(loaded, plan), indent=2, ensure_ascii=False) if args.json else _as_text(loaded, plan))
     return PROBLEM_FOUND if plan is None else FINE
+
+
+def _looked_at(file: str) -> Loaded:
+    """The file, with what would keep this machine's service from using it."""
+    loaded = load(file, address_trouble)
+    trouble = None if loaded.config is None else file_trouble(file)
+    return loaded if trouble is None else replace(loaded, problems=(trouble, *loaded.problems))
 
 
 @dataclass(frozen=True, slots=True)

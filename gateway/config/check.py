@@ -22,6 +22,8 @@ from gateway.config.values import fits_mode
 
 #: What keeps the port at a path from being used, as far as can be seen without opening it; None if nothing does.
 PortTrouble = Callable[[str], str | None]
+#: What keeps a machine from listening at an address, as far as can be seen without that; None if nothing does.
+AddressTrouble = Callable[[str], str | None]
 
 #: Keys that only one role of a line has.
 _CLIENT_KEYS: Final = (
@@ -36,28 +38,28 @@ def check(
     failed: frozenset[str] = frozenset(),
     port_trouble: PortTrouble = lambda _: None,
     real_path: Callable[[str], str] = str,
+    address_trouble: AddressTrouble = lambda _: None,
 ) -> Iterator[Problem]:
     """Everything that does not fit together, and what this version cannot do.
 
     `failed` are the sections of which the config lacks a table, because something was wrong with it: nobody complains
-    about what might refer to that table. `port_trouble` and `real_path` look at the paths of ports.
+    about what might refer to that table. `port_trouble` and `real_path` look at ports, `address_trouble` at the
+    addresses of listeners.
     """
     unbuilt = unbuilt_tables(config)
-    for problem in _misfits(config, failed, port_trouble, real_path):
+    looked_at = (*_look_at_ports(config, port_trouble), *_look_at_addresses(config, address_trouble))
+    for problem in (*_misfits(config, failed, real_path), *looked_at):
         if not any(problem.path[: len(path)] == path for path in unbuilt):
             yield problem
     yield from check_built(config)
 
 
-def _misfits(
-    config: Config, failed: frozenset[str], port_trouble: PortTrouble, real_path: Callable[[str], str]
-) -> Iterator[Problem]:
+def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
     yield from _check_content(config, failed)
     places = [*_check_binds(config), *_check_ports(config, real_path)]
     yield from places
     yield from _check_ipv6(config)
     yield from _check_names(config, {problem.path[:-1] for problem in places})
-    yield from _look_at_ports(config, port_trouble)
     for line in config.line:
         yield from _check_device_server(line)
         yield from _check_format(line)
@@ -137,6 +139,13 @@ def _look_at_ports(config: Config, port_trouble: PortTrouble) -> Iterator[Proble
         if trouble is not None:
             remedy = "the line waits for it; modbus-gateway ports lists those that exist"
             yield warning((*line.path, "port"), trouble, remedy)
+
+
+def _look_at_addresses(config: Config, address_trouble: AddressTrouble) -> Iterator[Problem]:
+    for listen in config.listen:
+        trouble = None if listen.bind.is_loopback else address_trouble(listen.bind.host)
+        if trouble is not None:
+            yield warning((*listen.path, "bind"), trouble, "ip -brief address lists those that it has")
 
 
 def _check_format(line: Line) -> Iterator[Problem]:

@@ -83,9 +83,9 @@ It is written in [TOML](https://toml.io). The smallest useful file names a port 
 
 Clients of this machine then connect to `tcp://127.0.0.1:5020`, and every unit from 1 to 247 passes through to the
 line. `modbus-gateway ports` lists the ports of the machine. `modbus-gateway check FILE` says everything that is wrong
-with the file, with line and column, and what can be seen of its ports without opening them. Then it shows what the
-file means: who listens where, which device stands behind which unit, and the longest that a client may have to wait
-for each. Set the time-outs of your clients above that.
+with the file, with line and column, and what can be seen of its ports and addresses without opening them. Then it
+shows what the file means: who listens where, which device stands behind which unit, and the longest that a client may
+have to wait for each. Set the time-outs of your clients above that.
 
 Commands are written `modbus-gateway ...` here; from a checkout it is `./deploy/go ...`.
 

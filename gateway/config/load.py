@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from gateway.config.check import PortTrouble, check
+from gateway.config.check import AddressTrouble, PortTrouble, check
 from gateway.config.not_yet import refusal
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
@@ -59,9 +59,17 @@ class Loaded:
     config: Config | None
     problems: tuple[Problem, ...]
 
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """Why there is no config, as text."""
+        return tuple(str(each) for each in self.problems if each.severity == "error")
 
-def load(path: str | FilePath) -> Loaded:
-    """The config in the file at `path`. Nothing is raised: a file that cannot be read is a problem too."""
+
+def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None) -> Loaded:
+    """The config in the file at `path`. Nothing is raised: a file that cannot be read is a problem too.
+
+    `address_trouble` looks at addresses of listeners; whoever is to listen there finds out by itself.
+    """
     file = str(path)
     try:
         text = FilePath(path).read_bytes().decode("utf-8")
@@ -71,8 +79,9 @@ def load(path: str | FilePath) -> Loaded:
     except FileNotFoundError:
         return _hopeless(error((), "there is no such file", "name a file: modbus-gateway run FILE"), file, 0, 0)
     except OSError as wrong:
-        return _hopeless(error((), f"cannot be read: {wrong.strerror}"), file, 0, 0)
-    return parse(text, file)
+        remedy = f"sudo chmod 644 {file}" if isinstance(wrong, PermissionError) else ""
+        return _hopeless(error((), f"cannot be read: {wrong.strerror}", remedy), file, 0, 0)
+    return parse(text, file, address_trouble=address_trouble)
 
 
 def parse(
@@ -80,6 +89,7 @@ def parse(
     file: str = "gateway.toml",
     port_trouble: PortTrouble = port_trouble,
     real_path: Callable[[str], str] = os.path.realpath,
+    address_trouble: AddressTrouble = lambda _: None,
 ) -> Loaded:
     """The config in `text`, which stands in `file`."""
     text = text.removeprefix("\ufeff").replace("\r\n", "\n")
@@ -93,7 +103,7 @@ def parse(
         return _hopeless(error((), "is nested too deeply"), file)
     reader = _Reader(document, positions, FilePath(file).name)
     config = reader.config()
-    found = [*reader.problems, *check(config, frozenset(reader.failed), port_trouble, real_path)]
+    found = [*reader.problems, *check(config, frozenset(reader.failed), port_trouble, real_path, address_trouble)]
     problems = [_located(one, positions, file, document) for one in dict.fromkeys(found)]
     problems.sort(key=lambda one: (one.line, one.column))
     has_error = any(one.severity == "error" for one in problems)

@@ -1,11 +1,14 @@
 """`check`: what is wrong with a config file, and what it means."""
 
 import json
+from functools import partial
+from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
 from gateway.cli.main import main
+from gateway.config.file_trouble import file_trouble
 
 FILE = """\
 [[listen]]
@@ -372,3 +375,23 @@ def test_mirrors_are_in_the_picture(tmp_path, capsys):
             "polls": [{"addresses": "holding 0-1", "every_ms": 500.0}],
         }
     ]
+
+
+def test_an_address_that_this_machine_does_not_have_is_a_warning(config, capsys):
+    """192.0.2.1 is an address for documents, which nobody has (RFC 5737)."""
+    path = config('[[listen]]\nbind = "tcp://192.0.2.1:502"\n[[access]]\nallow = []\n[[image]]\nunit = 1\ncoils = 1\n')
+    assert main(["check", path]) == 0
+    assert capsys.readouterr().out.startswith(
+        f"{path}:2:8: warning: listen[0].bind: this machine has no address 192.0.2.1 at the moment\n"
+        "  help: ip -brief address lists those that it has\n"
+    )
+
+
+def test_a_file_that_the_service_may_not_read_is_a_warning(config, capsys, monkeypatch):
+    path = config("[[image]]\nunit = 1\ncoils = 1\n")
+    monkeypatch.setattr("gateway.cli.check.file_trouble", partial(file_trouble, folder=Path(path).parent))
+    Path(path).chmod(0o600)
+    assert main(["check", path]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"{path}: warning: the service may not read this file\n")
+    assert said.endswith("no errors, 1 warning\n")

@@ -1,5 +1,7 @@
 """From a file to a config, or to everything that is wrong with it."""
 
+import errno
+from pathlib import Path
 from textwrap import dedent
 
 import pytest
@@ -310,6 +312,16 @@ def test_a_file_that_does_not_exist_is_one_problem(tmp_path):
 
 def test_a_folder_is_one_problem(tmp_path):
     assert [str(one) for one in load(tmp_path).problems] == [f"{tmp_path}: error: cannot be read: Is a directory"]
+
+
+def test_a_file_that_this_user_may_not_read_can_be_given_to_everybody(tmp_path, monkeypatch):
+    def refused(path):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refused)
+    file = tmp_path / "gateway.toml"
+    said = [f"{file}: error: cannot be read: Permission denied\n  help: sudo chmod 644 {file}"]
+    assert [str(one) for one in load(file).problems] == said
 
 
 def test_a_file_in_another_encoding_is_one_problem(tmp_path):

@@ -1,0 +1,21 @@
+"""What can be seen of an address without listening there."""
+
+import pytest
+
+from gateway.config.address_trouble import address_trouble
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])
+def test_an_address_of_this_machine_is_no_trouble(host):
+    assert address_trouble(host) is None
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "2001:db8::1"])
+def test_an_address_of_another_machine(host):
+    """Those are addresses for documents, which nobody has (RFC 5737, RFC 3849)."""
+    assert address_trouble(host) == f"this machine has no address {host} at the moment"
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "fe80::1%no-such-link"])
+def test_a_name_is_not_looked_up(host):
+    assert address_trouble(host) is None
