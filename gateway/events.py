@@ -4,7 +4,7 @@ Events are for the rare. What happens in every transaction is counted in the par
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from traceback import format_exception
@@ -75,6 +75,12 @@ class ConfigRejected(Event):
     level = Level.ERROR
     file: str
     reason: str
+
+    @classmethod
+    def of(cls, file: str, problems: Sequence[str]) -> Self:
+        """The rejection of `file` for these problems. The first one is the reason."""
+        reason = problems[0].splitlines()[0] + (f" (and {len(problems) - 1} more)" if problems[1:] else "")
+        return cls(file, reason)
 
 
 @dataclass(frozen=True)

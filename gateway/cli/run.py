@@ -11,8 +11,10 @@ from gateway import events
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
+from gateway.errors import ListenError, StateError
 from gateway.images.store import Store
 from gateway.listeners.sockets import OpenSockets
+from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
@@ -44,19 +46,35 @@ def run(args: argparse.Namespace) -> int:
     file = Path(args.config)
     loaded = load(file)
     if loaded.config is None:
+        _tell_journal(events.ConfigRejected.of(str(file), loaded.errors))
         print(*loaded.problems, sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
     plan = resolve(loaded.config)
-    with open_log(plan.log.level, plan.log.format) as emit:
-        emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
-        warn(loaded.problems, emit)
-        folder = state_folder()
-        with closing(StateFile(folder, emit)) as memory, closing(Store(folder, emit)) as store:
-            for remembered in in_force(plan, memory):
-                emit(remembered)
+    try:
+        with open_log(plan.log.level, plan.log.format) as emit:
+            emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
+            warn(loaded.problems, emit)
             control = args.control or plan.control or control_path(file)
-            run_exactly(_run(plan, file, Path(control), memory, store, emit))
+            _serve(plan, file, Path(control), emit)
+    except (ListenError, StateError) as error:
+        _tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
+        raise
     return FINE
+
+
+def _tell_journal(rejected: events.ConfigRejected) -> None:
+    """What main prints of it has no priority in systemd's journal, and no fields."""
+    if leads_to_journal(2):
+        with open_log("error", "journald") as emit:
+            emit(rejected)
+
+
+def _serve(plan: Plan, file: Path, control: Path, emit: events.Emit) -> None:
+    folder = state_folder()
+    with closing(StateFile(folder, emit)) as memory, closing(Store(folder, emit)) as store:
+        for remembered in in_force(plan, memory):
+            emit(remembered)
+        run_exactly(_run(plan, file, control, memory, store, emit))
 
 
 async def _run(plan: Plan, file: Path, control: Path, memory: Memory, store: Store, emit: events.Emit) -> None:

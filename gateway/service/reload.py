@@ -86,7 +86,7 @@ class Reloader:
         loop = asyncio.get_running_loop()
         loaded = await loop.run_in_executor(ThreadOfItsOwn("load config"), load, self._file)
         if loaded.config is None:
-            return self._rejected(tuple(str(each) for each in loaded.problems if each.severity == "error"))
+            return self._rejected(loaded.errors)
         old, new = self._running.gateway.plan, resolve(loaded.config)
         try:
             defect = await self._switch(self._rebuild(new, self._running.gateway))
@@ -117,8 +117,7 @@ class Reloader:
         return ""
 
     def _rejected(self, problems: tuple[str, ...]) -> Outcome:
-        reason = problems[0].splitlines()[0] + (f" (and {len(problems) - 1} more)" if problems[1:] else "")
-        self._running.emit(events.ConfigRejected(str(self._file), reason))
+        self._running.emit(events.ConfigRejected.of(str(self._file), problems))
         return Outcome(problems)
 
 

@@ -171,7 +171,10 @@ def test_a_bad_file_is_tried_again_every_few_seconds(system: BootedSystem) -> No
     system.write(FILE, "[[line]]\n")
     assert system.run("systemctl", "start", SERVICE).returncode != 0
     until(lambda: int(system.show("NRestarts")) >= 2, system.status)
-    tries = [int(entry["__MONOTONIC_TIMESTAMP"]) for entry in system.log() if "error:" in entry["MESSAGE"]]
+    rejected = system.log("MODBUS_EVENT=config_rejected")
+    assert {(entry["PRIORITY"], entry["_SYSTEMD_UNIT"]) for entry in rejected} == {("3", SERVICE)}
+    assert "line[0].port: is missing" in rejected[0]["MODBUS_REASON"]
+    tries = [int(entry["__MONOTONIC_TIMESTAMP"]) for entry in rejected]
     assert tries[1] - tries[0] > 2_000_000
     system.write(FILE, CONFIG)
     with system.connect() as client:
@@ -190,7 +193,7 @@ def test_a_socket_that_fits_no_listener_is_an_error_that_names_it(
 ) -> None:
     system.override(SOCKET, f"[Socket]\n{streams}\n")
     assert system.run("systemctl", "start", SERVICE).returncode != 0
-    assert any(problem in entry["MESSAGE"] for entry in system.log())
+    assert problem in system.wait_for("config_rejected")["MODBUS_REASON"]
 
 
 def test_every_address_of_the_socket_unit_has_its_listener(system: BootedSystem) -> None:
