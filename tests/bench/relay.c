@@ -6,7 +6,8 @@
  *   TTY=PORT           every unit asked for on 127.0.0.1:PORT lives on TTY
  *   TTY=PORT:FROM-TO   units FROM..TO of that port are units 1.. on TTY; so
  *                      several lines share one listener
- *   --gap              keep t3.5 between a response and the next request
+ *   --gap              keep t3.5 between a response and the next request, and do
+ *                      not look at the line before a response can be complete
  *                      (timerfd); needs --baud, --bits is 10 (8N1) by default
  *
  * It does what no gateway can leave out: read the socket, cut the stream into
@@ -78,7 +79,7 @@ static struct line lines[MAX_LINES];
 static struct listener listeners[MAX_LINES];
 static struct client clients[MAX_CLIENTS];
 static int n_lines, n_listeners, ep;
-static int64_t gap_ns;
+static int64_t gap_ns, char_ns;
 
 static void die(const char *what)
 {
@@ -113,6 +114,13 @@ static void wake_at(struct line *l, int64_t wait)
     timerfd_settime(l->timer, 0, &t, NULL);
 }
 
+static void look(struct line *l, uint32_t events)
+{
+    struct epoll_event e = { .events = events, .data.ptr = &l->bytes };
+    if (epoll_ctl(ep, EPOLL_CTL_MOD, l->fd, &e))
+        die("epoll_ctl");
+}
+
 /* Puts the oldest request on the line if the line is free and was quiet long enough. */
 static void start(struct line *l)
 {
@@ -128,6 +136,10 @@ static void start(struct line *l)
     l->n_in = 0;
     if (write(l->fd, r->frame, r->n) != (ssize_t)r->n)
         die("line");
+    if (gap_ns) {                 /* else each byte of the response would wake us */
+        look(l, 0);
+        wake_at(l, (int64_t)(r->n + response_size(r->frame)) * char_ns + gap_ns);
+    }
 }
 
 static void respond(const struct request *r, const uint8_t *pdu, size_t n)
@@ -143,7 +155,10 @@ static void on_quiet(void *self)
     struct line *l = self;
     uint64_t n;
     read(l->timer, &n, sizeof n);
-    start(l);
+    if (l->busy)
+        look(l, EPOLLIN);
+    else
+        start(l);
 }
 
 static void on_bytes(void *self)
@@ -321,8 +336,10 @@ int main(int argc, char **argv)
         fprintf(stderr, "usage: relay [--gap --baud N [--bits N]] TTY=PORT[:FROM-TO] ...\n");
         return 2;
     }
-    if (keep_gap)
-        gap_ns = baud > 19200 ? 1750000 : bits * 3500000000LL / baud;
+    if (keep_gap) {
+        char_ns = bits * 1000000000LL / baud;
+        gap_ns = baud > 19200 ? 1750000 : char_ns * 7 / 2;
+    }
     for (;;) {
         int n = epoll_wait(ep, ev, 64, -1);
         for (int i = 0; i < n; i++) {
