@@ -367,6 +367,7 @@ static void readable(struct port *p)
             p->spoiled = strict_ns && gap < strict_ns;
         }
         p->line_free = now > p->reply_end ? now : p->reply_end;
+        p->reply_end = 0;         /* only an answered request is followed by a gap */
     }
     if (p->line_free < now)
         p->line_free = now;
@@ -471,8 +472,6 @@ int main(int argc, char **argv)
         fds[i].fd = p->master;
         fds[i].events = POLLIN;
     }
-    printf("READY\n");
-    fflush(stdout);
     int64_t end = wire_now() + seconds * 1000000000LL;
     while (!stop) {
         int64_t now = wire_now(), next = end;

@@ -17,7 +17,8 @@
  *   --warmup S      seconds before the measurement (default 0.5)
  *   --seconds S     measured seconds (default 3)
  *   --timeout S     a request older than this is an error (default 5); the
- *                   connection is then closed and opened again
+ *                   connection is then closed and opened again. At the end as
+ *                   long is waited for what is still outstanding.
  *   --watch PID     add this process's CPU time and memory to the report
  *                   (may be repeated)
  *   --span N        addresses used are 0..N-1 (default 1000; 1 = always address 0)
@@ -32,7 +33,8 @@
  * unit, function and data.  One JSON line goes to stdout: `rate` is good answers
  * per measured second, `pace` the same between the first and the last of them
  * (no rounding to whole answers); ok_by and exceptions_by count by unit, known
- * as N * line + unit.
+ * as N * line + unit.  What goes wrong counts from the first request to the
+ * last answer, also outside the measured time.
  */
 #define _GNU_SOURCE
 #include "wire.h"
@@ -262,10 +264,8 @@ static double check(struct slot *s, unsigned unit, const uint8_t *pdu, size_t n)
     if (unit != s->unit) {
         n_bad_unit++;
     } else if (pdu[0] == (fc | 0x80) && n == 2) {
-        if (measuring) {
-            n_exc[pdu[1]]++;
-            exc_by[s->known]++;
-        }
+        n_exc[pdu[1]]++;
+        exc_by[s->known]++;
         return exc_think_ms > 0 ? exc_think_ms : think_ms;
     } else if (pdu[0] != fc || n != want + 2 || pdu[1] != want) {
         n_bad_frame++;
@@ -501,11 +501,19 @@ static void expire(int64_t now)
     for (int i = 0; i < n_conns; i++)
         for (int k = 0; k < pipeline_n; k++)
             if (conns[i].s[k].used && now - conns[i].s[k].t0 > (int64_t)(timeout_s * 1e9)) {
-                if (measuring)
-                    n_timeout++;
+                n_timeout++;
                 conn_reset(&conns[i]);
                 break;
             }
+}
+
+static int outstanding(void)
+{
+    int n = 0;
+    for (int i = 0; i < n_conns; i++)
+        for (int k = 0; k < pipeline_n; k++)
+            n += conns[i].s[k].used;
+    return n;
 }
 
 static void send_due(int64_t now)
@@ -548,7 +556,7 @@ static void turn(int64_t until)
         scanned = now;
         expire(now);
     }
-    if (thinks)
+    if (thinks && running)
         send_due(now);
     int ms = (int)((until - now) / 1000000);
     int r = epoll_wait(ep, ev, 256, thinks ? 1 : ms > 50 ? 50 : ms < 0 ? 0 : ms);
@@ -575,7 +583,9 @@ int main(int argc, char **argv)
     while (wire_now() < end)
         turn(end);
     struct snapshot last = take();
-    running = 0;
+    measuring = running = 0;
+    while (outstanding())         /* each is answered, or expires */
+        turn(wire_now() + 50000000);
     report(&first, &last);
     return 0;
 }

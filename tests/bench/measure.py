@@ -1,10 +1,9 @@
 """One run of one scenario, and its figures."""
 
 import json
+import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -18,6 +17,9 @@ SETTLING = 0.5
 
 Figures = dict[str, float]
 
+#: What must not be.
+FAULTS = ("wrong", "lost", "exceptions", "line_faults")
+
 
 def run(scenario: Scenario, tools: Path, between: str) -> Figures:
     """Measure `gateway` or `relay`, or `direct`, a client on the line itself.
@@ -25,10 +27,21 @@ def run(scenario: Scenario, tools: Path, between: str) -> Figures:
     Raises:
         BenchError: something has not started, or the load has not come to its end.
     """
-    with tempfile.TemporaryDirectory(prefix="bench.") as name, _devices(scenario, tools, Path(name)) as ttys:
-        if between == "direct":
-            return _figures(scenario, _load(scenario, programs.load_on_line(scenario, tools, ttys[0])))
-        return _run(scenario, tools, Path(name), ttys, between)
+    with tempfile.TemporaryDirectory(prefix="bench.") as name:
+        ttys = [Path(name) / f"tty{i}" for i in range(scenario.lines)]
+        command = programs.devices(scenario, tools, ttys)
+        simulator = programs.start(command, programs.processors()[0], stdout=-1)
+        try:
+            programs.wait_for_ports(ttys, simulator)
+            if between == "direct":
+                figures = _figures(scenario, _load(scenario, programs.load_on_line(scenario, tools, ttys[0])))
+            else:
+                figures = _run(scenario, tools, Path(name), ttys, between)
+        finally:
+            seen = programs.end(simulator)
+        if not seen:
+            raise BenchError("the simulated devices have not come to their end")
+        return figures | _line_figures(json.loads(seen))
 
 
 def _run(scenario: Scenario, tools: Path, folder: Path, ttys: list[Path], between: str) -> Figures:
@@ -54,24 +67,12 @@ def _run(scenario: Scenario, tools: Path, folder: Path, ttys: list[Path], betwee
     return figures
 
 
-@contextmanager
-def _devices(scenario: Scenario, tools: Path, folder: Path) -> Iterator[list[Path]]:
-    """Simulated lines; their ports."""
-    ttys = [folder / f"tty{i}" for i in range(scenario.lines)]
-    command = programs.devices(scenario, tools, ttys)
-    simulator = programs.start(command, programs.processors()[0], stdout=-1)
-    try:
-        if simulator.stdout.readline().strip() != "READY":
-            raise BenchError("the simulated devices did not start")
-        yield ttys
-    finally:
-        programs.end(simulator)
-
-
 def _load(scenario: Scenario, command: list[str | Path]) -> dict[str, Any]:
     generator = programs.start(command, programs.processors()[0], stdout=-1)
     try:
         output, _ = generator.communicate(timeout=scenario.warmup + scenario.seconds + 60)
+    except subprocess.TimeoutExpired as error:
+        raise BenchError("the load does not come to its end") from error
     finally:
         programs.end(generator)
     if generator.returncode:
@@ -91,8 +92,18 @@ def _figures(scenario: Scenario, counted: dict[str, Any]) -> Figures:
         "load": counted["gw_cpu_s"] / counted["seconds"],
         "memory": counted["gw_rss_kb"] / 1024,
         "wrong": sum(counted[kind] for kind in ("bad_tid", "bad_unit", "bad_data", "bad_frame", "stale")),
-        "lost": counted["timeouts"] + counted["closed"],
-        "exceptions": counted["exceptions"],
+        "lost": sum(counted[kind] for kind in ("timeouts", "closed", "conn_fail", "idle_closed"))
+        + (scenario.idle - counted["idle_ok"]),
+        "exceptions": sum(n for unit, n in counted["exceptions_by"].items() if scenario.lives(int(unit))),
+    }
+
+
+def _line_figures(seen: dict[str, Any]) -> Figures:
+    """What the simulated devices saw: `silence` is the mean one before a request, in t3.5."""
+    faults = ("gap_violations", "early", "merged", "crc_errors", "foreign")
+    return {
+        "silence": seen["mean_gap_us"] / seen["t35_us"] if seen["t35_us"] else 0.0,
+        "line_faults": sum(seen[kind] for kind in faults),
     }
 
 
@@ -103,7 +114,7 @@ def resident(process: int) -> int:
 
 
 def together(runs: list[Figures]) -> Figures:
-    """The median of each figure; the least processor time, because other work only adds to it; all wrong and lost."""
+    """The median of each figure; the least processor time, because other work only adds to it; all faults."""
     found = {name: median(each[name] for each in runs) for name in runs[0]}
     found["cpu"] = min(each["cpu"] for each in runs)
-    return found | {name: sum(each[name] for each in runs) for name in ("wrong", "lost")}
+    return found | {name: sum(each[name] for each in runs) for name in FAULTS}

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ HERE = Path(__file__).parent
 
 #: How long a program may take to start or to end, in seconds.
 PATIENCE = 20.0
+#: A request that is not answered within so many seconds is lost. Two may pass where a unit of the line is dead.
+ANSWER_WITHIN = 5.0
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -65,7 +68,7 @@ def end(program: subprocess.Popen) -> str:
 def devices(scenario: Scenario, tools: Path, ttys: list[Path]) -> list[str | Path]:
     """The command that simulates the lines."""
     words = ["--line-step", scenario.line_step, "--units", scenario.units, "--baud", scenario.baud, "--bits", 10]
-    if scenario.dead:
+    if scenario.dead is not None:
         words += ["--dead", scenario.dead]
     if scenario.dead_line is not None:
         words += ["--dead-port", scenario.dead_line]
@@ -88,7 +91,7 @@ def load_on_line(scenario: Scenario, tools: Path, tty: Path) -> list[str | Path]
 
 
 def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) -> list[str | Path]:
-    words = ["--line-step", scenario.line_step, *options, "--timeout", max(5.0, 16 * scenario.timeout / 1000)]
+    words = ["--line-step", scenario.line_step, *options, "--timeout", ANSWER_WITHIN]
     words += ["--count", scenario.count, "--think", scenario.think, "--exc-think", scenario.think_after_exception]
     words += ["--warmup", scenario.warmup, "--seconds", scenario.seconds]
     words += ["--sticky"] * scenario.sticky + ["--span", 1, "--fresh"] * scenario.same_read
@@ -155,12 +158,24 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
+def wait_for_ports(ttys: list[Path], program: subprocess.Popen) -> None:
+    """Wait until the simulated lines are there."""
+    _wait_until(ttys[-1].exists, program, "no simulated lines")
+
+
 def wait_for_listener(port: int, program: subprocess.Popen) -> None:
     """Wait until connections to `port` are taken."""
-    until = time.monotonic() + PATIENCE
-    while program.poll() is None and time.monotonic() < until:
+
+    def is_taken() -> bool:
         with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                return
+            return probe.connect_ex(("127.0.0.1", port)) == 0
+
+    _wait_until(is_taken, program, "nothing listens")
+
+
+def _wait_until(is_ready: Callable[[], bool], program: subprocess.Popen, otherwise: str) -> None:
+    until = time.monotonic() + PATIENCE
+    while not is_ready():
+        if program.poll() is not None or time.monotonic() > until:
+            raise BenchError(f"{otherwise}, status {program.poll()}")
         time.sleep(0.02)
-    raise BenchError(f"nothing listens, status {program.poll()}")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, kw_only=True)
 class Goal:
-    """A bound for one of the figures of `figures.py`, from above or from below."""
+    """A bound for one of the figures of `measure.py`, from above or from below."""
 
     figure: str
     most: float | None = None
@@ -32,8 +32,8 @@ class Scenario:
     baud: int = 0
     units: str = "1-8"
     count: int = 10
-    #: Units that never answer, and the line on which none does.
-    dead: str = ""
+    #: The unit that never answers, and the line on which none does.
+    dead: int | None = None
     dead_line: int | None = None
     #: Pause before a client's next request, and before that after an exception.
     think: float = 0.0
@@ -58,8 +58,19 @@ class Scenario:
 
     @property
     def alive(self) -> "Scenario":
-        """The same with living units: what a relay can be asked, which has no time-outs."""
-        return replace(self, dead="", warmup=0.5, seconds=10) if self.dead else self
+        """The same with nothing but living units: what a relay can be asked, which has no time-outs."""
+        lines, seconds = self._living_lines, min(10.0, self.seconds)
+        clients = self.clients * lines // self.lines
+        return replace(self, lines=lines, clients=clients, dead=None, dead_line=None, warmup=0.5, seconds=seconds)
+
+    def lives(self, known_as: int) -> bool:
+        """Whether the unit that clients ask for by this number answers."""
+        line, unit = divmod(known_as - 1, self.line_step)
+        return line != self.dead_line and unit + 1 != self.dead
+
+    @property
+    def _living_lines(self) -> int:
+        return self.lines - (self.dead_line is not None)
 
     @property
     def line_limit(self) -> float:
@@ -71,8 +82,7 @@ class Scenario:
             return 0.0
         character = 10 / self.baud
         silence = 0.00175 if self.baud > 19200 else 3.5 * character
-        alive = self.lines - (self.dead_line is not None)
-        return alive / ((8 + 5 + 2 * self.count) * character + 2 * silence)
+        return self._living_lines / ((8 + 5 + 2 * self.count) * character + 2 * silence)
 
 
 def _paced(baud: int) -> Scenario:
@@ -85,7 +95,7 @@ _ONE_DEAD = Scenario(
     clients=10,
     baud=19200,
     units="1-10",
-    dead="10",
+    dead=10,
     sticky=True,
     think_after_exception=20,
     timeout=1000,
