@@ -32,7 +32,9 @@ class LineDriver:
         self._border = Border(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
 
     def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction."""
+        """Take over a transaction. Bytes that nobody has read yet came before it: they are no answer to it."""
+        if not self.line.is_busy:
+            self._look()
         self._border.run(self.line.submit, transaction, now)
 
     def port_up(self, port: Port) -> None:
@@ -76,12 +78,11 @@ class LineDriver:
         return earliest(self.line.deadline(), self._look_at)
 
     def _tick(self) -> None:
-        if self._look_at is not None:
-            self._look()
+        self._look()
         self.line.tick(self._time())
 
     def _look(self) -> None:
-        """Take what has come since the port was paused, before anything is given up."""
+        """Take what has come, before anything is sent or given up."""
         self._look_at = None
         if self._border.port is not None:
             self._border.port.look()

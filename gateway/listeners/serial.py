@@ -58,4 +58,7 @@ class SerialListener:
         self._border.wake()
 
     def _tick(self) -> None:
+        """Before an answer goes out, hear what has come since: the client may not wait for it any more."""
+        if self._border.port is not None:
+            self._border.port.look()
         self.session.tick(self._time())

@@ -12,8 +12,8 @@ from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.threads import ThreadOfItsOwn
 
-#: More than the longest frame, and small enough for Python's own allocator.
-READ_SIZE: Final = 512
+#: As much as the system keeps of a terminal: nothing is left behind that came before a read.
+READ_SIZE: Final = 4096
 #: Bytes that may wait for a driver that takes none, beyond its own buffer. A line has one frame under way.
 WRITE_BOUND: Final = 16 * 1024
 #: How long a port that is closed may go on handing them over, in seconds.

@@ -18,8 +18,8 @@ LOOKING_UP_DEADLINE: Final = 1.5
 CONNECTING_DEADLINE: Final = 2.5
 #: How long at most nothing is believed after that, in seconds.
 LONGEST_SETTLING: Final = 0.5
-#: More than the longest frame.
-READ_SIZE: Final = 1024
+#: Much more than a line carries while nobody reads: nothing is left behind that came before a read.
+READ_SIZE: Final = 4096
 #: Bytes that may wait for a server that takes none, beyond the system's own buffers.
 WRITE_BOUND: Final = 16 * 1024
 #: How long a port that is closed may go on handing them over, in seconds.
@@ -118,7 +118,18 @@ class TcpPort(asyncio.BufferedProtocol):
         """Go on: a network delivers in pieces when it likes, and not byte by byte."""
 
     def look(self) -> None:
-        """Nothing has waited."""
+        """Hand over what the system has got. That the server has closed its end, asyncio tells."""
+        if self._transport.is_closing():
+            return
+        try:
+            data = os.read(self._descriptor, READ_SIZE)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._abort(self._gone(error))
+            return
+        if data and self._user is not None:
+            self._user.received(data)
 
     def change_baud(self, baud: int) -> None:
         """Say that this cannot be done from here: the rate of the line is a setting of the device server."""
@@ -137,6 +148,7 @@ class TcpPort(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The connection is there."""
         self._transport = cast("asyncio.Transport", transport)
+        self._descriptor = transport.get_extra_info("socket").fileno()
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the longest frame decides
         """Where asyncio receives into."""
@@ -155,10 +167,13 @@ class TcpPort(asyncio.BufferedProtocol):
         """The connection has ended; tell the user, once."""
         self._closed.set()
         if isinstance(exc, OSError):
-            self._loss = PortError(f"{self._name} is gone: {os.strerror(exc.errno or errno.EIO).lower()}")
+            self._loss = self._gone(exc)
         user, self._user = self._user, None
         if user is not None:
             user.lost(self._loss)
+
+    def _gone(self, error: OSError) -> PortError:
+        return PortError(f"{self._name} is gone: {os.strerror(error.errno or errno.EIO).lower()}")
 
     def _abort(self, loss: PortError) -> None:
         self._loss = loss

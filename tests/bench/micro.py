@@ -87,6 +87,9 @@ class Table:
     def write(self, data: bytes) -> None:
         """The line."""
 
+    def look(self) -> None:
+        """Nothing stands unread."""
+
     def send(self, data: bytes) -> None:
         """The client."""
         self._sent = data

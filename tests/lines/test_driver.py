@@ -1,6 +1,7 @@
 """A line on the clock and a port: it wakes by itself, and a defect in it stays in it."""
 
 import asyncio
+from collections.abc import Callable
 
 import pytest
 
@@ -19,7 +20,14 @@ class FakePort:
 
     def __init__(self) -> None:
         self.written: list[str] = []
+        self.unread = ""
+        self.received: Callable[[bytes], None]
         self.closed = False
+
+    def look(self) -> None:
+        data, self.unread = self.unread, ""
+        if data:
+            self.received(bytes.fromhex(data))
 
     def write(self, data: bytes) -> None:
         self.written.append(data.hex(" ").upper())
@@ -41,6 +49,7 @@ class Driven:
         self.rates: list[int] = []
         self.driver = LineDriver(self.line, self.loop, self.events.append, self.rates.append)
         self.port = FakePort()
+        self.port.received = self.driver.received
         self.driver.port_up(self.port)
         self.client = Asker()
         self.device = Device(Bench().device().settings, self.driver)
@@ -57,6 +66,52 @@ async def test_it_waits_for_the_silence_and_sends() -> None:
     assert driven.port.written == [READ_FRAME]
     driven.driver.received(bytes.fromhex(RESPONSE_FRAME))
     assert driven.client.answers == [RESPONSE]
+    driven.driver.close()
+
+
+async def test_what_stood_unread_when_an_idle_line_was_asked_is_no_answer_and_silence_follows_it() -> None:
+    driven = Driven()
+    await asyncio.sleep(1.0)
+    driven.port.unread = RESPONSE_FRAME
+    driven.ask()
+    assert driven.port.written == []
+    await asyncio.sleep(SETTINGS.silence_before_request)
+    assert driven.port.written == [READ_FRAME]
+    assert driven.client.answers == []
+    driven.driver.close()
+
+
+async def test_what_stands_unread_when_a_silence_has_passed_begins_another_one() -> None:
+    driven = Driven()
+    await asyncio.sleep(1.0)
+    driven.driver.received(b"\x00")
+    driven.ask()
+    driven.port.unread = RESPONSE_FRAME
+    await asyncio.sleep(1.5 * SETTINGS.silence_before_request)
+    assert driven.port.written == []
+    await asyncio.sleep(0.5 * SETTINGS.silence_before_request)
+    assert driven.port.written == [READ_FRAME]
+    assert driven.client.answers == []
+    driven.driver.close()
+
+
+async def test_an_answer_that_stands_unread_when_the_limit_passes_is_in_time() -> None:
+    driven = Driven()
+    driven.ask()
+    await asyncio.sleep(0.1)
+    driven.port.unread = RESPONSE_FRAME
+    await asyncio.sleep(0.3)
+    assert driven.client.answers == [RESPONSE]
+    driven.driver.close()
+
+
+async def test_while_a_request_is_on_the_line_nobody_looks_for_the_next_one() -> None:
+    driven = Driven()
+    driven.ask()
+    await asyncio.sleep(0.1)
+    driven.port.unread = RESPONSE_FRAME
+    driven.ask("03 00 10 00 02")
+    assert driven.port.unread
     driven.driver.close()
 
 

@@ -1,6 +1,7 @@
 """A server line on the clock and a port: it wakes by itself, and a defect in it stays in it."""
 
 import asyncio
+from collections.abc import Callable
 
 from gateway.errors import PortError
 from gateway.events import Event, PartFailed
@@ -20,7 +21,14 @@ class FakePort:
 
     def __init__(self) -> None:
         self.written: list[bytes] = []
+        self.unread = b""
+        self.received: Callable[[bytes], None]
         self.closed = False
+
+    def look(self) -> None:
+        data, self.unread = self.unread, b""
+        if data:
+            self.received(data)
 
     def write(self, data: bytes) -> None:
         self.written.append(data)
@@ -38,6 +46,7 @@ class Driven:
         settings = ServerSettings("panel", RTU, frozenset({41}))
         self.listener = SerialListener(settings, self, asyncio.get_running_loop(), self.events.append)
         self.port = FakePort()
+        self.port.received = self.listener.received
         self.listener.port_up(self.port)
 
     def submit(self, request: Request, now: float) -> None:
@@ -62,6 +71,30 @@ async def test_an_answer_that_comes_later_goes_out_at_once() -> None:
     await asyncio.sleep(0.1)
     driven.requests[0].respond(RESPONSE)
     assert driven.port.written == [encode(41, RESPONSE)]
+    driven.listener.close()
+
+
+async def test_an_answer_is_dropped_when_the_next_request_stands_unread() -> None:
+    driven = Driven()
+    driven.listener.received(READ)
+    await asyncio.sleep(0.1)
+    driven.port.unread = encode(41, bytes.fromhex("03 0063 0001"))
+    driven.requests[0].respond(RESPONSE)
+    await asyncio.sleep(0.1)
+    assert driven.port.written == []
+    driven.requests[1].respond(bytes.fromhex("03 02 0007"))
+    assert driven.port.written == [encode(41, bytes.fromhex("03 02 0007"))]
+    driven.listener.close()
+
+
+async def test_an_answer_that_waits_for_the_silence_is_dropped_when_the_next_request_stands_unread() -> None:
+    driven = Driven()
+    driven.listener.received(READ)
+    driven.requests[0].respond(RESPONSE)
+    driven.port.unread = encode(41, bytes.fromhex("03 0063 0001"))
+    await asyncio.sleep(0.1)
+    assert driven.port.written == []
+    assert len(driven.requests) == 2
     driven.listener.close()
 
 

@@ -1,6 +1,7 @@
 """Device servers: a TCP connection as a port, and a whole gateway in front of ser2net, in real time."""
 
 import asyncio
+import select
 import shutil
 import socket
 import struct
@@ -231,7 +232,40 @@ async def test_a_server_that_serves_somebody_else_is_told_apart(server, user):
     assert (user.heard, user.losses) == (b"", [])
 
 
+async def test_who_looks_hears_at_once_what_has_come(server, user):
+    async with connected(server, user) as (port, far_end):
+        port.look()
+        assert (user.heard, user.losses) == (b"", [])
+        far_end.send(b"answer")
+        select.select([port._descriptor], [], [], PATIENCE)
+        port.look()
+        assert user.heard == b"answer"
+        far_end.send(b" and more")
+        await until(lambda: user.heard == b"answer and more")
+
+
 # --- losing the connection ---
+
+
+async def test_who_looks_at_an_ended_connection_hears_nothing_and_it_is_lost_once(server, user):
+    async with connected(server, user) as (port, far_end):
+        far_end.close()
+        select.select([port._descriptor], [], [], PATIENCE)
+        port.look()
+        await until(lambda: user.losses)
+        port.look()
+    assert [loss.partition(" ")[2] for loss in user.losses] == ["has closed the connection"]
+    assert user.heard == b""
+
+
+async def test_a_reset_is_noticed_by_who_looks(server, user):
+    async with connected(server, user) as (port, far_end):
+        far_end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        far_end.close()
+        select.select([port._descriptor], [], [], PATIENCE)
+        port.look()
+        await until(lambda: user.losses)
+    assert [loss.partition(" ")[2] for loss in user.losses] == ["is gone: connection reset by peer"]
 
 
 async def test_the_end_of_the_stream_is_a_loss(server, user):

@@ -96,6 +96,14 @@ async def until(condition, within=5.0):
     return time.monotonic() - started
 
 
+def arrived(port, size):
+    """Wait, while the loop stands still, until so much can be read."""
+    deadline = time.monotonic() + 5
+    while port.serial.in_waiting < size:
+        assert time.monotonic() < deadline, "not within the time"
+        time.sleep(0.001)
+
+
 def descriptors():
     return sorted(Path("/proc/self/fd").iterdir())
 
@@ -149,6 +157,15 @@ async def test_a_paused_port_hands_over_nothing_until_somebody_looks(virtual, us
         assert user.heard == b"12"
         virtual.write(b"3")
         await until(lambda: user.heard == b"123")
+
+
+async def test_who_looks_hears_all_that_has_come(virtual, user):
+    async with opened(virtual.path, user) as port:
+        virtual.write(bytes(2000))
+        virtual.write(bytes(1000))
+        arrived(port, 3000)
+        port.look()
+        assert len(user.heard) == 3000
 
 
 async def test_who_looks_at_a_port_with_nothing_to_read_hears_nothing(virtual, user):
