@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
+    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gateway.errors import NotModbus, RequestError
 from gateway.modbus import ascii as ascii_framing

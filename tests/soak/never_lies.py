@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
+    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gateway.events import PartFailed
 from gateway.lines.transaction import Transaction
