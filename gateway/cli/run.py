@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import faulthandler
 import signal
 import sys
 from contextlib import closing
@@ -43,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
         ListenError: a listener's address cannot be used.
         StateError: what was remembered cannot be read.
     """
+    if sys.stderr is not None:
+        faulthandler.enable()  # what it did when a watchdog ended it
     file = Path(args.config)
     loaded = load(file)
     if loaded.config is None:
@@ -96,7 +99,7 @@ async def _run(plan: Plan, file: Path, control: Path, memory: Memory, store: Sto
 
 def _hang_up(reloader: Reloader, stop: Stop) -> None:
     """SIGHUP: a terminal that was closed ends what runs in it; a daemon is asked to read its config again."""
-    if sys.stderr.isatty():
+    if sys.stderr is not None and sys.stderr.isatty():
         stop.order("SIGHUP")
     else:
         reloader.order()

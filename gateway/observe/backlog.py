@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from threading import Condition
 from typing import Final
 
-from gateway.events import Level, WriteAudit
+from gateway.events import Level
 
 #: Entries that may wait. Those that no limit applies to may go on from there, so that whoever causes many others cannot
 #: make a write go untold.
@@ -18,7 +18,10 @@ _TAKES_AGAIN: Final = MOST_WAITING // 2
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Something to be logged. `at` is for comparing times, `clock` is the time of day (POSIX); both in seconds."""
+    """Something to be logged. `at` is for comparing times, `clock` is the time of day (POSIX); both in seconds.
+
+    It tells of so many `events`, of which so many are `write_audits`.
+    """
 
     at: float
     clock: float
@@ -27,19 +30,38 @@ class Entry:
     fields: Mapping[str, object]
     #: Whether few such lines a second will do.
     is_limited: bool = True
+    events: int = 1
+    write_audits: int = 0
+
+
+@dataclass(slots=True)
+class Missing:
+    """Events that the log lacks; so many of them were `write_audits`."""
+
+    events: int = 0
+    write_audits: int = 0
+
+    def add(self, entry: Entry) -> None:
+        """Count those of an entry that will not be written."""
+        self.events += entry.events
+        self.write_audits += entry.write_audits
+
+    def note(self, at: float, clock: float) -> Entry:
+        """The entry that tells of them: `events_dropped`."""
+        fields = {"dropped": self.events, "write_audits": self.write_audits}
+        return Entry(at, clock, Level.WARNING, "events_dropped", fields, False, self.events, self.write_audits)
 
 
 class Backlog:
     """Entries in the order in which they came. Any thread may put, one thread takes.
 
     When it is full, entries are dropped and counted until half of it has been taken. Then the count follows, in the
-    place of those that are missing, as the entry `events_dropped`; `write_audits` of them were accounts of writes.
+    place of those that are missing.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[Entry] = deque()
-        self._dropped = 0
-        self._dropped_audits = 0
+        self._missing = Missing()
         self._closed = False
         # Reentrant: the garbage collector may let asyncio complain in the middle of `put`.
         self._changed = Condition()
@@ -51,8 +73,7 @@ class Backlog:
                 self._waiting.append(entry)
                 self._changed.notify()
             else:
-                self._dropped += 1
-                self._dropped_audits += entry.name == WriteAudit.name
+                self._missing.add(entry)
 
     def take(self, patience: float | None = None) -> Entry | None:
         """The next entry; None when there was none for so many seconds (None: for ever), or no other will come."""
@@ -61,16 +82,14 @@ class Backlog:
             if not self._waiting:
                 return None
             entry = self._waiting.popleft()
-            if self._dropped and len(self._waiting) <= _TAKES_AGAIN:
-                dropped = {"dropped": self._dropped, "write_audits": self._dropped_audits}
-                note = Entry(entry.at, entry.clock, Level.WARNING, "events_dropped", dropped, is_limited=False)
-                self._waiting.append(note)
-                self._dropped = self._dropped_audits = 0
+            if self._missing.events and len(self._waiting) <= _TAKES_AGAIN:
+                self._waiting.append(self._missing.note(entry.at, entry.clock))
+                self._missing = Missing()
             return entry
 
     def _has_room(self, entry: Entry) -> bool:
         if entry.is_limited:
-            return not self._dropped and len(self._waiting) < MOST_WAITING
+            return not self._missing.events and len(self._waiting) < MOST_WAITING
         return len(self._waiting) < MOST_UNLIMITED
 
     def close(self) -> None:

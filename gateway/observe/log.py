@@ -8,14 +8,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
+from gateway.errors import AccessDenied, NoRoute
 from gateway.events import Emit, Event, Level, WriteAudit
 from gateway.observe.backlog import Entry
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
 from gateway.observe.writer import StandardError, Stream, Writer
 
 LogFormat = Literal["auto", "console", "json", "journald"]
+
+#: Results of writes that need no right: one who may only read could fill the log with them.
+_ANYBODY_CAUSES: Final = (AccessDenied.result, NoRoute.result)
 
 
 @contextmanager
@@ -27,16 +31,17 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     the journal, else `console`. What libraries log through Python's `logging` is written in the same way, from warnings
     on.
 
-    The log never does harm: a thread writes it, at most ten lines a second about the same (WriteAudit and errors of the
-    service excepted), one in ten seconds about clients of one address that are sent away, one a minute about what goes
-    on for longer than that, and what cannot be written is given up silently.
+    The log never does harm: a thread writes it, at most ten lines a second about the same, a hundred about writes that
+    are refused for want of a right or a unit, one in ten seconds about clients of one address that are sent away, one a
+    minute about what goes on for longer than that. Other accounts of writes and errors of the service are not limited.
+    What cannot be written is counted.
     """
     least = Level[level.upper()]
     writer = Writer(_sink(log_format, stream))
 
     def emit(event: Event) -> None:
         if event.level >= least:
-            writer.put(_entry(event.level, event.name, event.fields(), is_limited=_is_limited(event)))
+            writer.put(_entry(event))
 
     root = logging.getLogger()
     before = root.handlers
@@ -59,13 +64,16 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
     return lambda entry: stream.write(render(entry))
 
 
+def _entry(event: Event) -> Entry:
+    at, clock, audits = time.monotonic(), time.time(), int(isinstance(event, WriteAudit))
+    return Entry(at, clock, event.level, event.name, event.fields(), _is_limited(event), write_audits=audits)
+
+
 def _is_limited(event: Event) -> bool:
-    """Errors are rare, and somebody may have to account for each write."""
-    return event.level < Level.ERROR and not isinstance(event, WriteAudit)
-
-
-def _entry(level: int, name: str, fields: dict[str, object], *, is_limited: bool = True) -> Entry:
-    return Entry(time.monotonic(), time.time(), level, name, fields, is_limited)
+    """Errors are rare, and somebody may have to account for each write, except those that anybody may have refused."""
+    if isinstance(event, WriteAudit):
+        return event.result in _ANYBODY_CAUSES
+    return event.level < Level.ERROR
 
 
 class _FromLibraries(logging.Handler):
@@ -77,7 +85,8 @@ class _FromLibraries(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Log one record; its text is the field `message`."""
-        self._writer.put(_entry(record.levelno, record.name, {"message": record.getMessage()}))
+        fields = {"message": record.getMessage()}
+        self._writer.put(Entry(time.monotonic(), time.time(), record.levelno, record.name, fields))
 
 
 def _as_json(entry: Entry) -> str:

@@ -3,18 +3,17 @@
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import inf
 from threading import Thread
 from typing import Final, Protocol
 
-from gateway.observe.backlog import Backlog, Entry
+from gateway.events import ClientRejected, WriteAudit
+from gateway.observe.backlog import Backlog, Entry, Missing
 from gateway.observe.limiter import Limiter, Subject, subject_of
 
 #: How long a gateway that ends waits for its log to be read, in seconds.
 CLOSING_PATIENCE: Final = 0.5
-#: Any stranger on the network can cause this event as often as it likes: one line in ten seconds about each.
-_STRANGERS_CAUSE: Final = "client_rejected"
 
 
 class Stream(Protocol):
@@ -50,13 +49,17 @@ class StandardError:
 class Writer:
     """Has entries written by `write`, each subject as often as its limiter allows.
 
-    `write` may take as long as it likes. What it cannot write (OSError, ValueError) is given up silently.
+    `write` may take as long as it likes. What it cannot write (OSError, ValueError) is given up and counted; the count
+    is written as soon as that is possible again, before what comes next.
     """
 
     def __init__(self, write: Callable[[Entry], object]) -> None:
         self._write_one = write
-        self._usual, self._strangers = Limiter(), Limiter(lines=1, seconds=10.0)
+        self._usual = Limiter()
+        # Any stranger can have itself sent away, and have writes refused, as often as it likes.
+        self._special = {ClientRejected.name: Limiter(lines=1, seconds=10.0), WriteAudit.name: Limiter(lines=100)}
         self._backlog = Backlog()
+        self._missing = Missing()
         # A daemon, because a write that hangs must not keep the process from ending.
         self._thread = Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
@@ -79,24 +82,31 @@ class Writer:
         self._write_counts(inf)
 
     def _until_next_count(self) -> float | None:
-        due = [each.next_due for each in (self._usual, self._strangers) if each.next_due is not None]
+        due = [each.next_due for each in self._limiters() if each.next_due is not None]
         return max(0.0, min(due) - time.monotonic()) if due else None
 
+    def _limiters(self) -> Iterable[Limiter]:
+        return (self._usual, *self._special.values())
+
     def _admits(self, entry: Entry) -> bool:
-        limiter = self._strangers if entry.name == _STRANGERS_CAUSE else self._usual
+        limiter = self._special.get(entry.name, self._usual)
         return not entry.is_limited or limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
 
     def _write_counts(self, now: float) -> None:
-        for subject, count in [*self._usual.due(now), *self._strangers.due(now)]:
+        for subject, count in [due for limiter in self._limiters() for due in limiter.due(now)]:
             self._write(_count(subject, count))
 
     def _write(self, entry: Entry) -> None:
         try:
+            if self._missing.events:
+                self._write_one(self._missing.note(entry.at, entry.clock))
+                self._missing = Missing()
             self._write_one(entry)
         except (OSError, ValueError):
-            return
+            self._missing.add(entry)
 
 
 def _count(subject: Subject, count: int) -> Entry:
     fields = {**dict(subject.key), "suppressed": count}
-    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields)
+    audits = count if subject.name == WriteAudit.name else 0
+    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields, events=count, write_audits=audits)

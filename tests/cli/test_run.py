@@ -6,6 +6,8 @@ import os
 import signal
 import socket
 import subprocess
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,21 @@ from kit.process import COMMAND, PATIENCE
 def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as server:
         return server.getsockname()[1]
+
+
+def can_connect(port: int) -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE).close()
+    except OSError:
+        return False
+    return True
+
+
+def until(is_so: Callable[[], bool], otherwise: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < end, otherwise
+        time.sleep(0.05)
 
 
 def exchange(port: int) -> bytes:
@@ -42,6 +59,21 @@ def test_a_log_that_nobody_reads_stops_neither_the_gateway_nor_its_end(tmp_path:
                 assert exchange(free_port).hex() == "000100000005c8030200" + "00", turn
             process.send_signal(signal.SIGTERM)
             assert process.wait(PATIENCE) == 0
+        finally:
+            process.kill()
+
+
+def test_it_reads_its_config_again_though_nobody_can_hear_of_it(tmp_path: Path, free_port: int) -> None:
+    config, text = tmp_path / "gateway.toml", f'[[listen]]\nbind = "tcp://127.0.0.1:{free_port}"\n'
+    config.write_text(f"{text}[[image]]\nunit = 7\nholding = 1\n")
+    without_stderr = ["sh", "-c", 'exec "$@" 2>&-', "sh", *COMMAND]
+    environment = {**os.environ, "STATE_DIRECTORY": str(tmp_path), "RUNTIME_DIRECTORY": str(tmp_path)}
+    with subprocess.Popen([*without_stderr, "run", str(config)], env=environment) as process:
+        try:
+            until(lambda: can_connect(free_port), "it does not start")
+            config.write_text(f"{text}[[image]]\nunit = 200\nholding = 1\n")
+            process.send_signal(signal.SIGHUP)
+            until(lambda: exchange(free_port)[7] == 3, "unit 200 does not answer")
         finally:
             process.kill()
 

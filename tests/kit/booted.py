@@ -15,7 +15,9 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from fcntl import ioctl
 from pathlib import Path
+from struct import Struct
 from typing import Any
 
 import gateway
@@ -28,9 +30,9 @@ SOCKET = "modbus-gateway.socket"
 
 _CODE = "/opt/modbus-gateway"
 _LIBRARIES = "/opt/libraries"
-_COMMAND = f"""#!/bin/sh
-PYTHONPATH={_CODE}:{_LIBRARIES} exec /usr/bin/python3 -m gateway.cli.main "$@"
-"""
+#: What the Debian package starts, and where it looks there.
+_LAUNCHER = Path(__file__).parents[2] / "deploy/debian/launcher/modbus-gateway"
+_PACKAGED = 'sys.path.insert(0, "/usr/lib/modbus-gateway")'
 #: Goes into control groups and then runs a command, which ends when we do: GROUP... -- COMMAND.
 _JOIN = """
 set -e
@@ -41,6 +43,8 @@ exec setpriv --pdeathsig TERM "$@"
 #: Where control groups are mounted, by their name in /proc/PID/cgroup; the first of them that is there.
 _HIERARCHIES = {"": ("unified", ""), "name=systemd": ("systemd",)}
 _CLONE_NEWNET = 0x40000000
+_SIOCSIFADDR = 0x8916
+_IFREQ = Struct("16sHH4s16x")
 
 
 def why_not() -> str:
@@ -117,6 +121,11 @@ class BootedSystem:
             inside = thread.submit(made).result()
         inside.settimeout(PATIENCE)
         return inside
+
+    def add_address(self, address: str) -> None:
+        """Give it another IPv4 address on its network: netdevice(7)."""
+        with self.open_socket() as inside:
+            ioctl(inside, _SIOCSIFADDR, _IFREQ.pack(b"lo:1", socket.AF_INET, 0, socket.inet_aton(address)))
 
     def log(self, *matches: str) -> list[dict[str, Any]]:
         """The journal's entries about the service since `forget_log`; those with `MODBUS_UNIT=46`."""
@@ -212,7 +221,9 @@ def _started(nspawn: subprocess.Popen[bytes], console: str) -> BootedSystem:
 
 
 def _installed(system: BootedSystem) -> BootedSystem:
-    system.write("/usr/bin/modbus-gateway", _COMMAND)
+    launcher = _LAUNCHER.read_text()
+    assert _PACKAGED in launcher
+    system.write("/usr/bin/modbus-gateway", launcher.replace(_PACKAGED, f"sys.path[:0] = {[_CODE, _LIBRARIES]}"))
     (system.root / "usr/bin/modbus-gateway").chmod(0o755)
     for unit in UNITS.iterdir():
         system.write(f"/etc/systemd/system/{unit.name}", unit.read_text())

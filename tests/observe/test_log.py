@@ -1,5 +1,6 @@
 """How events look in the log, and that a log never does harm."""
 
+import errno
 import io
 import json
 import logging
@@ -17,6 +18,7 @@ from gateway.events import (
     LineLost,
     Ready,
     RequestTimeout,
+    WriteAudit,
 )
 from gateway.observe.backlog import MOST_WAITING
 from gateway.observe.log import open_log
@@ -38,6 +40,29 @@ class SlowStream(io.StringIO):
         self.asked.set()
         assert self.released.wait(PATIENCE)
         return super().write(text)
+
+
+class FullDisk(io.StringIO):
+    """Takes no line with this text until it `has_room`. `refused` once it has refused so many."""
+
+    def __init__(self, count: int, text: str = "") -> None:
+        super().__init__()
+        self._left = count
+        self._text = text
+        self.refused = Event()
+        self.has_room = False
+
+    def write(self, text: str) -> int:
+        if self.has_room or self._text not in text:
+            return super().write(text)
+        self._left -= 1
+        if not self._left:
+            self.refused.set()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def written(register: int, result: str = "ok", client: str = "10.0.0.9:1") -> WriteAudit:
+    return WriteAudit(client, "scada", 1, 6, register, 1, result, "", 1.0)
 
 
 def logged(stream: io.StringIO) -> list[dict[str, object]]:
@@ -125,6 +150,32 @@ def test_a_log_that_cannot_be_written_is_given_up() -> None:
         emit(LOST)
 
 
+def test_what_a_full_disk_did_not_take_is_told_as_soon_as_it_has_room() -> None:
+    stream = FullDisk(61)
+    with open_log("info", "json", stream) as emit:
+        for register in range(60):
+            emit(written(register))
+        emit(LOST)
+        assert stream.refused.wait(PATIENCE)
+        stream.has_room = True
+        emit(written(60))
+    note, last = logged(stream)
+    assert (note["event"], note["dropped"], note["write_audits"]) == ("events_dropped", 61, 60)
+    assert (last["event"], last["address"]) == ("write_audit", 60)
+
+
+def test_a_count_that_a_full_disk_did_not_take_is_told_too() -> None:
+    stream = FullDisk(1, "suppressed")
+    with open_log("info", "json", stream) as emit:
+        for register in range(150):
+            emit(written(register, "denied"))
+        assert stream.refused.wait(PATIENCE)
+        emit(LOST)
+    *_, note, lost = logged(stream)
+    assert (note["event"], note["dropped"], note["write_audits"]) == ("events_dropped", 50, 50)
+    assert lost["event"] == "line_lost"
+
+
 def test_a_log_that_nobody_reads_stops_nobody_and_says_later_what_is_missing() -> None:
     stream = SlowStream()
     with open_log("info", "json", stream) as emit:
@@ -171,6 +222,37 @@ def test_clients_that_are_sent_away_are_worth_one_line_for_each_address() -> Non
     assert [(line["client"], line.get("suppressed")) for line in logged(stream)] == [
         ("10.0.0.9:0", None), ("10.0.0.7:1", None), ("10.0.0.9", 99),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("result", ["denied", "no_route"])
+def test_of_writes_that_anybody_may_have_refused_a_hundred_are_told_in_a_second_and_the_rest_counted(
+    result: str,
+) -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for port in range(150):
+            emit(written(0, result, f"10.0.0.9:{port}"))
+        emit(written(0, result, "10.0.0.7:1"))
+    *told, other, count = logged(stream)
+    assert [line["client"] for line in told] == [f"10.0.0.9:{port}" for port in range(100)]
+    assert other["client"] == "10.0.0.7:1"
+    assert (count["client"], count["unit"], count["result"], count["suppressed"]) == ("10.0.0.9", 1, result, 50)
+
+
+def test_refused_writes_however_many_leave_room_for_those_that_were_carried_out() -> None:
+    stream = SlowStream()
+    with open_log("info", "json", stream) as emit:
+        emit(LOST)
+        assert stream.asked.wait(PATIENCE)
+        for register in range(3 * MOST_WAITING):
+            emit(written(register, "denied"))
+        for register in range(300):
+            emit(written(register))
+        stream.released.set()
+    lines = logged(stream)
+    assert [line["address"] for line in lines if line.get("result") == "ok"] == [*range(300)]
+    (note,) = (line for line in lines if line["event"] == "events_dropped")
+    assert (note["dropped"], note["write_audits"]) == (2 * MOST_WAITING, 2 * MOST_WAITING)
 
 
 def test_the_count_comes_though_nothing_else_happens() -> None:

@@ -167,6 +167,31 @@ def test_the_watchdog_restarts_it_when_it_hangs(system: BootedSystem) -> None:
     assert any("most recent call first" in message for message in messages)
 
 
+def test_the_journal_drops_nothing_of_what_it_is_told(system: BootedSystem) -> None:
+    """Though others on this machine are held to so much less."""
+    system.write("/run/systemd/journald.conf.d/test.conf", "[Journal]\nRateLimitIntervalSec=30s\nRateLimitBurst=10\n")
+    system.done("systemctl", "restart", "systemd-journald.service")
+    try:
+        start(system)
+        with system.connect() as client:
+            for number in range(1000):
+                write = bytes.fromhex(f"0001 0000 0006 C8 06 0000 {number:04X}")
+                assert asked(client, write) == write
+        until(lambda: len(system.log("MODBUS_EVENT=write_audit")) == 1000, system.status)
+    finally:
+        system.done("rm", "/run/systemd/journald.conf.d/test.conf")
+        system.done("systemctl", "restart", "systemd-journald.service")
+
+
+def test_it_starts_at_an_address_that_is_not_there_yet(system: BootedSystem) -> None:
+    system.override(SOCKET, "[Socket]\nListenStream=\nListenStream=10.2.0.1:502\n")
+    system.write(FILE, CONFIG.replace("[::]", "10.2.0.1"))
+    start(system)
+    system.add_address("10.2.0.1")
+    with system.connect("10.2.0.1") as client:
+        assert asked(client) == RIGHT
+
+
 def test_a_bad_file_is_tried_again_every_few_seconds(system: BootedSystem) -> None:
     system.write(FILE, "[[line]]\n")
     assert system.run("systemctl", "start", SERVICE).returncode != 0
