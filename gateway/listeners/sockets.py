@@ -52,9 +52,13 @@ class OpenSockets:
         self._leaving = tuple(leaving)
         self._gave_way: list[socket.socket] = []
 
-    def take(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
-        """A copy of the socket at this address, if there is one; the original stays open."""
-        for sock in (*self.all, *self._leaving):
+    def take(self, kind: int, address: tuple[Any, ...], *, ipv6_only: bool) -> socket.socket | None:
+        """A copy of the socket at this address, if there is one; the original stays open.
+
+        Whether one of systemd's takes IPv4 too is settled by its BindIPv6Only=.
+        """
+        leaving = (sock for sock in self._leaving if _is_ipv6_only(sock) == ipv6_only)
+        for sock in (*self.all, *leaving):
             if (sock.type, sock.getsockname()[:2]) == (kind, address[:2]):
                 return sock.dup()
         return None
@@ -200,22 +204,27 @@ def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, *, ipv6_only: b
     with ExitStack() as on_error:
         sockets = []
         for family, kind, protocol, _, address in addresses:
-            taken = ready.take(kind, address)
+            without_ipv4 = family == socket.AF_INET6 and (ipv6_only or address[0] != _EVERY_ADDRESS)
+            taken = ready.take(kind, address, ipv6_only=without_ipv4)
             sock = on_error.enter_context(taken or socket.socket(family, kind, protocol))
             _set_options(sock)
             if taken is None:
-                _set_scope(sock, address, ipv6_only=ipv6_only)
+                _set_scope(sock, ipv6_only=without_ipv4)
                 ready.bind(sock, address)
             sockets.append(sock)
         on_error.pop_all()
     return sockets
 
 
-def _set_scope(sock: socket.socket, address: tuple[Any, ...], *, ipv6_only: bool) -> None:
+def _set_scope(sock: socket.socket, *, ipv6_only: bool) -> None:
     """What else may have the port: connections that have ended, and IPv4 beside IPv6."""
     _let_share(sock, is_shared=sock.type == socket.SOCK_STREAM)
     if sock.family == socket.AF_INET6:
-        sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, ipv6_only or address[0] != _EVERY_ADDRESS)
+        sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, ipv6_only)
+
+
+def _is_ipv6_only(sock: socket.socket) -> bool:
+    return sock.family == socket.AF_INET6 and bool(sock.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY))
 
 
 @contextmanager

@@ -60,27 +60,27 @@ class Street:
 
     def __init__(self, stack: ExitStack, kind: socket.SocketKind, port: int) -> None:
         self._stack = stack
-        self._kind = kind
+        self.kind = kind
         self._port = port
 
     async def bound(self, host: str, ready: OpenSockets | None = None) -> socket.socket:
-        settings = ListenSettings("scada", host, self._port, scheme="udp" if self._kind == UDP else "tcp")
-        (door,) = doors(settings, await addresses(settings, self._kind), ready)
+        settings = ListenSettings("scada", host, self._port, scheme="udp" if self.kind == UDP else "tcp")
+        (door,) = doors(settings, await addresses(settings, self.kind), ready)
         return self._stack.enter_context(door)
 
     async def open(self, host: str, ready: OpenSockets | None = None) -> socket.socket:
         door = await self.bound(host, ready)
-        if self._kind == TCP:
+        if self.kind == TCP:
             door.listen()
         return door
 
     def leads_to(self, door: socket.socket) -> bool:
         """Whether who comes to 127.0.0.1 comes to this door."""
         door.settimeout(PATIENCE)
-        with socket.socket(type=self._kind) as client:
+        with socket.socket(type=self.kind) as client:
             client.settimeout(PATIENCE)
             client.connect(("127.0.0.1", self._port))
-            if self._kind == TCP:
+            if self.kind == TCP:
                 with door.accept()[0] as taken:
                     return taken.getpeername()[1] == client.getsockname()[1]
             client.send(b"?")
@@ -88,7 +88,7 @@ class Street:
 
     def has_room_for_another(self, host: str) -> bool:
         """Whether another program could take from what comes to the port."""
-        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, self._kind) as other:
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, self.kind) as other:
             other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 other.bind((host, self._port))
@@ -135,6 +135,14 @@ async def test_a_door_of_systemd_gives_way_to_nobody(street: Street, port: int) 
     assert street.leads_to(door)
 
 
+@ipv6
+async def test_systemd_settles_whether_a_door_of_its_own_takes_ipv4(street: Street, port: int) -> None:
+    with socket.socket(socket.AF_INET6, street.kind) as door:
+        door.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        door.bind(("::", port))
+        assert (await street.bound("::", OpenSockets([door]))).getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY)
+
+
 def config(*binds: str, unit: int = 200) -> str:
     listeners = "".join(f'[[listen]]\nname = "{number}"\nbind = "{bind}"\n' for number, bind in enumerate(binds))
     return f"{listeners}[[image]]\nunit = {unit}\nholding = 10\n"
@@ -154,10 +162,10 @@ class Moving:
         return command("reload", "--control", str(self._control)).stdout
 
 
-def answer(port: int, kind: socket.SocketKind) -> bytes:
-    with socket.socket(type=kind) as client:
+def answer(port: int, kind: socket.SocketKind, host: str = "127.0.0.1") -> bytes:
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, kind) as client:
         client.settimeout(PATIENCE)
-        client.connect(("127.0.0.1", port))
+        client.connect((host, port))
         client.send(ASK)
         return client.recv(260)
 
@@ -173,6 +181,20 @@ def test_a_reload_moves_a_listener_to_every_address_and_back(
         assert answer(port, kind) == ANSWER
     assert moving.gateway.stop() == 0
     assert not [event for event in moving.gateway.log if event["event"] == "client_rejected"]
+
+
+@ipv6
+@pytest.mark.parametrize(("scheme", "kind"), [("tcp", TCP), ("udp", UDP)])
+def test_a_listener_of_ipv6_takes_ipv4_as_well_for_as_long_as_that_has_none_of_its_own(
+    tmp_path: Path, stack: ExitStack, port: int, scheme: str, kind: socket.SocketKind
+) -> None:
+    one, both = config(f"{scheme}://[::]:{port}"), config(f"{scheme}://[::]:{port}", f"{scheme}://0.0.0.0:{port}")
+    moving = Moving(stack, tmp_path, both)
+    for place, said in ((one, "gone: listen 1"), (both, "new: listen 1"), (one, "gone: listen 1")):
+        assert moving.reload(place).splitlines()[:2] == [said, "changed: listen 0"]
+        for host in ("127.0.0.1", "::1"):
+            assert answer(port, kind, host) == ANSWER
+    assert moving.gateway.stop() == 0
 
 
 @pytest.mark.parametrize(("scheme", "kind"), [("tcp", TCP), ("udp", UDP)])
