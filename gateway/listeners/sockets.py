@@ -1,6 +1,5 @@
 """A listener's sockets: bound to its address, with bounds on what they keep."""
 
-import asyncio
 import errno
 import os
 import socket
@@ -11,6 +10,7 @@ from typing import Any, Final
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
 from gateway.ports.keepalive import notice_vanished_peers
+from gateway.ports.lookup import AddressInfo, look_up
 
 #: What the system may keep of a connection's bytes, each way: many requests, and no memory for clients to fill.
 KERNEL_BUFFER: Final = 64 * 1024
@@ -27,6 +27,7 @@ _ADVICE: Final = {
     errno.EADDRNOTAVAIL: "this machine has no such address",
     errno.EMFILE: "no file descriptors are left; raise LimitNOFILE= of the service",
     errno.ENFILE: "the machine has no file descriptors left",
+    socket.EAI_AGAIN: "no name server answers",
 }
 #: What is said of a port to which we have no right, and of one that a socket of systemd has.
 _NO_RIGHT: Final = (
@@ -36,9 +37,6 @@ _NO_RIGHT: Final = (
 _TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change it there to {}"
 _EVERY_ADDRESS: Final = "::"
 _IPV4_MAPPED: Final = "::ffff:"
-
-#: What `getaddrinfo` gives: family, type, protocol, canonical name, address.
-AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
 
 
 class OpenSockets:
@@ -112,11 +110,10 @@ async def addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[A
     """The addresses of a listener.
 
     Raises:
-        ListenError: its host has none.
+        ListenError: its host has none, or no name server answers.
     """
-    loop = asyncio.get_running_loop()
     try:
-        found = await loop.getaddrinfo(settings.host, settings.port, type=kind, flags=socket.AI_PASSIVE)
+        found = await look_up(settings.host, settings.port, kind)
     except (OSError, UnicodeError) as error:
         raise cannot_listen(settings, error) from error
     return list(dict.fromkeys(found))

@@ -11,7 +11,6 @@ from gateway.listeners.room import MADE_ROOM, refusal
 from gateway.listeners.session import Counts, ListenSettings
 from gateway.listeners.sockets import (
     BACKLOG,
-    AddressInfo,
     OpenSockets,
     addresses,
     cannot_listen,
@@ -21,6 +20,7 @@ from gateway.listeners.sockets import (
     why,
     written,
 )
+from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
 #: How long a connection that is being closed may take to send what it still has, in seconds.

@@ -10,9 +10,10 @@ from gateway import events
 from gateway.listeners.peer import Peer
 from gateway.listeners.room import MADE_ROOM, refusal
 from gateway.listeners.session import Counts, ListenSettings
-from gateway.listeners.sockets import AddressInfo, OpenSockets, addresses, door_address, doors, plain, written
+from gateway.listeners.sockets import OpenSockets, addresses, door_address, doors, plain, written
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
+from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
 #: How often a listener looks for peers that have been idle for too long, in seconds.

@@ -5,16 +5,14 @@ import errno
 import os
 import socket
 from contextlib import suppress
-from functools import partial
-from typing import Any, Final, cast
+from typing import Final, cast
 
 from gateway.errors import PortError
 from gateway.ports.keepalive import notice_vanished_peers
+from gateway.ports.lookup import AddressInfo, look_up
 from gateway.ports.port import Port, PortUser, TcpSettings
-from gateway.ports.threads import ThreadOfItsOwn
 
-#: How long it may take to find the server's address, and then to reach it, in seconds.
-LOOKING_UP_DEADLINE: Final = 1.5
+#: How long it may take to reach the server once its address is known, in seconds.
 CONNECTING_DEADLINE: Final = 2.5
 #: How long at most nothing is believed after that, in seconds.
 LONGEST_SETTLING: Final = 0.5
@@ -46,12 +44,6 @@ _REASONS: Final = {
     socket.EAI_AGAIN: _NO_NAME_SERVER,
 }
 
-#: What `getaddrinfo` gives: family, type, protocol, canonical name, address.
-_AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
-
-#: Names that a name server is still asked for, because the attempt was given up before it answered.
-_being_looked_up: set[TcpSettings] = set()
-
 
 async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
     """Connect to a server for `user`. Cancelled, it leaves nothing open.
@@ -63,7 +55,7 @@ async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
         PortError: there is no connection; the message says why and what to do.
     """
     try:
-        addresses = await _look_up(settings)
+        addresses = await look_up(settings.host, settings.number, socket.SOCK_STREAM)
         async with asyncio.timeout(CONNECTING_DEADLINE):
             port = await _connected(settings, addresses)
     except (OSError, UnicodeError) as error:
@@ -184,37 +176,7 @@ class TcpPort(asyncio.BufferedProtocol):
         return f"<TcpPort {self._name} {state}, {self._transport.get_write_buffer_size()} bytes to send>"
 
 
-async def _look_up(settings: TcpSettings) -> list[_AddressInfo]:
-    """The server's addresses. Asked for in a thread of its own: nothing can stop a resolver that hangs."""
-    if settings in _being_looked_up:
-        raise _no_name_server()
-    _being_looked_up.add(settings)
-    looking_up: asyncio.Future[list[_AddressInfo]] = asyncio.get_running_loop().run_in_executor(
-        ThreadOfItsOwn(f"look up {settings.host}"), _addresses_of, settings
-    )
-    looking_up.add_done_callback(partial(_looked_up, settings))
-    try:
-        async with asyncio.timeout(LOOKING_UP_DEADLINE):
-            return await asyncio.shield(looking_up)
-    except TimeoutError as error:
-        raise _no_name_server() from error
-
-
-def _addresses_of(settings: TcpSettings) -> list[_AddressInfo]:
-    return [*socket.getaddrinfo(settings.host, settings.number, type=socket.SOCK_STREAM)]
-
-
-def _no_name_server() -> socket.gaierror:
-    return socket.gaierror(socket.EAI_AGAIN, "no answer in time")
-
-
-def _looked_up(settings: TcpSettings, looking_up: asyncio.Future[list[_AddressInfo]]) -> None:
-    _being_looked_up.discard(settings)
-    if not looking_up.cancelled():
-        looking_up.exception()  # asyncio complains of errors that nobody has looked at
-
-
-async def _connected(settings: TcpSettings, addresses: list[_AddressInfo]) -> TcpPort:
+async def _connected(settings: TcpSettings, addresses: list[AddressInfo]) -> TcpPort:
     """A connection to the first of the server's addresses that takes it."""
     for address in addresses[:-1]:
         with suppress(OSError):
@@ -223,7 +185,7 @@ async def _connected(settings: TcpSettings, addresses: list[_AddressInfo]) -> Tc
     return await _connect(settings, addresses[-1])
 
 
-async def _connect(settings: TcpSettings, address: _AddressInfo) -> TcpPort:
+async def _connect(settings: TcpSettings, address: AddressInfo) -> TcpPort:
     family, kind, protocol, _, where = address
     sock = socket.socket(family, kind, protocol)
     try:

@@ -38,6 +38,7 @@ def test_rights_see_the_address_of_an_ipv4_client_as_such(host: str, text: str) 
         (OSError(errno.EADDRNOTAVAIL, "whatever"), "this machine has no such address"),
         (OSError(errno.ENETDOWN, "whatever"), "network is down"),
         (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), "name or service not known"),
+        (socket.gaierror(socket.EAI_AGAIN, "Temporary failure"), "no name server answers"),
         (UnicodeEncodeError("idna", "a..b", 2, 3, "label empty"), "this is no host name"),
     ],
 )

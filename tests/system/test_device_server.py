@@ -16,6 +16,7 @@ import pytest
 
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened
+from gateway.ports import lookup
 from gateway.ports import tcp as tcp_module
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import TcpSettings
@@ -189,13 +190,13 @@ async def test_a_name_that_leads_nowhere_is_said(user, monkeypatch, code, said):
 
 async def test_a_resolver_that_hangs_holds_up_nobody(user, monkeypatch):
     release = threading.Event()
-    monkeypatch.setattr(tcp_module, "LOOKING_UP_DEADLINE", 0.1)
+    monkeypatch.setattr(lookup, "DEADLINE", 0.1)
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: release.wait(PATIENCE) and [])
     for _ in range(3):
         assert "no name server answers" in await why_not(settings(502, "nport.example"), user)
     assert [thread.name for thread in threading.enumerate()].count("look up nport.example") == 1
     release.set()
-    await until(lambda: not tcp_module._being_looked_up)
+    await until(lambda: not lookup._under_way)
 
 
 async def test_a_server_that_does_not_answer_is_said(user, monkeypatch):

@@ -5,6 +5,8 @@ import shlex
 import socket
 import struct
 import subprocess
+import threading
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager, closing
 from pathlib import Path
@@ -24,6 +26,7 @@ from gateway.listeners.tcp import Counts, TcpListener
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
+from gateway.ports import lookup
 from gateway.request import Request
 from kit.crossroads import to_everywhere
 from kit.process import COMMAND, PATIENCE
@@ -538,6 +541,21 @@ async def test_what_is_no_host_name_is_an_error_in_words(host: str) -> None:
     listener = TcpListener(ListenSettings("a", host, 0, source="gateway.toml:7"), to_everywhere(Plant()), print)
     with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on tcp://.*: this is no host name"):
         await listener.find()
+
+
+def test_a_name_server_that_does_not_answer_holds_up_neither_the_start_nor_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    released = threading.Event()
+    monkeypatch.setattr(lookup, "DEADLINE", 0.1)
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: released.wait(PATIENCE) and [])
+    listener = TcpListener(ListenSettings("a", "plant.example", 0), to_everywhere(Plant()), print)
+    begin = time.monotonic()
+    with pytest.raises(ListenError, match=r"cannot listen on tcp://plant\.example:0: no name server answers"):
+        asyncio.run(listener.find())
+    assert time.monotonic() - begin < PATIENCE / 2
+    lookup._under_way.clear()
+    released.set()
 
 
 def _has_ipv6() -> bool:
