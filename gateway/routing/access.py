@@ -112,8 +112,13 @@ def _rows_at(door: Door, rows: tuple[Row, ...]) -> Iterable[Row]:
         return [Row(EVERYTHING)]
     here = [row for row in rows if row.listeners is None or door.name in row.listeners]
     if door.kind == "datagram":
-        return [replace(row, right=row.right & READING) if row.listeners is None else row for row in here]
+        return [replace(row, right=_reading_of(row.right)) if row.listeners is None else row for row in here]
     return here
+
+
+def _reading_of(right: Right) -> Right:
+    """What of a right is known to change nothing. The right to all of function 43 is also one to identification."""
+    return (right | {READING_IDENTIFICATION} if READING_IDENTIFICATION[:1] in right else right) & READING
 
 
 @lru_cache(maxsize=256)

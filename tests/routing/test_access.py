@@ -117,6 +117,11 @@ def test_datagrams_only_read_by_rows_that_do_not_name_their_listener() -> None:
     assert set(rights["192.168.1.1"]) == {READING}
 
 
+def test_datagrams_read_what_a_device_is_by_the_right_to_43() -> None:
+    (right,) = set(Rights([row(right_to([3, 43]))], FIELD)[ANYWHERE])
+    assert [allows(right, pdu) for pdu in ("2B 0E 01 00", "2B 0D 01 00", "03 0000 0001")] == [True, False, True]
+
+
 @pytest.mark.parametrize(
     ("table", "right"),
     [
