@@ -3,10 +3,12 @@
 import argparse
 import json
 import socket
+import tomllib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from gateway.cli.main import DEFAULT_CONFIG
 from gateway.errors import DaemonError
 from gateway.service.control import SYSTEM_SOCKET, control_path
 
@@ -17,7 +19,7 @@ _PATIENCE: Final = 30.0
 def add_control_argument(parser: argparse.ArgumentParser) -> None:
     """Where the daemon can be asked."""
     parser.add_argument(
-        "--control", metavar="PATH", help="the daemon's control socket, when it is not in its usual place"
+        "--control", metavar="PATH", help=f"the daemon's control socket (default: as {DEFAULT_CONFIG} says)"
     )
 
 
@@ -54,8 +56,8 @@ def _understood(line: bytes) -> dict[str, Any]:
 
 def _connected(control: str | None) -> socket.socket:
     """A connection to the first daemon that answers."""
-    paths = [Path(control)] if control else [control_path(Path("gateway.toml")), SYSTEM_SOCKET]
-    reasons = []
+    reasons: list[str] = []
+    paths = [Path(control)] if control else [*_configured(reasons), control_path(Path("gateway.toml")), SYSTEM_SOCKET]
     for path in dict.fromkeys(paths):
         sock = socket.socket(socket.AF_UNIX)
         sock.settimeout(_PATIENCE)
@@ -70,3 +72,18 @@ def _connected(control: str | None) -> socket.socket:
         else:
             return sock
     raise DaemonError(f"no daemon can be reached ({'; '.join(reasons)}); is it running? --control PATH says where")
+
+
+def _configured(reasons: list[str]) -> list[Path]:
+    """Where the service's config has the socket, if it says so. What keeps it from being read joins the reasons."""
+    try:
+        config = tomllib.loads(Path(DEFAULT_CONFIG).read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError, RecursionError) as error:
+        reasons.append(f"{DEFAULT_CONFIG}: cannot be read: {error}")
+        return []
+    match config:
+        case {"control": {"socket": str(path)}}:
+            return [Path(path)]
+    return []

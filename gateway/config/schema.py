@@ -422,7 +422,8 @@ class Control(Table):
     socket: Annotated[str, Field(min_length=1)] | None = Field(
         None,
         description="Its path. Default: `/run/modbus-gateway/control.sock`; without root "
-        "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config when that is not set.",
+        "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config when that is not set. "
+        "`status` and `reload` read it in `/etc/modbus-gateway/gateway.toml`; for another file they need `--control`.",
     )
 
 

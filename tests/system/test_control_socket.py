@@ -157,6 +157,46 @@ def test_a_daemon_that_does_not_answer_is_a_problem_in_plain_words(tmp_path: Pat
         ask("status", str(path))
 
 
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The service's config, on a machine without any daemon."""
+    file = tmp_path / "gateway.toml"
+    monkeypatch.setattr(daemon_module, "DEFAULT_CONFIG", str(file))
+    monkeypatch.setattr(daemon_module, "SYSTEM_SOCKET", tmp_path / "none.sock")
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / "none"))
+    return file
+
+
+def test_a_daemon_is_asked_where_the_config_has_its_socket(tmp_path: Path, config: Path) -> None:
+    path = tmp_path / "other.sock"
+    config.write_text(f'[control]\nsocket = "{path}"\n')
+    with daemon(path, b'{"ok": true}\n'):
+        assert ask("status", None) == {"ok": True}
+
+
+@pytest.mark.parametrize("text", ["", '[control]\nsocket = "/nowhere/control.sock"\n'])
+def test_a_daemon_that_has_not_read_that_yet_is_asked_where_it_usually_is(
+    tmp_path: Path, config: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    config.write_text(text)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    with daemon(tmp_path / "control.sock", b'{"ok": true}\n'):
+        assert ask("status", None) == {"ok": True}
+
+
+def test_the_argument_counts_whatever_the_config_says(tmp_path: Path, config: Path) -> None:
+    config.write_text('[control]\nsocket = "/nowhere/control.sock"\n')
+    with daemon(tmp_path / "mine.sock", b'{"ok": true}\n'):
+        assert ask("status", str(tmp_path / "mine.sock")) == {"ok": True}
+
+
+@pytest.mark.parametrize("text", [b"[control\n", b"\xff", b"a = " + b"[" * 5000])
+def test_a_config_that_cannot_be_read_is_a_reason(config: Path, text: bytes) -> None:
+    config.write_bytes(text)
+    with pytest.raises(DaemonError, match=f"no daemon can be reached \\({config}: cannot be read: .+; .*none.sock: "):
+        ask("status", None)
+
+
 def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -144,6 +144,13 @@ def test_reload_applies_a_good_file_and_fails_with_a_bad_one(system: BootedSyste
     assert (system.show("ActiveState"), system.show("MainPID")) == ("active", process)
 
 
+def test_the_config_may_move_the_control_socket(system: BootedSystem) -> None:
+    system.write(FILE, f'{CONFIG}[control]\nsocket = "/run/modbus-gateway/other.sock"\n')
+    start(system)
+    system.done("systemctl", "reload", SERVICE)
+    assert "hall-a" in system.done("modbus-gateway", "status")
+
+
 @pytest.mark.parametrize("end", [("kill", "--signal=KILL"), ("restart", "--no-block")])
 def test_a_client_that_comes_while_it_restarts_waits_for_its_answer(system: BootedSystem, end: tuple[str, ...]) -> None:
     start(system)
