@@ -6,8 +6,9 @@ damaged or none of ours is moved aside, never overwritten; what can still be rea
 All of this blocks.
 """
 
+import os
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -18,6 +19,7 @@ from zlib import crc32
 
 from gateway.errors import StateError
 from gateway.modbus.codes import Area
+from gateway.ports.ownership import give_to_owner_of_folder
 
 FILE_NAME: Final = "images.sqlite"
 
@@ -102,9 +104,21 @@ def open_database(folder: Path) -> Opened:
         folder.mkdir(parents=True, exist_ok=True)
         return _open(file)
     except sqlite3.Error as error:
-        raise StateError(f"{file}: {error}; is another modbus-gateway running?") from error
+        raise StateError(_kept_from_us(file) or f"{file}: {error}; is another modbus-gateway running?") from error
     except OSError as error:
         raise StateError(f"{file}: {error.strerror}; images that persist need a folder to write in") from error
+
+
+def _kept_from_us(file: Path) -> str:
+    """Whether it is the permission that is missing, and for what."""
+    for part in filter(Path.exists, _parts(file)):
+        if not os.access(part, os.R_OK | os.W_OK, effective_ids=True):
+            return f"{part}: no permission to read and write it; as root: chown --reference={part.parent} {part}"
+    return ""
+
+
+def _parts(file: Path) -> Iterator[Path]:
+    return (Path(f"{file}{part}") for part in _PARTS)
 
 
 def _open(file: Path) -> Opened:
@@ -127,9 +141,9 @@ def _open_anew(file: Path, items: list[Item], damage: str) -> Opened:
 
 def _move_aside(file: Path) -> Path:
     aside = file.with_name(f"{file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S}")
-    for part in _PARTS:
+    for part, part_aside in zip(_parts(file), _parts(aside), strict=True):
         with suppress(FileNotFoundError):
-            Path(f"{file}{part}").rename(f"{aside}{part}")
+            part.rename(part_aside)
     return aside
 
 
@@ -148,6 +162,8 @@ def _take_in(file: Path, items: list[Item]) -> Database:
         connection.executescript(_MODES)
         if _is_new(connection, file):
             connection.executescript(_SET_UP)
+        for part in filter(Path.exists, _parts(file)):
+            give_to_owner_of_folder(part)
         _read(connection, items)
     except BaseException:
         connection.close()

@@ -15,6 +15,7 @@ from typing import Final
 
 from gateway.errors import StateError
 from gateway.events import Emit, StateNotKept
+from gateway.ports.ownership import give_to_owner_of_folder
 
 FILE_NAME: Final = "whereabouts.json"
 
@@ -113,6 +114,7 @@ def _change(file: Path, key: str, entry: dict[str, int] | None) -> None:
     """Change one entry; None takes it out. Others that were written meanwhile stay."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.with_suffix(".lock").open("w") as lock:
+        give_to_owner_of_folder(Path(lock.name))
         flock(lock, LOCK_EX)
         entries = _read(file)
         entries.pop(key, None)
@@ -127,4 +129,5 @@ def _write(file: Path, text: str) -> None:
         stream.write(text)
         stream.flush()
         os.fsync(stream.fileno())
+    give_to_owner_of_folder(fresh)
     fresh.replace(file)

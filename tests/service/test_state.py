@@ -1,6 +1,7 @@
 """What is remembered over a restart, and for how long."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from gateway.errors import StateError
 from gateway.events import Event, StateNotKept
 from gateway.service.state import FILE_NAME, Memory, StateFile, state_folder
+
+SOMEBODY = 61_184
 
 
 @pytest.fixture(params=["memory", "file"])
@@ -49,6 +52,13 @@ def test_a_file_outlives_the_process(tmp_path: Path) -> None:
     again = StateFile(folder, [].append)
     assert (again.recall("hall-a/silo-1", 1), again.recall("hall-a", 9600)) == (5, 14400)
     again.close()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can make files for others")
+def test_what_root_keeps_in_somebody_elses_folder_is_theirs(tmp_path: Path) -> None:
+    os.chown(tmp_path, SOMEBODY, SOMEBODY)
+    assert kept(tmp_path, ("hall-a", 9600, 14400)) == []
+    assert {(file.stat().st_uid, file.stat().st_gid) for file in tmp_path.iterdir()} == {(SOMEBODY, SOMEBODY)}
 
 
 def test_a_file_that_cannot_be_written_is_told_and_the_value_holds_for_this_run(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -32,6 +33,7 @@ coils   = 16
 persist = "{persist}"
 initial.holding = [{{ at = 0, values = [1, 2, 3] }}]
 """
+SOMEBODY = 61_184
 ITEMS = [Item("shift-data", Area.HOLDING, address, 1000 + address) for address in range(500)]
 
 
@@ -201,6 +203,33 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(StateError, match="images that persist need a folder to write in"):
         open_database(tmp_path / "file" / "state")
+
+
+only_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else")
+
+
+@only_root
+def test_what_root_has_made_in_somebody_elses_folder_can_be_used_by_them(folder: Path) -> None:
+    os.chown(folder, SOMEBODY, SOMEBODY)
+    with closing(open_database(folder).database) as database:
+        database.write(ITEMS)
+        assert {file.stat().st_uid for file in folder.iterdir()} == {SOMEBODY}
+
+
+@only_root
+def test_a_file_of_somebody_else_is_said_to_lack_the_permission() -> None:
+    with TemporaryDirectory() as name:  # that of pytest lets nobody else in
+        folder, file = Path(name), Path(name, FILE_NAME)
+        open_database(folder).database.close()
+        os.chown(folder, SOMEBODY, SOMEBODY)
+        os.seteuid(SOMEBODY)
+        try:
+            with pytest.raises(StateError) as refusal:
+                open_database(folder)
+        finally:
+            os.seteuid(0)
+        advice = f"as root: chown --reference={folder} {file}"
+        assert str(refusal.value) == f"{file}: no permission to read and write it; {advice}"
 
 
 def test_damage_is_told_and_the_rest_serves(tmp_path: Path, state: Path) -> None:

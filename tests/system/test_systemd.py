@@ -281,6 +281,16 @@ def test_stop_answers_what_is_under_way_and_ends_well(system: BootedSystem, devi
     assert (system.show("Result"), system.show("ExecMainStatus")) == ("success", "0")
 
 
+def test_it_can_use_an_image_that_root_has_made_by_hand(system: BootedSystem) -> None:
+    system.write(FILE, CONFIG.replace("always", "never"))
+    start(system)
+    system.done("systemctl", "stop", SOCKET, SERVICE)
+    system.write(FILE, CONFIG)
+    system.done("systemd-run", "--unit=by-hand", "--property=Type=notify", "modbus-gateway", "run")
+    system.done("systemctl", "stop", "by-hand.service")
+    start(system)
+
+
 def test_what_was_written_to_an_image_outlives_kill_in_the_state_directory(system: BootedSystem) -> None:
     write, read = (bytes.fromhex(f"0001 0000 0006 C8 {pdu}") for pdu in ("06 0000 0007", "03 0000 0001"))
     start(system)
