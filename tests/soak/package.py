@@ -22,6 +22,7 @@ from kit.system_tree import make, system_tree
 BUILD = Path(__file__).resolve().parents[2] / "deploy/build-deb"
 CONFIG = "/etc/modbus-gateway/gateway.toml"
 STATE = "/var/lib/private/modbus-gateway"
+COMPILED = "/usr/lib/modbus-gateway/gateway/__pycache__"
 #: The first three holding registers of unit 200, and what the config of a new installation says about them.
 READ = bytes.fromhex("0001 0000 0006 C8 03 0000 0003")
 ANSWER = bytes.fromhex("0001 0000 0009 C8 03 06 0001 0002 0003")
@@ -33,15 +34,19 @@ def build() -> Path:
     return Path(done.stdout.strip())
 
 
-def newer(package: Path, folder: Path) -> Path:
+def newer(package: Path, folder: Path, preinst: str = "") -> Path:
     """The same as a later version, whose config is another one."""
     tree, file = folder / "newer", folder / "newer.deb"
     subprocess.run(["dpkg-deb", "--raw-extract", package, tree], check=True)
+    if preinst:
+        (tree / "DEBIAN/preinst").write_text(preinst)
+        (tree / "DEBIAN/preinst").chmod(0o755)
     control = tree / "DEBIAN/control"
     control.write_text(control.read_text().replace("\nVersion: ", "\nVersion: 1:"))
     with (tree / CONFIG.lstrip("/")).open("a") as config:
         config.write("# There is more to say.\n")
     subprocess.run(["dpkg-deb", "--build", tree, file], check=True, stdout=subprocess.DEVNULL)
+    shutil.rmtree(tree)
     return file
 
 
@@ -68,9 +73,31 @@ def check_installation(system: BootedSystem, package: Path) -> None:
         system.done("systemctl", "is-enabled", unit)
     system.done("modbus-gateway", "check")
     assert "try-me" in system.done("mbgw", "status")
-    assert (system.root / "usr/lib/modbus-gateway/gateway/__pycache__").exists(), "nothing was compiled"
+    check_compiled(system)
     system.done("modbus-gateway", "demo", "--once")
     print(f"it installs and serves, {time.monotonic() - begin:.1f} s")
+
+
+def check_compiled(system: BootedSystem) -> None:
+    """The service cannot compile for itself."""
+    assert (system.root / COMPILED.lstrip("/")).exists(), "nothing was compiled"
+
+
+def check_another_python(system: BootedSystem) -> None:
+    """Debian's python3 becomes another version."""
+    system.done("rm", "-r", COMPILED)
+    system.done("run-parts", "--regex=^modbus-gateway", "--arg=rtupdate", "/usr/share/python3/runtime.d")
+    check_compiled(system)
+    print("it is compiled for another Python too")
+
+
+def check_failed_upgrade(system: BootedSystem, package: Path) -> None:
+    """An upgrade fails in the middle: what was there serves on."""
+    shutil.copy(package, system.root / "root/package.deb")
+    assert system.run("dpkg", "--install", "/root/package.deb").returncode != 0
+    check_compiled(system)
+    check_serving(system)
+    print("an upgrade that fails leaves it as it was")
 
 
 def check_upgrade(system: BootedSystem, package: Path) -> None:
@@ -110,6 +137,8 @@ def main(release: str) -> None:
     make(release)
     with tempfile.TemporaryDirectory() as folder, booted_bare(Path(folder), system_tree(release)) as system:
         check_installation(system, package)
+        check_another_python(system)
+        check_failed_upgrade(system, newer(package, Path(folder), "#!/bin/sh\nexit 1\n"))
         check_upgrade(system, newer(package, Path(folder)))
         check_removal(system)
         check_purge(system)
