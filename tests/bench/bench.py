@@ -73,7 +73,7 @@ def _show(title: str, scenario: Scenario, tools: Path, rounds: int) -> bool:
     try:
         for number in range(rounds):
             for kind in kinds if number % 2 else kinds[::-1]:
-                runs[kind].append(run(scenario.alive if kind == "relay" else scenario, tools, kind))
+                runs[kind].append(run(scenario.for_relay if kind == "relay" else scenario, tools, kind))
     except BenchError as error:
         print(f"| {title} | {error} |")
         return False

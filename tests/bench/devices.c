@@ -221,28 +221,6 @@ done:
     return len;
 }
 
-static size_t hex_encode(const uint8_t *p, size_t n, uint8_t *o)
-{
-    static const char H[] = "0123456789ABCDEF";
-    size_t k = 0;
-    o[k++] = ':';
-    for (size_t i = 0; i < n; i++) {
-        o[k++] = (uint8_t)H[p[i] >> 4];
-        o[k++] = (uint8_t)H[p[i] & 15];
-    }
-    o[k++] = '\r';
-    o[k++] = '\n';
-    return k;
-}
-
-static int hexval(uint8_t c)
-{
-    if (c >= '0' && c <= '9') return c - '0';
-    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-    return -1;
-}
-
 /* q: unit id + PDU without check code.  Queues the reply from time `when`. */
 static void serve(struct port *p, const uint8_t *q, size_t n, int64_t when)
 {
@@ -262,7 +240,7 @@ static void serve(struct port *p, const uint8_t *q, size_t n, int64_t when)
     size_t len = build_reply(p, q, n, r);
     if (ascii) {
         r[len] = wire_lrc(r, len);
-        p->n_out = hex_encode(r, len + 1, p->out);
+        p->n_out = wire_hex(r, len + 1, p->out);
     } else {
         uint16_t c = wire_crc(r, len);
         memcpy(p->out, r, len);
@@ -288,15 +266,8 @@ static void frame_done(struct port *p, int64_t when)
         return;
     }
     if (ascii) {
-        uint8_t b[300];
-        size_t n = 0;
-        if (p->n_in >= 9 && p->in[0] == ':')
-            for (size_t i = 1; i + 1 < p->n_in && n < sizeof b; i += 2) {
-                int h = hexval(p->in[i]), l = hexval(p->in[i + 1]);
-                if (h < 0 || l < 0)
-                    break;
-                b[n++] = (uint8_t)(h << 4 | l);
-            }
+        uint8_t b[BUF];
+        size_t n = wire_unhex(p->in, p->n_in, b);
         p->n_in = 0;
         if (n < 3 || wire_lrc(b, n - 1) != b[n - 1]) {
             st.crc_errors++;

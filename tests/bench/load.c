@@ -1,11 +1,12 @@
 /*
- * load - Modbus load generator: Modbus/TCP connections, or one RTU client
- * per serial device (the "no gateway" reference).
+ * load - Modbus load generator: connections of Modbus TCP, UDP or RTU over TCP,
+ * or one RTU client per serial device (the "no gateway" reference).
  *
  *   load --target 127.0.0.1:5020=1-10 [--target ...] --conns 16 [options]
  *   load --target rtu:tty0=1-10 --conns 1 [options]
  *
- *   --target T      the k-th target is line k; =1-10 are its units on the wire
+ *   --target T      the k-th target is line k; =1-10 are its units on the wire.
+ *                   udp:HOST:PORT and rtu+tcp:HOST:PORT speak something else
  *   --one-listener  all lines share a listener: unit u of line k is asked for as
  *                   N * k + u
  *   --line-step N   that N (default and most: 20); must stand before the targets
@@ -62,7 +63,7 @@
 
 struct target {
     char host[128];
-    int port, rtu;
+    int port, rtu, udp;           /* port: 0 for a serial device */
     unsigned line;                /* added to a unit: what it is known as */
     uint8_t units[256];
     int n_units;
@@ -111,16 +112,17 @@ static void parse_target(const char *v)
     char *eq = strrchr(buf, '=');
     const char *u = "1";
     if (eq) { *eq = 0; u = eq + 1; }
-    if (!strncmp(buf, "rtu:", 4)) {
-        t->rtu = 1;
-        snprintf(t->host, sizeof t->host, "%.120s", buf + 4);
-    } else {
-        char *c = strrchr(buf, ':');
-        if (!c) { fprintf(stderr, "bad target %s\n", v); exit(2); }
+    char *host = buf, *c = strrchr(buf, ':');
+    if (!c) { fprintf(stderr, "bad target %s\n", v); exit(2); }
+    t->rtu = !strncmp(buf, "rtu", 3);
+    t->udp = !strncmp(buf, "udp:", 4);
+    if (t->rtu || t->udp)
+        host = strchr(buf, ':') + 1;
+    if (host <= c) {
         *c = 0;
-        snprintf(t->host, sizeof t->host, "%.120s", buf);
         t->port = atoi(c + 1);
     }
+    snprintf(t->host, sizeof t->host, "%.120s", host);
     while (*u) {
         char *e;
         long a = strtol(u, &e, 10), b = a;
@@ -134,10 +136,10 @@ static void parse_target(const char *v)
     }
 }
 
-static int tcp_open(struct target *t)
+static int net_open(struct target *t)
 {
     struct sockaddr_in a = { .sin_family = AF_INET, .sin_port = htons((uint16_t)t->port) };
-    int one = 1, fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    int one = 1, fd = socket(AF_INET, (t->udp ? SOCK_DGRAM : SOCK_STREAM) | SOCK_CLOEXEC, 0);
     inet_pton(AF_INET, t->host, &a.sin_addr);
     if (fd < 0 || connect(fd, (struct sockaddr *)&a, sizeof a)) {
         if (fd >= 0)
@@ -149,7 +151,7 @@ static int tcp_open(struct target *t)
     return fd;
 }
 
-static int rtu_open(struct target *t)
+static int tty_open(struct target *t)
 {
     struct termios o;
     int fd = open(t->host, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
@@ -163,7 +165,7 @@ static int rtu_open(struct target *t)
 
 static int conn_open(struct conn *c)
 {
-    c->fd = c->t->rtu ? rtu_open(c->t) : tcp_open(c->t);
+    c->fd = c->t->port ? net_open(c->t) : tty_open(c->t);
     c->n_in = 0;
     memset(c->s, 0, sizeof c->s);
     if (c->fd < 0)
@@ -479,7 +481,7 @@ static int parse_args(int argc, char **argv)
 static void open_all(void)
 {
     for (int i = 0; i < n_idle; i++) {
-        idle_fd[i] = tcp_open(&targets[i % n_targets]);
+        idle_fd[i] = net_open(&targets[i % n_targets]);
         idle_ok += idle_fd[i] >= 0;
     }
     for (int i = 0; i < n_conns; i++) {

@@ -4,6 +4,8 @@ import json
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -45,26 +47,39 @@ def run(scenario: Scenario, tools: Path, between: str) -> Figures:
 
 
 def _run(scenario: Scenario, tools: Path, folder: Path, ttys: list[Path], between: str) -> Figures:
+    others, own = programs.processors()
     port = programs.free_port()
-    if between == "relay":
-        command = programs.relay(scenario, tools, ttys, port)
-    else:
-        command = programs.gateway(scenario, folder, ttys, port)
-    log = folder / "log"
+    with ExitStack() as stack:
+        if between == "relay":
+            command = programs.relay(scenario, tools, ttys, port)
+        elif scenario.behind_server:
+            server = programs.free_port()
+            relay = programs.relay(scenario, tools, ttys, server)
+            stack.enter_context(_running("server", relay, others, server, folder))
+            command = programs.gateway(scenario, folder, [f"tcp://127.0.0.1:{server}"], port)
+        else:
+            command = programs.gateway(scenario, folder, ttys, port)
+        program = stack.enter_context(_running(between, command, own, port, folder))
+        before = resident(program.pid)
+        counted = _load(scenario, programs.load(scenario, tools, port, program.pid))
+        memory_each = (counted["gw_rss_kb"] - before) / (scenario.idle or scenario.clients)
+        return _figures(scenario, counted) | {"memory_each": memory_each}
+
+
+@contextmanager
+def _running(name: str, command: list[str | Path], on: set[int], port: int, folder: Path) -> Iterator[subprocess.Popen]:
+    """A program that listens at this port, ready to be measured."""
+    log = folder / f"{name}.log"
     with log.open("w") as output:
-        program = programs.start(command, programs.processors()[1], stdout=output, stderr=output)
+        program = programs.start(command, on, stdout=output, stderr=output)
     try:
         programs.wait_for_listener(port, program)
         time.sleep(SETTLING)
-        before = resident(program.pid)
-        counted = _load(scenario, programs.load(scenario, tools, port, program.pid))
-        figures = _figures(scenario, counted)
-        figures["memory_each"] = (counted["gw_rss_kb"] - before) / (scenario.idle or scenario.clients)
+        yield program
     except BenchError as error:
-        raise BenchError(f"{between}: {error}; its log ends: {log.read_text()[-500:]}") from error
+        raise BenchError(f"{name}: {error}; its log ends: {log.read_text()[-500:]}") from error
     finally:
         programs.end(program)
-    return figures
 
 
 def _load(scenario: Scenario, command: list[str | Path]) -> dict[str, Any]:

@@ -72,8 +72,7 @@ def devices(scenario: Scenario, tools: Path, ttys: list[Path]) -> list[str | Pat
         words += ["--dead", scenario.dead]
     if scenario.dead_line is not None:
         words += ["--dead-port", scenario.dead_line]
-    if scenario.same_read:
-        words.append("--stamp")
+    words += ["--stamp"] * scenario.same_read + ["--ascii"] * scenario.is_ascii
     for tty in ttys:
         words += ["--link", tty]
     return [tools / "devices", *map(str, words)]
@@ -82,7 +81,8 @@ def devices(scenario: Scenario, tools: Path, ttys: list[Path]) -> list[str | Pat
 def load(scenario: Scenario, tools: Path, port: int, process: int) -> list[str | Path]:
     """The command that asks the gateway at `port`, which is `process`."""
     options = ["--conns", scenario.clients, "--idle", scenario.idle, "--one-listener", "--watch", process]
-    return _load(scenario, tools, options, [f"127.0.0.1:{port}"] * scenario.lines)
+    prefix = "" if scenario.speak == "tcp" else f"{scenario.speak}:"
+    return _load(scenario, tools, options, [f"{prefix}127.0.0.1:{port}"] * scenario.lines)
 
 
 def load_on_line(scenario: Scenario, tools: Path, tty: Path) -> list[str | Path]:
@@ -102,53 +102,71 @@ def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) ->
 
 def relay(scenario: Scenario, tools: Path, ttys: list[Path], port: int) -> list[str | Path]:
     """The command of the bare relay."""
-    gap = ["--gap", "--baud", str(scenario.baud)] if scenario.baud else []
+    options = ["--ascii"] * scenario.is_ascii + (["--gap", "--baud", str(scenario.baud)] if scenario.baud else [])
     step = scenario.line_step
-    return [tools / "relay", *gap, *(f"{tty}={port}:{step * i + 1}-{step * i + step}" for i, tty in enumerate(ttys))]
+    return [
+        tools / "relay",
+        *options,
+        *(f"{tty}={port}:{step * i + 1}-{step * i + step}" for i, tty in enumerate(ttys)),
+    ]
 
 
-def gateway(scenario: Scenario, folder: Path, ttys: list[Path], port: int) -> list[str | Path]:
+def gateway(scenario: Scenario, folder: Path, places: list[str | Path], port: int) -> list[str | Path]:
     """The command of the gateway; its config is written into `folder`."""
     file = folder / "gateway.toml"
-    file.write_text(config(scenario, folder, ttys, port))
+    file.write_text(config(scenario, folder, places, port))
     return [*GATEWAY, file]
 
 
-def config(scenario: Scenario, folder: Path, ttys: list[Path], port: int) -> str:
-    """The gateway's config: one listener, one line for each tty."""
+def config(scenario: Scenario, folder: Path, places: list[str | Path], port: int) -> str:
+    """The gateway's config: one line for each place, which is a tty, or the address of the server that has it."""
     text = f"""
 [control]
 socket = "{folder}/control.sock"
 [log]
 format = "json"
+"""
+    for speak in ("tcp", "udp") if scenario.speak == "udp" else (scenario.speak,):
+        text += f"""
 [[listen]]
-bind    = "tcp://127.0.0.1:{port}"
+bind    = "{speak}://127.0.0.1:{port}"
 clients = {scenario.clients + scenario.idle + 32}
 idle    = "0"
 """
-    for i, tty in enumerate(ttys):
-        text += f"""
+    place_of = _server if scenario.behind_server else _line
+    return text + "".join(place_of(scenario, i, place) for i, place in enumerate(places))
+
+
+def _line(scenario: Scenario, number: int, tty: str | Path) -> str:
+    units = f'unit = "{scenario.units}", as = "{_known_as(scenario, number)}"'
+    return f"""
 [[line]]
-name     = "line{i}"
+name     = "line{number}"
 port     = "{tty}"
+mode     = "{"ascii" if scenario.is_ascii else "rtu"}"
 baud     = {scenario.baud or 115200}
-format   = "8N1"
+format   = "{"7E1" if scenario.is_ascii else "8N1"}"
 gap      = "{"auto" if scenario.baud else "0"}"
 queue    = {max(64, scenario.clients)}
 max_wait = "30 s"
 coalesce = {json.dumps(scenario.coalesce)}
-devices  = [{_devices(scenario, i)}]
+devices  = [{{ {units}, name = "line{number}-*", timeout = "{scenario.timeout} ms" }}]
 """
-    return text
 
 
-def _devices(scenario: Scenario, line: int) -> str:
+def _server(scenario: Scenario, number: int, address: str | Path) -> str:
+    known_as = _known_as(scenario, number)
+    return f"""
+[[upstream]]
+to       = "{address}"
+units    = [{{ unit = "{known_as}", as = "{known_as}" }}]
+"""
+
+
+def _known_as(scenario: Scenario, line: int) -> str:
     first, _, last = scenario.units.partition("-")
     shift = scenario.line_step * line
-    known_as = "-".join(str(int(unit) + shift) for unit in (first, last) if unit)
-    return (
-        f'{{ unit = "{scenario.units}", as = "{known_as}", name = "line{line}-*", timeout = "{scenario.timeout} ms" }}'
-    )
+    return "-".join(str(int(unit) + shift) for unit in (first, last) if unit)
 
 
 def free_port() -> int:

@@ -1,17 +1,17 @@
 /*
- * relay - a bare Modbus TCP -> RTU relay: the floor of all figures.
+ * relay - a bare relay of Modbus TCP to RTU or ASCII: the floor of all figures.
  *
- *   relay [--gap --baud N [--bits N]] TTY=PORT[:FROM-TO] ...
+ *   relay [--ascii] [--gap --baud N [--bits N]] TTY=PORT[:FROM-TO] ...
  *
  *   TTY=PORT           every unit asked for on 127.0.0.1:PORT lives on TTY
  *   TTY=PORT:FROM-TO   units FROM..TO of that port are units 1.. on TTY; so
  *                      several lines share one listener
- *   --gap              keep t3.5 between a response and the next request, and do
- *                      not look at the line before a response can be complete
- *                      (timerfd); needs --baud, --bits is 10 (8N1) by default
+ *   --gap              keep t3.5 between a response and the next request (RTU),
+ *                      and do not look at the line before a response can be
+ *                      complete (timerfd); needs --baud, --bits is 10 (8N1) by default
  *
  * It does what no gateway can leave out: read the socket, cut the stream into
- * ADUs, queue per line, add the CRC, write the line, read it, check the CRC,
+ * ADUs, queue per line, add the check sum, write the line, read it, check the sum,
  * write the socket.  No time-outs, no checks of the PDU, no statistics, no
  * logs: a unit that does not answer holds its line for ever.
  */
@@ -55,7 +55,7 @@ struct request {
     struct client *client;
     unsigned serial;
     uint8_t tid[2], asked_unit;
-    uint8_t frame[ADU];           /* unit on the wire, PDU, CRC */
+    uint8_t frame[ADU];           /* unit on the wire, PDU, CRC or LRC */
     size_t n;
 };
 
@@ -78,7 +78,7 @@ struct listener {
 static struct line lines[MAX_LINES];
 static struct listener listeners[MAX_LINES];
 static struct client clients[MAX_CLIENTS];
-static int n_lines, n_listeners, ep;
+static int n_lines, n_listeners, ep, ascii;
 static int64_t gap_ns, char_ns;
 
 static void die(const char *what)
@@ -97,7 +97,7 @@ static void watch(int fd, struct source *s, void (*ready)(void *), void *self)
 
 /* ── lines ─────────────────────────────────────────────────────────────────── */
 
-/* Size of the response, CRC included, foretold from its request. */
+/* Size of the RTU response, foretold from its request. */
 static size_t response_size(const uint8_t *q)
 {
     size_t quantity = (size_t)q[4] << 8 | q[5];
@@ -106,6 +106,25 @@ static size_t response_size(const uint8_t *q)
     case 3: case 4: case 23: return 5 + 2 * quantity;
     default: return 8;
     }
+}
+
+/* Characters on the line of a response of this size. */
+static size_t on_line(size_t response)
+{
+    return ascii ? 2 * response + 1 : response;
+}
+
+static int is_exception(const struct line *l)
+{
+    return ascii ? l->n_in > 3 && l->in[3] >= '8' : l->n_in > 1 && l->in[1] & 0x80;
+}
+
+/* Whether the check sum is right.  An ASCII response is then bytes, as an RTU response is. */
+static int is_whole(struct line *l, size_t size)
+{
+    if (!ascii)
+        return wire_crc(l->in, size) == 0;
+    return wire_unhex(l->in, on_line(size), l->in) == size - 1 && wire_lrc(l->in, size - 1) == 0;
 }
 
 static void wake_at(struct line *l, int64_t wait)
@@ -134,11 +153,13 @@ static void start(struct line *l)
     struct request *r = &l->queue[l->head % QUEUE];
     l->busy = 1;
     l->n_in = 0;
-    if (write(l->fd, r->frame, r->n) != (ssize_t)r->n)
+    uint8_t hex[2 * ADU], *frame = ascii ? hex : r->frame;
+    size_t n = ascii ? wire_hex(r->frame, r->n, hex) : r->n;
+    if (write(l->fd, frame, n) != (ssize_t)n)
         die("line");
-    if (gap_ns) {                 /* else each byte of the response would wake us */
+    if (char_ns) {                /* else each byte of the response would wake us */
         look(l, 0);
-        wake_at(l, (int64_t)(r->n + response_size(r->frame)) * char_ns + gap_ns);
+        wake_at(l, (int64_t)(n + on_line(response_size(r->frame))) * char_ns + gap_ns);
     }
 }
 
@@ -169,15 +190,15 @@ static void on_bytes(void *self)
         return;
     l->n_in += (size_t)n;
     struct request *r = &l->queue[l->head % QUEUE];
-    size_t size = l->n_in > 1 && l->in[1] & 0x80 ? 5 : response_size(r->frame);
-    if (l->n_in < size)
+    size_t size = is_exception(l) ? 5 : response_size(r->frame);
+    if (l->n_in < on_line(size))
         return;
     if (gap_ns)
         l->quiet_at = wire_now() + gap_ns;
     l->busy = 0;
     l->head++;
     start(l);                     /* the line first, the client after it */
-    if (wire_crc(l->in, size) == 0) {
+    if (is_whole(l, size)) {
         respond(r, l->in + 1, size - 3);
     } else {
         uint8_t failed[2] = { r->frame[1] | 0x80, 0x0B };
@@ -205,10 +226,10 @@ static void submit(struct client *c, const uint8_t *adu, size_t n)
     *r = (struct request){ .client = c, .serial = c->serial, .tid = { adu[0], adu[1] }, .asked_unit = adu[6] };
     memcpy(r->frame, adu + 6, n);
     r->frame[0] = (uint8_t)(l->from ? adu[6] - l->from + 1 : adu[6]);
-    uint16_t crc = wire_crc(r->frame, n);
-    r->frame[n] = (uint8_t)crc;
-    r->frame[n + 1] = (uint8_t)(crc >> 8);
-    r->n = n + 2;
+    uint16_t sum = ascii ? wire_lrc(r->frame, n) : wire_crc(r->frame, n);
+    r->frame[n] = (uint8_t)sum;
+    r->frame[n + 1] = (uint8_t)(sum >> 8);
+    r->n = ascii ? n + 1 : n + 2;
     start(l);
 }
 
@@ -325,6 +346,8 @@ int main(int argc, char **argv)
     for (int i = 1; i < argc; i++) {
         if (!strcmp(argv[i], "--gap"))
             keep_gap = 1;
+        else if (!strcmp(argv[i], "--ascii"))
+            ascii = 1;
         else if (!strcmp(argv[i], "--baud") && i + 1 < argc)
             baud = atol(argv[++i]);
         else if (!strcmp(argv[i], "--bits") && i + 1 < argc)
@@ -333,12 +356,12 @@ int main(int argc, char **argv)
             add_line(argv[i]);
     }
     if (!n_lines || (keep_gap && baud <= 0)) {
-        fprintf(stderr, "usage: relay [--gap --baud N [--bits N]] TTY=PORT[:FROM-TO] ...\n");
+        fprintf(stderr, "usage: relay [--ascii] [--gap --baud N [--bits N]] TTY=PORT[:FROM-TO] ...\n");
         return 2;
     }
     if (keep_gap) {
         char_ns = bits * 1000000000LL / baud;
-        gap_ns = baud > 19200 ? 1750000 : char_ns * 7 / 2;
+        gap_ns = ascii ? 0 : baud > 19200 ? 1750000 : char_ns * 7 / 2;
     }
     for (;;) {
         int n = epoll_wait(ep, ev, 64, -1);

@@ -23,13 +23,19 @@ class Scenario:
     """`clients` read `count` holding registers of the `units` (1 to 20) of each line, one request after the other.
 
     Without `baud` the lines carry bytes at once, and nothing is waited for between frames: what is left is the
-    gateway's own work. With it they are paced as 8N1 lines. Times in milliseconds, `seconds` and `warmup` in seconds.
+    gateway's own work. With it they are paced as lines of 10 bits a character. Times in milliseconds, `seconds` and
+    `warmup` in seconds.
     """
 
     what: str
     clients: int
+    #: What clients speak: `tcp`, `udp` or `rtu+tcp`.
+    speak: str = "tcp"
     lines: int = 1
+    #: Whether the lines are behind another Modbus TCP server; it is the bare relay.
+    behind_server: bool = False
     baud: int = 0
+    is_ascii: bool = False
     units: str = "1-8"
     count: int = 10
     #: The unit that never answers, and the line on which none does.
@@ -57,11 +63,12 @@ class Scenario:
         return 20 if self.lines <= 12 else 240 // self.lines
 
     @property
-    def alive(self) -> "Scenario":
-        """The same with nothing but living units: what a relay can be asked, which has no time-outs."""
+    def for_relay(self) -> "Scenario":
+        """The same as a relay can be asked, which speaks Modbus TCP and has no time-outs: only living units."""
         lines, seconds = self._living_lines, min(10.0, self.seconds)
         clients = self.clients * lines // self.lines
-        return replace(self, lines=lines, clients=clients, dead=None, dead_line=None, warmup=0.5, seconds=seconds)
+        living = replace(self, lines=lines, clients=clients, dead=None, dead_line=None)
+        return replace(living, speak="tcp", warmup=0.5, seconds=seconds)
 
     def lives(self, known_as: int) -> bool:
         """Whether the unit that clients ask for by this number answers."""
@@ -76,11 +83,13 @@ class Scenario:
     def line_limit(self) -> float:
         """Transactions a second that all lines with a living unit can carry, 0 when they are not paced.
 
-        Request and response, and t3.5 twice: before the request, and after it, by which a device sees its end.
+        Request and response, and in RTU t3.5 twice: before the request, and after it, by which a device sees its end.
         """
         if not self.baud:
             return 0.0
         character = 10 / self.baud
+        if self.is_ascii:
+            return self._living_lines / ((17 + 11 + 4 * self.count) * character)
         silence = 0.00175 if self.baud > 19200 else 3.5 * character
         return self._living_lines / ((8 + 5 + 2 * self.count) * character + 2 * silence)
 
@@ -109,7 +118,10 @@ SCENARIOS: dict[str, Scenario] = {
         what="64 clients, 8 lines, unpaced", clients=64, lines=8, goals=(Goal(figure="cpu_ratio", most=2.6),)
     ),
     "port1": Scenario(what="16 clients, 1 line, unpaced", clients=16),
-    "registers125": Scenario(what="the same, 125 registers each", clients=16, count=125),
+    "rtutcp1": Scenario(what="the same, clients speak RTU over TCP", clients=16, speak="rtu+tcp"),
+    "udp1": Scenario(what="the same, clients speak Modbus UDP", clients=16, speak="udp"),
+    "upstream1": Scenario(what="the same, the line is behind another server", clients=16, behind_server=True),
+    "registers125": Scenario(what="16 clients, 1 line, unpaced, 125 registers each", clients=16, count=125),
     "ports8x512": Scenario(what="512 clients, 8 lines, unpaced", clients=512, lines=8),
     "ports32": Scenario(what="256 clients, 32 lines, unpaced", clients=256, lines=32, units="1-7"),
     "latency": Scenario(what="1 client, 50 requests a second, unpaced", clients=1, think=20, has_direct=True),
@@ -119,6 +131,7 @@ SCENARIOS: dict[str, Scenario] = {
     "line9600": _paced(9600),
     "line19200": _paced(19200),
     "line115200": _paced(115200),
+    "ascii19200": replace(_paced(19200), what="4 clients, an ASCII line of 19200 baud", is_ascii=True),
     "lines8": Scenario(what="32 clients, 8 lines of 19200 baud", clients=32, lines=8, baud=19200, seconds=4),
     "lines32": Scenario(
         what="128 clients, 32 lines of 19200 baud",

@@ -34,6 +34,43 @@ static inline uint8_t wire_lrc(const uint8_t *p, size_t n)
     return (uint8_t)(-s);
 }
 
+/* An ASCII frame of these bytes, LRC included. */
+static inline size_t wire_hex(const uint8_t *p, size_t n, uint8_t *o)
+{
+    static const char H[] = "0123456789ABCDEF";
+    size_t k = 0;
+    o[k++] = ':';
+    for (size_t i = 0; i < n; i++) {
+        o[k++] = (uint8_t)H[p[i] >> 4];
+        o[k++] = (uint8_t)H[p[i] & 15];
+    }
+    o[k++] = '\r';
+    o[k++] = '\n';
+    return k;
+}
+
+static inline int wire_hexval(uint8_t c)
+{
+    if (c >= '0' && c <= '9') return c - '0';
+    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+    return -1;
+}
+
+/* The bytes of an ASCII frame, up to what is no hex; o may be p.  Returns their number. */
+static inline size_t wire_unhex(const uint8_t *p, size_t n, uint8_t *o)
+{
+    size_t k = 0;
+    if (n && p[0] == ':')
+        for (size_t i = 1; i + 1 < n; i += 2) {
+            int h = wire_hexval(p[i]), l = wire_hexval(p[i + 1]);
+            if (h < 0 || l < 0)
+                break;
+            o[k++] = (uint8_t)(h << 4 | l);
+        }
+    return k;
+}
+
 /* Unit u on line i (counted from 0) is known as i * wire_line_step + u: the
  * pattern of its values, and its number where all lines share one listener. */
 #define WIRE_MAX_LINE_STEP 20
