@@ -1,6 +1,6 @@
 """The whole gateway on virtual lines, beside a bare relay in C that stands for what no gateway can leave out.
 
-    .venv/bin/python tests/bench/bench.py                                   every scenario, three rounds: 15 minutes
+    .venv/bin/python tests/bench/bench.py                                   every scenario, three rounds: 17 minutes
     .venv/bin/python tests/bench/bench.py ports8 line19200 --rounds 1
     .venv/bin/python tests/bench/bench.py --list
 

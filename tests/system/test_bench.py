@@ -1,0 +1,38 @@
+"""The benchmark finds out a gateway that loses answers, refuses, lies or speaks too soon."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parents[1]
+FAULTS = ("wrong", "lost", "exceptions", "line faults")
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="the benchmark needs a C compiler")
+
+
+def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:
+    """The exit code, and how many of each fault are shown, for `kit/naive_gateway.py` in the gateway's place."""
+    package = folder / "gateway" / "cli"
+    package.mkdir(parents=True)
+    for each in (package, package.parent):
+        (each / "__init__.py").touch()
+    shutil.copy(TESTS / "kit" / "naive_gateway.py", package / "main.py")
+    bench = [sys.executable, TESTS / "bench" / "bench.py", "line19200", "--rounds", "1", "--seconds", "1"]
+    own = os.environ | environment | {"PYTHONPATH": str(folder)}
+    ended = subprocess.run(bench, capture_output=True, text=True, check=False, timeout=50, env=own)
+    titles, _, cells = ([cell.strip() for cell in row.split("|")] for row in ended.stdout.splitlines())
+    return ended.returncode, [int(cells[titles.index(fault)]) for fault in FAULTS]
+
+
+def test_a_gateway_without_a_fault_passes(tmp_path: Path) -> None:
+    assert measured(tmp_path) == (0, [0, 0, 0, 0])
+
+
+def test_each_fault_is_counted_and_ends_the_benchmark_with_status_1(tmp_path: Path) -> None:
+    status, faults = measured(tmp_path, FAULTY="1")
+    assert status == 1
+    assert all(faults), dict(zip(FAULTS, faults, strict=True))
