@@ -16,9 +16,10 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
+from threading import Timer
 from typing import NamedTuple
 
-from programs import GATEWAY, config
+from programs import GATEWAY, PATIENCE, config
 from scenarios import Scenario
 
 LINES = Scenario(what="", clients=1, lines=8)
@@ -49,14 +50,16 @@ class Start(NamedTuple):
 def until_end(command: list[str], environment: dict[str, str]) -> Start:
     """A program that ends by itself."""
     launch = [sys.executable, "-I", "-S", "-c", LAUNCHER, *command]
-    told = subprocess.run(launch, stdout=subprocess.PIPE, text=True, env=environment, check=True).stdout
-    return Start(*map(float, told.split()))
+    ended = subprocess.run(launch, stdout=subprocess.PIPE, text=True, env=environment, check=True, timeout=PATIENCE)
+    return Start(*map(float, ended.stdout.split()))
 
 
 def until_ready(file: Path, environment: dict[str, str]) -> Start:
     """The gateway with this config, until it says that it is ready."""
     began = time.perf_counter()
     program = subprocess.Popen([*GATEWAY, file], stderr=subprocess.PIPE, text=True, env=environment)
+    killer = Timer(PATIENCE, program.kill)
+    killer.start()
     try:
         log = []
         for line in program.stderr:
@@ -68,6 +71,7 @@ def until_ready(file: Path, environment: dict[str, str]) -> Start:
         wall = time.perf_counter() - began
         return Start(wall, _cpu(program.pid), _resident(program.pid))
     finally:
+        killer.cancel()
         program.terminate()
         program.communicate()
 
