@@ -7,6 +7,7 @@ import signal
 import sys
 from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
 from gateway import events
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
@@ -22,9 +23,12 @@ from gateway.ports.kinds import opener
 from gateway.service import garbage
 from gateway.service.build import Gateway, build
 from gateway.service.control import control_open, control_path
+from gateway.service.overdue import FILE_NAME as LATE_FILE
+from gateway.service.overdue import LeftBehind, is_entry
 from gateway.service.reload import Reloader, warn
 from gateway.service.remembered import in_force
 from gateway.service.running import Running
+from gateway.service.shared_file import SharedFile
 from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, inherited_sockets
@@ -74,20 +78,32 @@ def _tell_journal(rejected: events.ConfigRejected) -> None:
 
 def _serve(plan: Plan, file: Path, control: Path, emit: events.Emit) -> None:
     folder = state_folder()
-    with closing(StateFile(folder, emit)) as memory, closing(Store(folder, emit)) as store:
+    with (
+        closing(StateFile(folder, emit)) as memory,
+        closing(Store(folder, emit)) as store,
+        closing(LeftBehind(SharedFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
+    ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        run_exactly(_run(plan, file, control, memory, store, emit))
+        run_exactly(_run(plan, file, control, _State(memory, store, left_behind), emit))
 
 
-async def _run(plan: Plan, file: Path, control: Path, memory: Memory, store: Store, emit: events.Emit) -> None:
+class _State(NamedTuple):
+    """What outlives the process."""
+
+    memory: Memory
+    store: Store
+    left_behind: LeftBehind
+
+
+async def _run(plan: Plan, file: Path, control: Path, state: _State, emit: events.Emit) -> None:
     loop = asyncio.get_running_loop()
 
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
-        return build(plan, loop, opener, memory, emit, store, gateway)
+        return build(plan, loop, opener, state.memory, emit, state.store, gateway)
 
     systemd, stop = Notifier(), Stop()
-    running = Running(rebuild(plan, None), emit, OpenSockets(inherited_sockets()))
+    running = Running(rebuild(plan, None), emit, OpenSockets(inherited_sockets()), state.left_behind)
     reloader = Reloader(file, running, rebuild, systemd)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)

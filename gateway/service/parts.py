@@ -20,6 +20,7 @@ from gateway.ports.port import Opener, Port, PortUser, SerialSettings
 from gateway.routing.access import Door
 from gateway.routing.router import Router
 from gateway.service import remembered
+from gateway.service.overdue import Aftermath
 from gateway.service.state import Memory
 
 
@@ -47,6 +48,19 @@ class GatewayLine:
     def means(self, plan: LinePlan) -> bool:
         """Whether `plan` asks for this very line. One that passes units through may get or lose some of them."""
         return self.plan.meaning == plan.meaning
+
+    @property
+    def patience(self) -> float:
+        """For how many seconds after any request its answer may come, late ones included."""
+        line = self.plan.line
+        limit = max(self.longest_wait.values(), default=line.max_wait) - line.max_wait
+        slowest = max((device.answer_time.slowest for device in self.plan.devices), default=0.0)
+        return limit + (max(2 * limit, slowest) if line.late_window is None else line.late_window)
+
+    def begin_after(self, aftermath: Aftermath) -> None:
+        """Begin on a port where another line has left this behind."""
+        self.driver.line.keep_silent(aftermath.silent_until)
+        self.driver.line.await_overdue(aftermath.overdue)
 
     def devices_of(self, plan: LinePlan) -> dict[int, Device]:
         """The devices that `plan` has: those that are there already, and new ones."""

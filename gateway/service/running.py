@@ -11,7 +11,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Driver, Gateway, Listener, Part
-from gateway.service.overdue import LeftBehind, Places, places
+from gateway.service.overdue import LeftBehind, place
 from gateway.service.parts import GatewayLine
 
 #: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
@@ -25,16 +25,25 @@ _RESTART_PAUSE: Final = 1.0
 
 
 class Running:
-    """A gateway at work. `sockets` are those that were bound before the process began."""
+    """A gateway at work. `sockets` are those that were bound before the process began.
 
-    def __init__(self, gateway: Gateway, emit: events.Emit, sockets: OpenSockets | None = None) -> None:
+    `left_behind` is what earlier lines have left on their ports.
+    """
+
+    def __init__(
+        self,
+        gateway: Gateway,
+        emit: events.Emit,
+        sockets: OpenSockets | None = None,
+        left_behind: LeftBehind | None = None,
+    ) -> None:
         gateway.route()
         self.gateway = gateway
         self.emit = emit
         #: Set while clients can connect and nobody has ordered the end.
         self.ready = asyncio.Event()
         self._sockets = sockets or OpenSockets()
-        self._left_behind = LeftBehind()
+        self._left_behind = left_behind or LeftBehind()
         self._tasks: dict[Part, asyncio.Task[None]] = {}
         #: Listeners that the config does not have any more, and that still have clients.
         self._going: list[Listener] = []
@@ -120,13 +129,13 @@ class Running:
             for listener in gone:
                 group.create_task(self._retire_listener(listener), name=f"retire:{listener.settings.name}")
             retiring = [
-                (_places(part), group.create_task(self._retire(part), name=f"retire:{part.name}"))
+                (place(part.plan.port), group.create_task(self._retire(part), name=f"retire:{part.name}"))
                 for part in old.parts
                 if part not in new.parts
             ]
             for part in new.parts:
                 if part not in old.parts:
-                    before = [task for there, task in retiring if there & _places(part)]
+                    before = [task for there, task in retiring if there == place(part.plan.port)]
                     group.create_task(self._start_after(before, part), name=f"start:{part.name}")
             for mirror in new.mirrors:
                 mirror.start()
@@ -163,7 +172,7 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
-                part.driver.line.await_overdue(self._left_behind.awaited(_places(part), now))
+                part.begin_after(self._left_behind.begin(place(part.plan.port), part.patience, now))
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:
@@ -194,13 +203,9 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
-                self._left_behind.leave(_places(part), part.driver.line.overdue(now))
+                self._left_behind.end(place(part.plan.port), part.driver.line.overdue(now), now)
             part.driver.close()
             self._tasks.pop(part, None)
-
-
-def _places(part: Part) -> Places:
-    return places(part.name, part.plan.port)
 
 
 async def _keep(part: Part, emit: events.Emit) -> None:

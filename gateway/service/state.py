@@ -5,21 +5,15 @@
 An entry holds as long as the config says what it said then: who edits the config knows better.
 """
 
-import json
 import os
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from fcntl import LOCK_EX, flock
 from pathlib import Path
 from typing import Final
 
-from gateway.errors import StateError
-from gateway.events import Emit, StateNotKept
-from gateway.ports.ownership import give_to_owner_of_folder
+from gateway.events import Emit
+from gateway.service.shared_file import Entries, SharedFile, read_entries
 
 FILE_NAME: Final = "whereabouts.json"
-
-Entries = dict[str, dict[str, int]]
 
 
 def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0) -> Path:
@@ -42,7 +36,8 @@ class Memory:
     def recall(self, key: str, configured: int) -> int:
         """The value of `key` now: the remembered one, unless the config has changed since."""
         entry = self._entries.get(key, {})
-        return entry.get("now", configured) if entry.get("configured") == configured else configured
+        now: int = entry.get("now", configured) if entry.get("configured") == configured else configured
+        return now
 
     def remember(self, key: str, configured: int, now: int) -> None:
         """Keep the value of `key`; nothing is kept once it is what the config says."""
@@ -61,73 +56,29 @@ def kept_in(folder: Path) -> Memory:
         StateError: the file is there and cannot be read.
     """
     file = folder / FILE_NAME
-    return Memory(str(file), _read(file))
+    return Memory(str(file), read_entries(file, _is_entry))
 
 
 class StateFile(Memory):
-    """A memory in a file, which is written anew by a thread with each change. A failure is told, and serving goes on.
-
-    Several gateways may share a file: each changes its own entries only.
+    """A memory in a file, which follows each change.
 
     Raises:
         StateError: the file is there and cannot be read.
     """
 
     def __init__(self, folder: Path, emit: Emit) -> None:
-        self._file = folder / FILE_NAME
-        super().__init__(str(self._file), _read(self._file))
-        self._emit = emit
-        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="state")
+        self._shared = SharedFile(folder / FILE_NAME, _is_entry, emit)
+        super().__init__(str(self._shared.file), self._shared.read())
 
     def remember(self, key: str, configured: int, now: int) -> None:
-        """See Memory; the file follows."""
+        """See Memory."""
         super().remember(key, configured, now)
-        self._writer.submit(_change, self._file, key, self._entries.get(key)).add_done_callback(self._written)
+        self._shared.change(key, self._entries.get(key))
 
     def close(self) -> None:
         """Nothing more is remembered; returns when the file has been written."""
-        self._writer.shutdown()
-
-    def _written(self, writing: Future[None]) -> None:
-        error = writing.exception()
-        if error is not None:
-            self._emit(StateNotKept(str(self._file), getattr(error, "strerror", None) or str(error)))
-
-
-def _read(file: Path) -> Entries:
-    try:
-        entries = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        raise StateError(f"{file} cannot be read ({error}); move it away to start without it") from error
-    if not isinstance(entries, dict) or not all(map(_is_entry, entries.values())):
-        raise StateError(f"{file} is not a file of this gateway; move it away to start without it")
-    return entries
+        self._shared.close()
 
 
 def _is_entry(value: object) -> bool:
     return isinstance(value, dict) and all(isinstance(value.get(key), int) for key in ("configured", "now"))
-
-
-def _change(file: Path, key: str, entry: dict[str, int] | None) -> None:
-    """Change one entry; None takes it out. Others that were written meanwhile stay."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.with_suffix(".lock").open("w") as lock:
-        give_to_owner_of_folder(Path(lock.name))
-        flock(lock, LOCK_EX)
-        entries = _read(file)
-        entries.pop(key, None)
-        if entry is not None:
-            entries[key] = entry
-        _write(file, json.dumps(entries, indent=2) + "\n")
-
-
-def _write(file: Path, text: str) -> None:
-    fresh = file.with_suffix(".new")
-    with fresh.open("w", encoding="utf-8") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    give_to_owner_of_folder(fresh)
-    fresh.replace(file)
