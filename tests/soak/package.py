@@ -7,6 +7,7 @@ It builds the package first, and needs root, systemd-nspawn, mmdebstrap, and wha
 takes a minute or two; status 0 if all went well.
 """
 
+import re
 import shutil
 import subprocess
 import sys
@@ -100,6 +101,17 @@ def check_failed_upgrade(system: BootedSystem, package: Path) -> None:
     print("an upgrade that fails leaves it as it was")
 
 
+def check_documents(system: BootedSystem) -> None:
+    """Pages can be read, and lead to what is there."""
+    folder = system.root / "usr/share/doc/modbus-gateway"
+    pages = list(folder.rglob("*.md"))
+    assert pages, "there are no documents"
+    for page in pages:
+        for target in re.findall(r"\]\((?!http)([^)#]+)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.relative_to(folder)} leads to {target}"
+    print(f"{len(pages)} documents lead to what is there")
+
+
 def check_upgrade(system: BootedSystem, package: Path) -> None:
     """Upgrade it, with a config that was changed here and there."""
     config = (system.root / CONFIG.lstrip("/")).read_text().replace("try-me", "mine")
@@ -125,7 +137,8 @@ def check_removal(system: BootedSystem) -> None:
 
 def check_purge(system: BootedSystem) -> None:
     """Purge it: nothing stays."""
-    system.done("dpkg", "--purge", "modbus-gateway")
+    purged = system.run("dpkg", "--purge", "modbus-gateway")
+    assert (purged.returncode, purged.stderr) == (0, "")
     assert system.done("find", "/etc", "/usr", "/var/lib", "-name", "*modbus*") == ""
     print("nothing is left after a purge")
 
@@ -139,6 +152,7 @@ def main(release: str) -> None:
         check_installation(system, package)
         check_another_python(system)
         check_failed_upgrade(system, newer(package, Path(folder), "#!/bin/sh\nexit 1\n"))
+        check_documents(system)
         check_upgrade(system, newer(package, Path(folder)))
         check_removal(system)
         check_purge(system)
