@@ -21,33 +21,52 @@ class Notifier:
         self._address = f"\0{path[1:]}" if path.startswith("@") else path
         #: Within how many seconds it wants a sign of life; 0 for never.
         self.watchdog = _watchdog_period(environment)
+        #: The step that it had no room to hear of yet.
+        self._unheard = ""
 
     def ready(self, status: str) -> None:
         """Clients can connect, or a reload is over."""
-        self._tell("READY=1", f"STATUS={status}")
+        self._step("READY=1")
+        self.status(status)
 
     def reloading(self) -> None:
         """The config is being read again; `ready` follows."""
-        self._tell("RELOADING=1")
+        self._step("RELOADING=1")
 
     def status(self, text: str) -> None:
-        """What `systemctl status` shows."""
+        """What `systemctl status` shows. One that is longer than 4096 bytes is not taken."""
+        self._repeat_step()
         self._tell(f"STATUS={text}")
 
     def alive(self) -> None:
         """A sign of life."""
+        self._repeat_step()
         self._tell("WATCHDOG=1")
 
     def stopping(self) -> None:
         """The end has begun."""
-        self._tell("STOPPING=1")
+        self._step("STOPPING=1")
 
-    def _tell(self, *lines: str) -> None:
+    def _step(self, step: str) -> None:
+        """Tell it now, or else when something is told next; only the last one counts."""
+        self._unheard = step
+        self._repeat_step()
+
+    def _repeat_step(self) -> None:
+        if self._unheard and self._tell(self._unheard):
+            self._unheard = ""
+
+    def _tell(self, line: str) -> bool:
+        """False if systemd has not read what it was told before, and has no room for more."""
         if not self._address:
-            return
+            return True
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
             sock.setblocking(False)
-            sock.sendto("\n".join(lines).encode(), self._address)
+            try:
+                sock.sendto(line.encode(), self._address)
+            except BlockingIOError:
+                return False
+        return True
 
 
 def inherited_sockets(environment: Mapping[str, str] = os.environ) -> list[socket.socket]:

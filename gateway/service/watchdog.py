@@ -3,7 +3,7 @@
 import asyncio
 from typing import Final
 
-from gateway.service.build import Gateway
+from gateway.service.build import Gateway, Part
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 
@@ -13,6 +13,8 @@ LATE: Final = 1.0
 _SIGNS: Final = 3
 #: How often the status text follows what has happened, where systemd wants no signs of life; in seconds.
 _STATUS_PERIOD: Final = 10.0
+#: So many characters a summary has at most, roughly: systemd ignores what is longer than 4096 bytes as a whole.
+_LONGEST_SUMMARY: Final = 1000
 
 
 async def watch(running: Running, notifier: Notifier) -> None:
@@ -35,7 +37,20 @@ def stuck(gateway: Gateway, now: float) -> list[str]:
 
 def summary(gateway: Gateway) -> str:
     """The state of the gateway in one line: `3 of 4 lines up, 7 clients; hall-a: /dev/ttyUSB0 does not exist`."""
-    down = [f"; {part.name}: {part.keeper.error}" for part in gateway.parts if part.keeper.error is not None]
+    troubles = [trouble for part in gateway.parts if (trouble := _trouble(part))]
     count = len(gateway.parts)
     clients = sum(listener.clients for listener in gateway.listeners)
-    return f"{count - len(down)} of {count} lines up, {clients} clients{''.join(down)}"
+    text = f"{count - len(troubles)} of {count} lines up, {clients} clients"
+    for told, trouble in enumerate(troubles):
+        if len(text) + len(trouble) > _LONGEST_SUMMARY:
+            return f"{text}; and {len(troubles) - told} more"
+        text += f"; {trouble}"
+    return text
+
+
+def _trouble(part: Part) -> str:
+    """Why a part has no port; nothing if it has one."""
+    keeper = part.keeper
+    if not keeper.tried.is_set():
+        return f"{part.name}: not tried yet"
+    return "" if keeper.error is None else f"{part.name}: {keeper.error}"

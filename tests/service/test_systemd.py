@@ -3,13 +3,14 @@
 import asyncio
 import os
 import socket
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from gateway.service.systemd import Notifier, inherited_sockets
 from gateway.service.watchdog import stuck, summary, watch
-from kit.house import house
+from kit.house import House, house
 
 CONFIG = """
 [[listen]]
@@ -52,8 +53,28 @@ def test_it_hears_each_step(systemd: socket.socket) -> None:
     it.alive()
     it.stopping()
     assert told(systemd) == [
-        "READY=1\nSTATUS=1 of 1 lines up", "RELOADING=1", "STATUS=busy", "WATCHDOG=1", "STOPPING=1",
+        "READY=1", "STATUS=1 of 1 lines up", "RELOADING=1", "STATUS=busy", "WATCHDOG=1", "STOPPING=1",
     ]  # fmt: skip
+
+
+def fill(systemd: socket.socket) -> None:
+    """Others tell systemd so much that its queue is full."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as other, suppress(BlockingIOError):
+        other.setblocking(False)
+        while True:
+            other.sendto(b"X=1", systemd.getsockname())
+
+
+@pytest.mark.parametrize("next_step", ["alive", "status"])
+def test_a_step_that_it_had_no_room_for_is_told_before_what_comes_next(systemd: socket.socket, next_step: str) -> None:
+    it = notifier(systemd)
+    fill(systemd)
+    it.reloading()
+    it.ready("fine")
+    assert set(told(systemd)) == {"X=1"}
+    it.alive() if next_step == "alive" else it.status("later")
+    it.alive()
+    assert told(systemd) == ["READY=1", "WATCHDOG=1" if next_step == "alive" else "STATUS=later", "WATCHDOG=1"]
 
 
 def test_without_systemd_nothing_happens(tmp_path: Path) -> None:
@@ -122,3 +143,17 @@ async def test_the_status_text_says_which_line_is_down() -> None:
         home.lines["hall-a"].pull()
         await asyncio.sleep(0.01)
         assert summary(home.gateway).startswith("0 of 1 lines up, 0 clients; hall-a: ")
+
+
+async def test_a_line_that_was_not_tried_is_not_up() -> None:
+    assert summary(House(CONFIG).gateway) == "0 of 1 lines up, 0 clients; hall-a: not tried yet"
+
+
+async def test_the_status_text_of_many_lines_is_short_enough_for_systemd() -> None:
+    line = '[[line]]\nport = "/dev/serial/by-id/{0}-{1}"\ndevices = [{{ unit = {1} }}]\n'
+    gateway = House("".join(line.format("x" * 80, unit) for unit in range(1, 101))).gateway
+    text = summary(gateway)
+    assert text.startswith(f"0 of 100 lines up, 0 clients; {'x' * 80}-1: not tried yet; ")
+    shown = text.count("not tried yet")
+    assert text.endswith(f"; and {100 - shown} more")
+    assert 900 < len(text) < 1100

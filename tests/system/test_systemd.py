@@ -107,6 +107,15 @@ def test_it_is_not_active_while_a_line_is_still_being_tried(system: BootedSystem
         assert system.show("StatusText").startswith("1 of 2 lines up, 0 clients; roof: ")
 
 
+def test_it_is_active_though_more_lines_are_down_than_its_status_can_tell(system: BootedSystem) -> None:
+    line = '[[line]]\nport = "/dev/serial/by-id/{0}-{1}"\ndevices = [{{ unit = {1} }}]\n'
+    system.write(FILE, CONFIG + "".join(line.format("x" * 150, unit) for unit in range(101, 141)))
+    start(system)
+    system.done("systemctl", "reload", SERVICE)
+    until(lambda: system.show("StatusText").startswith("1 of 41 lines up, 0 clients; xxx"), system.status)
+    assert system.show("ActiveState") == "active"
+
+
 def test_a_client_starts_it_and_stopping_the_socket_ends_both(system: BootedSystem) -> None:
     system.done("systemctl", "start", SOCKET)
     assert system.show("ActiveState") == "inactive"
