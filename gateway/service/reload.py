@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 from gateway import events
 from gateway.config.load import load
@@ -16,6 +17,9 @@ from gateway.service.build import Gateway
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary
+
+#: How long the file may take to be read, in seconds. Those who order a reload wait for 30 s.
+LOADING_TIME: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +88,11 @@ class Reloader:
 
     async def _reload(self) -> Outcome:
         loop = asyncio.get_running_loop()
-        loaded = await loop.run_in_executor(ThreadOfItsOwn("load config"), load, self._file)
+        try:
+            async with asyncio.timeout(LOADING_TIME):
+                loaded = await loop.run_in_executor(ThreadOfItsOwn("load config"), load, self._file)
+        except TimeoutError:
+            return self._rejected((f"{self._file}: cannot be read within {LOADING_TIME:g} s; is it a file?",))
         if loaded.config is None:
             return self._rejected(loaded.errors)
         old, new = self._running.gateway.plan, resolve(loaded.config)

@@ -58,7 +58,7 @@ class SharedFile:
         if writer is not None:
             writer.join(CLOSING_DEADLINE)
             if writer.is_alive():
-                self._failed("the disk takes too long")
+                self._failed("the disk, or another gateway, takes too long")
 
     def _write(self) -> None:
         while changes := self._next():

@@ -237,6 +237,21 @@ async def test_the_log_names_the_first_error_in_one_line_whatever_was_warned_of(
         assert rejected.reason == outcome.problems[0].splitlines()[0] + " (and 1 more)"
 
 
+async def test_a_file_that_cannot_be_read_to_its_end_holds_up_no_later_reload(serving, monkeypatch):
+    async with serving(LISTEN + HALL_A) as service:
+        loop = asyncio.get_running_loop()
+        with monkeypatch.context() as hanging:
+            hanging.setattr(loop, "run_in_executor", lambda *arguments: loop.create_future())
+            first = service.reloader.order()
+            await asyncio.sleep(1.0)
+        began = loop.time()
+        second = await service.reload(LISTEN + HALL_A + HALL_B)
+        assert second == Outcome(added=("line hall-b",))
+        assert loop.time() - began < 10.0
+        (problem,) = first.result().problems
+        assert problem.endswith("gateway.toml: cannot be read within 10 s; is it a file?")
+
+
 async def test_orders_in_a_burst_are_one_reload_and_the_last_file_counts(serving):
     async with serving(LISTEN + HALL_A) as service:
         orders = [service.reloader.order() for _ in range(10)]

@@ -55,7 +55,7 @@ def test_a_lock_that_somebody_keeps_holds_up_no_end(shared, told, monkeypatch) -
         began = time.monotonic()
         shared.close()
         assert time.monotonic() - began < 1.5
-        assert told == [StateNotKept(str(shared.file), "the disk takes too long")]
+        assert told == [StateNotKept(str(shared.file), "the disk, or another gateway, takes too long")]
     monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", 10.0)
     shared.close()
     assert shared.read() == {"a": 1}
