@@ -8,10 +8,10 @@ from typing import Final
 
 from gateway.events import Level
 
-#: Entries that may wait. Those that no limit applies to may go on from there, so that whoever causes many others cannot
-#: make a write go untold.
+#: Entries that may wait. Those that nobody can cause at will may go on from there, so that whoever causes many others
+#: cannot make a write go untold.
 MOST_WAITING: Final = 1000
-MOST_UNLIMITED: Final = 2 * MOST_WAITING
+MOST_WITH_RESERVE: Final = 2 * MOST_WAITING
 #: While entries are dropped, so many must have been written before others are taken.
 _TAKES_AGAIN: Final = MOST_WAITING // 2
 
@@ -30,6 +30,8 @@ class Entry:
     fields: Mapping[str, object]
     #: Whether few such lines a second will do.
     is_limited: bool = True
+    #: Whether it leaves the last places to others.
+    gives_way: bool = True
     events: int = 1
     write_audits: int = 0
 
@@ -49,7 +51,7 @@ class Missing:
     def note(self, at: float, clock: float) -> Entry:
         """The entry that tells of them: `events_dropped`."""
         fields = {"dropped": self.events, "write_audits": self.write_audits}
-        return Entry(at, clock, Level.WARNING, "events_dropped", fields, False, self.events, self.write_audits)
+        return Entry(at, clock, Level.WARNING, "events_dropped", fields, False, False, self.events, self.write_audits)
 
 
 class Backlog:
@@ -88,9 +90,9 @@ class Backlog:
             return entry
 
     def _has_room(self, entry: Entry) -> bool:
-        if entry.is_limited:
+        if entry.gives_way:
             return not self._missing.events and len(self._waiting) < MOST_WAITING
-        return len(self._waiting) < MOST_UNLIMITED
+        return len(self._waiting) < MOST_WITH_RESERVE
 
     def close(self) -> None:
         """No other entry will come."""

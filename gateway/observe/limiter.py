@@ -15,7 +15,7 @@ PAUSE: Final = 10.0
 STEADY: Final = 60.0
 
 #: What an event is about. Of a client its host counts: each connection has another port.
-_KEY: Final = ("line", "unit", "listener", "client", "problem", "result")
+_KEY: Final = ("line", "unit", "listener", "client", "problem")
 
 
 class Subject(NamedTuple):

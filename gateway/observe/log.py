@@ -18,7 +18,7 @@ from gateway.observe.writer import StandardError, Stream, Writer
 
 LogFormat = Literal["auto", "console", "json", "journald"]
 
-#: Results of writes that need no right: one who may only read could fill the log with them.
+#: Results of writes that need no right: one who may only read could fill the backlog with them.
 _ANYBODY_CAUSES: Final = (AccessDenied.result, NoRoute.result)
 
 
@@ -31,10 +31,9 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     the journal, else `console`. What libraries log through Python's `logging` is written in the same way, from warnings
     on.
 
-    The log never does harm: a thread writes it, at most ten lines a second about the same, a hundred about writes that
-    are refused for want of a right or a unit, one in ten seconds about clients of one address that are sent away, one a
-    minute about what goes on for longer than that. Other accounts of writes and errors of the service are not limited.
-    What cannot be written is counted.
+    The log never does harm: a thread writes it, at most ten lines a second about the same, one in ten seconds about
+    clients of one address that are sent away, one a minute about what goes on for longer than that. Accounts of writes
+    and errors of the service are not limited. What cannot be written is counted.
     """
     least = Level[level.upper()]
     writer = Writer(_sink(log_format, stream))
@@ -66,14 +65,11 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
 
 def _entry(event: Event) -> Entry:
     at, clock, audits = time.monotonic(), time.time(), int(isinstance(event, WriteAudit))
-    return Entry(at, clock, event.level, event.name, event.fields(), _is_limited(event), write_audits=audits)
-
-
-def _is_limited(event: Event) -> bool:
-    """Errors are rare, and somebody may have to account for each write, except those that anybody may have refused."""
-    if isinstance(event, WriteAudit):
-        return event.result in _ANYBODY_CAUSES
-    return event.level < Level.ERROR
+    limited = (
+        event.level < Level.ERROR and not audits
+    )  # errors are rare, and somebody may have to account for each write
+    gives_way = event.result in _ANYBODY_CAUSES if isinstance(event, WriteAudit) else limited
+    return Entry(at, clock, event.level, event.name, event.fields(), limited, gives_way, write_audits=audits)
 
 
 class _FromLibraries(logging.Handler):

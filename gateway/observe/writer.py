@@ -3,12 +3,12 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from math import inf
 from threading import Thread
 from typing import Final, Protocol
 
-from gateway.events import ClientRejected, WriteAudit
+from gateway.events import ClientRejected
 from gateway.observe.backlog import Backlog, Entry, Missing
 from gateway.observe.limiter import Limiter, Subject, subject_of
 
@@ -56,8 +56,7 @@ class Writer:
     def __init__(self, write: Callable[[Entry], object]) -> None:
         self._write_one = write
         self._usual = Limiter()
-        # Any stranger can have itself sent away, and have writes refused, as often as it likes.
-        self._special = {ClientRejected.name: Limiter(lines=1, seconds=10.0), WriteAudit.name: Limiter(lines=100)}
+        self._rejected = Limiter(lines=1, seconds=10.0)  # any stranger can have itself rejected, as often as it likes
         self._backlog = Backlog()
         self._missing = Missing()
         # A daemon, because a write that hangs must not keep the process from ending.
@@ -82,18 +81,15 @@ class Writer:
         self._write_counts(inf)
 
     def _until_next_count(self) -> float | None:
-        due = [each.next_due for each in self._limiters() if each.next_due is not None]
+        due = [each.next_due for each in (self._usual, self._rejected) if each.next_due is not None]
         return max(0.0, min(due) - time.monotonic()) if due else None
 
-    def _limiters(self) -> Iterable[Limiter]:
-        return (self._usual, *self._special.values())
-
     def _admits(self, entry: Entry) -> bool:
-        limiter = self._special.get(entry.name, self._usual)
+        limiter = self._rejected if entry.name == ClientRejected.name else self._usual
         return not entry.is_limited or limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
 
     def _write_counts(self, now: float) -> None:
-        for subject, count in [due for limiter in self._limiters() for due in limiter.due(now)]:
+        for subject, count in (*self._usual.due(now), *self._rejected.due(now)):
             self._write(_count(subject, count))
 
     def _write(self, entry: Entry) -> None:
@@ -108,5 +104,4 @@ class Writer:
 
 def _count(subject: Subject, count: int) -> Entry:
     fields = {**dict(subject.key), "suppressed": count}
-    audits = count if subject.name == WriteAudit.name else 0
-    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields, events=count, write_audits=audits)
+    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields, events=count)

@@ -1,6 +1,6 @@
 """What waits for the log: in order, bounded, and honest about what is missing."""
 
-from gateway.observe.backlog import MOST_UNLIMITED, MOST_WAITING, Backlog, Entry
+from gateway.observe.backlog import MOST_WAITING, MOST_WITH_RESERVE, Backlog, Entry
 
 
 def entry(number: int) -> Entry:
@@ -50,7 +50,7 @@ def test_it_is_done_when_it_is_closed_and_all_was_taken() -> None:
 
 
 def audit(number: int) -> Entry:
-    return Entry(float(number), float(number), 20, "write_audit", {"number": number}, is_limited=False, write_audits=1)
+    return Entry(float(number), float(number), 20, "write_audit", {"number": number}, False, False, write_audits=1)
 
 
 def test_many_other_entries_leave_room_for_accounts_of_writes() -> None:
@@ -63,8 +63,8 @@ def test_many_other_entries_leave_room_for_accounts_of_writes() -> None:
 
 def test_accounts_of_writes_are_bounded_too_and_those_that_are_dropped_are_counted_by_themselves() -> None:
     backlog = Backlog()
-    for number in range(MOST_UNLIMITED + 5):
+    for number in range(MOST_WITH_RESERVE + 5):
         backlog.put(audit(number))
     backlog.put(entry(1))
-    last = [found for _ in range(2 * MOST_UNLIMITED) if (found := backlog.take(0.0)) is not None][-1]
+    last = [found for _ in range(2 * MOST_WITH_RESERVE) if (found := backlog.take(0.0)) is not None][-1]
     assert (last.name, last.fields) == ("events_dropped", {"dropped": 6, "write_audits": 5})
