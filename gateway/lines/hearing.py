@@ -4,10 +4,11 @@ The framer finds what looks like the answer, and the ear knows whether another c
 nothing but the answer was heard, as nearly always, nobody looks further.
 """
 
+from collections.abc import Iterator
 from typing import Final
 
 from gateway.errors import AmbiguousResponse
-from gateway.lines.ear import ECHOES, Ear
+from gateway.lines.ear import ECHOES, Ear, Stranger
 from gateway.lines.echo import Echo
 from gateway.lines.late import LateWindows
 from gateway.lines.look import HELD_BACK, look_at
@@ -168,6 +169,11 @@ class Hearing:
         framer = self._framer
         self._listen_anew()
         return framer
+
+    def unanswered(self) -> Iterator[Stranger]:
+        """What other clients have asked and nobody has answered yet."""
+        self._ear.listen()
+        return (stranger for strangers in self._ear.strangers.values() for stranger in strangers)
 
     def framer_for(self, unit: int | None, asked: RequestPdu) -> ResponseFramer:
         """One that looks for an answer to `asked` from `unit`, None from any."""

@@ -108,9 +108,17 @@ class Line:
         finally:
             _fail_all(waiting, errors.LineDown())
 
-    def overdue(self, now: float) -> list[Overdue]:
-        """The late answers that are awaited, for a line that follows on the same port: they may still come there."""
-        return self._windows.overdue(now)
+    def overdue(self, now: float, patience: float) -> list[Overdue]:
+        """What may still come, for a line that follows on the same port: late answers, and those to other clients.
+
+        Nobody is answered later than `patience` seconds after it has asked.
+        """
+        others = [
+            Overdue(frame.unit, frame.unit, asked.data, 1, at + patience)
+            for at, frame, asked in self._hearing.unanswered()
+            if at + patience > now
+        ]
+        return self._windows.overdue(now) + others
 
     def await_overdue(self, answers: Iterable[Overdue]) -> None:
         """Await the late answers to what an earlier line on the port has asked."""

@@ -9,6 +9,7 @@ from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
 from gateway.events import Emit
 from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.driver import LineDriver
+from gateway.lines.late import Overdue
 from gateway.lines.line import Line
 from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.lines.upstream import Upstream
@@ -56,6 +57,10 @@ class GatewayLine:
         limit = max(self.longest_wait.values(), default=line.max_wait) - line.max_wait
         slowest = max((device.answer_time.slowest for device in self.plan.devices), default=0.0)
         return limit + (max(2 * limit, slowest) if line.late_window is None else line.late_window)
+
+    def overdue(self, now: float) -> list[Overdue]:
+        """What may still come on the port for another line there."""
+        return self.driver.line.overdue(now, self.patience)
 
     def begin_after(self, aftermath: Aftermath) -> None:
         """Begin on a port where another line has left this behind."""

@@ -203,7 +203,7 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
-                self._left_behind.end(place(part.plan.port), part.driver.line.overdue(now), now)
+                self._left_behind.end(place(part.plan.port), part.overdue(now), now)
             part.driver.close()
             self._tasks.pop(part, None)
 

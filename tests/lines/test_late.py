@@ -541,12 +541,16 @@ def test_a_line_tells_how_many_late_answers_it_awaits_and_how_many_requests_wait
 # --- what an earlier line on the port has asked ---
 
 
+#: Nobody on the line is answered later than so many seconds after it has asked.
+PATIENCE = 1.0
+
+
 def succeed(bench: Bench) -> Bench:
     """Another line on the same port, as after a reload or a restart."""
     other = Bench()
     other.now = bench.now
     other.plug()
-    other.line.await_overdue(bench.line.overdue(bench.now))
+    other.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
     other.pass_time(0.01)
     return other
 
@@ -566,7 +570,7 @@ def test_a_line_that_follows_awaits_what_the_earlier_one_has_awaited(bench: Benc
     assert heir.line.late_windows(heir.now) == 1
     assert (heir.line.unasked_bytes, heir.told(OtherClientHeard), heir.told(LateResponse)) == (0, [], [])
     heir.pass_time(WINDOW)
-    assert heir.line.overdue(heir.now) == []
+    assert heir.line.overdue(heir.now, PATIENCE) == []
     heir.ask()
     assert heir.written[-1] == heir.frame(1, READ)
 
@@ -597,3 +601,17 @@ def test_a_line_behind_one_that_was_killed_asks_nothing_until_nothing_can_come(b
     assert heir.written == [heir.frame(1, READ)]
     heir.respond()
     assert heir.client.answers == [RESPONSE]
+
+
+def test_a_line_that_follows_awaits_what_other_clients_are_owed(bench: Bench) -> None:
+    bench.hear(bench.frame(1, READ))
+    bench.pass_time(PATIENCE - 0.3)
+    heir = succeed(bench)
+    heir.ask()
+    heir.respond()
+    heir.pass_time(0.01)
+    heir.ask()
+    assert heir.client.answers == ["83 0B"]
+    assert heir.written == [heir.frame(1, READ)]
+    bench.pass_time(0.31)
+    assert bench.line.overdue(bench.now, PATIENCE) == []
