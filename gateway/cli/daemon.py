@@ -57,20 +57,22 @@ def _understood(line: bytes) -> dict[str, Any]:
 def _connected(control: str | None) -> socket.socket:
     """A connection to the first daemon that answers."""
     reasons: list[str] = []
+    forbidden: list[Path] = []
     paths = [Path(control)] if control else [*_configured(reasons), control_path(Path("gateway.toml")), SYSTEM_SOCKET]
     for path in dict.fromkeys(paths):
         sock = socket.socket(socket.AF_UNIX)
         sock.settimeout(_PATIENCE)
         try:
             sock.connect(str(path))
-        except PermissionError:
-            sock.close()
-            raise DaemonError(f"only root and the gateway's own user may ask at {path}: use sudo") from None
         except OSError as error:
             sock.close()
+            if isinstance(error, PermissionError):
+                forbidden.append(path)
             reasons.append(f"{path}: {error.strerror}")
         else:
             return sock
+    if forbidden:
+        raise DaemonError(f"only root and the gateway's own user may ask at {forbidden[0]}: use sudo")
     raise DaemonError(f"no daemon can be reached ({'; '.join(reasons)}); is it running? --control PATH says where")
 
 

@@ -269,6 +269,14 @@ def test_events_are_entries_of_the_journal_with_fields(system: BootedSystem) -> 
     assert entry["MESSAGE"].startswith("request_timeout line=hall-a unit=46")
 
 
+def test_the_journal_finds_what_is_about_one_machine(system: BootedSystem) -> None:
+    start(system)
+    with system.connect() as client:
+        assert asked(client, bytes.fromhex("0001 0000 0006 63 03 0000 0001"))[-2:] == b"\x83\x0a"
+    until(lambda: system.log("MODBUS_CLIENT_ADDRESS=127.0.0.1"), system.status)
+    assert system.log("MODBUS_CLIENT_ADDRESS=127.0.0.1")[0]["MODBUS_EVENT"] == "request_refused"
+
+
 @pytest.mark.parametrize(
     ("major", "reason"),
     [
