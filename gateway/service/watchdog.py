@@ -9,10 +9,10 @@ from gateway.service.systemd import Notifier
 
 #: A loop, or a line, that is late by so many seconds gives no sign of life.
 LATE: Final = 1.0
-#: Signs of life in each period that systemd allows.
+#: Signs of life in each period that systemd allows, at least.
 _SIGNS: Final = 3
-#: How often the status text follows what has happened, where systemd wants no signs of life; in seconds.
-_STATUS_PERIOD: Final = 10.0
+#: How soon the status text follows what has happened, in seconds.
+_STATUS_PERIOD: Final = 1.0
 #: So many characters a summary has at most, roughly: systemd ignores what is longer than 4096 bytes as a whole.
 _LONGEST_SUMMARY: Final = 1000
 
@@ -20,7 +20,7 @@ _LONGEST_SUMMARY: Final = 1000
 async def watch(running: Running, notifier: Notifier) -> None:
     """Tell systemd how the gateway is doing, until cancelled."""
     loop = asyncio.get_running_loop()
-    period = notifier.watchdog / _SIGNS or _STATUS_PERIOD
+    period = min(notifier.watchdog / _SIGNS or _STATUS_PERIOD, _STATUS_PERIOD)
     while True:
         due = loop.time() + period
         await asyncio.sleep(period)

@@ -145,6 +145,16 @@ async def test_the_status_text_says_which_line_is_down() -> None:
         assert summary(home.gateway).startswith("0 of 1 lines up, 0 clients; hall-a: ")
 
 
+@pytest.mark.parametrize("period", ["0", "10000000"])
+async def test_the_status_text_follows_within_a_second(systemd: socket.socket, period: str) -> None:
+    async with house(CONFIG) as home:
+        watching = asyncio.create_task(watch(Watched(home.gateway), notifier(systemd, WATCHDOG_USEC=period)))
+        home.lines["hall-a"].pull()
+        await asyncio.sleep(1.1)
+        assert told(systemd)[-1].startswith("STATUS=0 of 1 lines up")
+        watching.cancel()
+
+
 async def test_a_line_that_was_not_tried_is_not_up() -> None:
     assert summary(House(CONFIG).gateway) == "0 of 1 lines up, 0 clients; hall-a: not tried yet"
 
