@@ -89,9 +89,8 @@ class LineDriver:
 
     def _receive(self, data: bytes, now: float) -> None:
         self.line.received(data, now)
-        self._look_at = self.line.look_at(now)
-        if self._look_at is not None and self._border.port is not None:
-            self._border.port.pause()
+        look_at, port = self.line.look_at(now), self._border.port
+        self._look_at = look_at if look_at is not None and port is not None and port.pause() else None
 
     def _down(self) -> None:
         self._look_at = None

@@ -11,7 +11,7 @@ from gateway.errors import AmbiguousResponse
 from gateway.lines.ear import ECHOES, Ear, Stranger
 from gateway.lines.echo import Echo
 from gateway.lines.late import LateWindows
-from gateway.lines.look import HELD_BACK, look_at
+from gateway.lines.look import HELD_BACK, is_paced, look_at
 from gateway.lines.overheard import Overheard, Verdict, before, is_damaged, is_from, overheard
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
@@ -58,6 +58,9 @@ class Hearing:
         #: What came before all of the request can have left, so that it can be no answer; and what came since.
         self._early = bytearray()
         self._heard = bytearray()
+        #: When the first of that was read, and how much came with it.
+        self._first_at = 0.0
+        self._came_first = 0
         #: Whether other frames came since that are no answer, and what came instead of one.
         self._foreign = False
         self._instead: Overheard
@@ -91,6 +94,9 @@ class Hearing:
         if self._echo is not None:
             data = self._echo.strip(data)
             self._early[:] = self._echo.before
+        if not self._heard:
+            self._first_at = now
+            self._came_first = len(data)
         if len(self._heard) < _SIZE:
             self._heard += data
         return self._judge(self._framer.received(data, now))
@@ -112,13 +118,15 @@ class Hearing:
     def look_at(self, now: float) -> float | None:
         """When to look at the line again, because nothing that comes before can complete the answer; None: always.
 
-        What came faster than the line can carry it tells nothing of when the rest comes.
+        What came faster than the line can carry it tells nothing of when the rest comes. That counts from the first
+        byte, however long the device has thought before.
         """
         missing = self._framer.missing
         character = self._budget.line.character
-        if not missing or now < self._current.ends_at + len(self._heard) * character:
+        came = len(self._heard) - self._came_first
+        if not missing or not is_paced(came, character, now - self._first_at):
             return None
-        return look_at(missing, character, now, 0.0 if self._is_virtual else HELD_BACK)
+        return look_at(missing, character, now, 0.0 if self._is_virtual else HELD_BACK, proven=came > 0)
 
     def is_idle_from(self, unit: int) -> bool:
         """Whether a frame from `unit` has come while nothing was asked."""

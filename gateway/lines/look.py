@@ -16,11 +16,21 @@ AS_THEY_COME: Final = 1
 WORTH: Final = 2
 #: Nobody looks away for longer, in seconds: a port that is lost shows only to who looks.
 LONGEST: Final = 0.05
+#: Nor for longer than this before bytes were seen to come at the line's pace: the rest may come at once.
+LONGEST_UNPROVEN: Final = 0.002
+#: When a byte is read tells to half a character when it came.
+_ROUGHLY: Final = 0.5
 
 
-def look_at(missing: int, character: float, now: float, held_back: float) -> float | None:
-    """When to look again for an answer of which at least `missing` bytes are still to come; None: at the next byte."""
-    away = (missing - AS_THEY_COME) * character - held_back
-    if away < WORTH * character:
-        return None
-    return now + min(away, LONGEST)
+def is_paced(came: int, character: float, seconds: float) -> bool:
+    """Whether so many bytes may have taken so long on a line, and not less because they came from somewhere else."""
+    return seconds >= (came - _ROUGHLY) * character
+
+
+def look_at(missing: int, character: float, now: float, held_back: float, *, proven: bool) -> float | None:
+    """When to look again for an answer of which at least `missing` bytes are still to come; None: at the next byte.
+
+    It is `proven` that bytes come at the line's pace once some have.
+    """
+    away = min((missing - AS_THEY_COME) * character - held_back, LONGEST if proven else LONGEST_UNPROVEN)
+    return None if away < WORTH * character else now + away

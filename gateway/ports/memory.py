@@ -96,9 +96,10 @@ class MemoryPort:
         if self._line is not None:
             self._line.take(bytes(data))
 
-    def pause(self) -> None:
+    def pause(self) -> bool:
         """Keep what the devices say until `look`."""
         self._is_paused = True
+        return True
 
     def look(self) -> None:
         """Hand over what the devices have said."""

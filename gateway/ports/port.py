@@ -19,8 +19,8 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
 
-    def pause(self) -> None:
-        """Hand over nothing until `look`: what comes waits. A port may hand it over all the same."""
+    def pause(self) -> bool:
+        """Hand over nothing until `look`: what comes waits. False if this port hands it over all the same."""
 
     def look(self) -> None:
         """Hand over what has come up to now, at once, and from now on as it comes."""

@@ -69,9 +69,10 @@ class SerialPort(SerialTransport):
         if data and not self._closing:
             self._buffer(data)
 
-    def pause(self) -> None:
+    def pause(self) -> bool:
         """Leave what comes with the driver until `look`. A loss is noticed then, too."""
         self._remove_reader()
+        return True
 
     def look(self) -> None:
         """Hand over what the driver has got, and from now on what it gets."""

@@ -106,8 +106,9 @@ class TcpPort(asyncio.BufferedProtocol):
         if self._transport.get_write_buffer_size() > WRITE_BOUND:
             self._abort(PortError(f"{self._name} takes no more data"))
 
-    def pause(self) -> None:
+    def pause(self) -> bool:
         """Go on: a network delivers in pieces when it likes, and not byte by byte."""
+        return False
 
     def look(self) -> None:
         """Hand over what the system has got. That the server has closed its end, asyncio tells."""

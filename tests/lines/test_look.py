@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
-from gateway.lines.look import HELD_BACK, LONGEST, look_at
+from gateway.lines.look import HELD_BACK, LONGEST, LONGEST_UNPROVEN, is_paced, look_at
 from gateway.modbus import ascii as ascii_framing
-from gateway.modbus.chartime import LineTiming
+from gateway.modbus.chartime import CharacterFormat, LineTiming, Mode
 from gateway.modbus.rtu import encode
 from gateway.ports.memory import MemoryLine
 from kit.asker import Asker
@@ -36,20 +36,33 @@ CHARACTER_OF = {TIMING: TIMING.character, ASCII: ASCII.character}
 
 
 def test_the_last_byte_is_read_as_it_comes() -> None:
-    assert look_at(21, 0.001, now=5.0, held_back=0.0) == pytest.approx(5.020)
+    assert look_at(21, 0.001, now=5.0, held_back=0.0, proven=True) == pytest.approx(5.020)
 
 
 def test_an_adapter_may_have_held_back_what_it_handed_over() -> None:
-    assert look_at(21, 0.001, now=5.0, held_back=0.004) == pytest.approx(5.016)
+    assert look_at(21, 0.001, now=5.0, held_back=0.004, proven=True) == pytest.approx(5.016)
 
 
 @pytest.mark.parametrize("missing", [0, 1, 2])
 def test_it_is_not_worth_it_for_two_bytes(missing: int) -> None:
-    assert look_at(missing, 0.001, now=5.0, held_back=0.0) is None
+    assert look_at(missing, 0.001, now=5.0, held_back=0.0, proven=True) is None
 
 
 def test_a_lost_port_is_noticed_in_a_long_answer() -> None:
-    assert look_at(256, 0.009, now=5.0, held_back=0.0) == 5.0 + LONGEST
+    assert look_at(256, 0.009, now=5.0, held_back=0.0, proven=True) == 5.0 + LONGEST
+
+
+def test_who_has_not_seen_the_line_s_pace_does_not_look_away_for_long() -> None:
+    assert look_at(22, 0.0005, now=5.0, held_back=0.0, proven=False) == 5.0 + LONGEST_UNPROVEN
+    assert look_at(22, 0.009, now=5.0, held_back=0.0, proven=False) is None
+
+
+@pytest.mark.parametrize(
+    ("came", "seconds", "paced"),
+    [(0, 0.0, True), (1, 0.0006, True), (1, 0.0002, False), (9, 0.0082, False), (9, 0.0086, True), (9, 0.03, True)],
+)
+def test_bytes_are_paced_that_take_as_long_as_on_a_line(came: int, seconds: float, paced: bool) -> None:
+    assert is_paced(came, 0.001, seconds) == paced
 
 
 # --- what a line knows ---
@@ -64,7 +77,14 @@ def bench() -> Bench:
 
 
 def hear(bench: Bench, data: bytes) -> None:
+    """All of it at once."""
     bench.hear(data.hex(" "))
+
+
+def hear_paced(bench: Bench, data: bytes) -> None:
+    for byte in data:
+        bench.pass_time(bench.settings.timing.character)
+        hear(bench, bytes((byte,)))
 
 
 def away(bench: Bench) -> float | None:
@@ -79,7 +99,7 @@ def test_after_its_first_byte_an_answer_may_be_an_exception(bench: Bench) -> Non
 
 
 def test_once_its_head_is_known_the_whole_answer_is_waited_for(bench: Bench) -> None:
-    hear(bench, TEN[:3])
+    hear_paced(bench, TEN[:3])
     assert away(bench) == pytest.approx(len(TEN) - 3 - 1)
 
 
@@ -112,19 +132,23 @@ def test_an_answer_of_unknown_size_is_looked_at(bench: Bench) -> None:
     assert away(bench) is None
 
 
-def test_a_port_that_is_faster_than_its_rate_is_looked_at() -> None:
-    bench = Bench()
-    bench.ask(READ_TEN)
-    bench.pass_time(REQUEST_TIME + 2 * CHARACTER)
-    hear(bench, TEN[:3])
+def test_a_port_that_is_faster_than_its_rate_is_looked_at_however_long_the_device_has_thought(bench: Bench) -> None:
+    hear(bench, TEN[:1])
+    bench.pass_time(0.0002)
+    hear(bench, TEN[1:3])
     assert away(bench) is None
+
+
+def test_after_a_beginning_that_came_at_once_the_rest_may_come_at_once_too(bench: Bench) -> None:
+    hear(bench, TEN[:3])
+    assert away(bench) == pytest.approx(LONGEST_UNPROVEN / CHARACTER)
 
 
 def test_a_real_port_may_have_held_bytes_back() -> None:
     bench = Bench(virtual=False)
     bench.ask(READ_TEN)
     bench.pass_time(REQUEST_TIME + 0.01)
-    hear(bench, TEN[:3])
+    hear_paced(bench, TEN[:3])
     assert away(bench) == pytest.approx(len(TEN) - 3 - 1 - HELD_BACK / CHARACTER)
 
 
@@ -147,14 +171,14 @@ def ascii_bench() -> Bench:
 @pytest.mark.parametrize(
     ("come", "missing"),
     [
-        (1, SHORTEST_ASCII - 1),
+        (2, SHORTEST_ASCII - 2),
         (4, SHORTEST_ASCII - 4),
         (7, len(ASCII_EXCEPTION)),  # the head is known, but a colon may start anew
         (len(ASCII_TEN) - 6, 6),
     ],
 )
 def test_in_ascii_as_much_is_waited_for_as_the_shortest_answer_has(ascii_bench: Bench, come: int, missing: int) -> None:
-    hear(ascii_bench, ASCII_TEN[:come])
+    hear_paced(ascii_bench, ASCII_TEN[:come])
     assert away(ascii_bench) == pytest.approx((missing - 1) * CHARACTER_OF[ASCII] / CHARACTER)
 
 
@@ -170,8 +194,9 @@ def test_in_ascii_each_character_of_what_is_no_answer_is_looked_at(ascii_bench: 
 class Wired:
     """A driver on a line in memory, on which devices talk at the line's rate. Unless it `looks_away`, it sees each."""
 
-    def __init__(self, timing: LineTiming = TIMING, *, looks_away: bool = True) -> None:
+    def __init__(self, timing: LineTiming = TIMING, *, virtual: bool = True, looks_away: bool = True) -> None:
         self.timing = timing
+        self.virtual = virtual
         self.looks_away = looks_away
         self.loop = asyncio.get_running_loop()
         self.events: list[object] = []
@@ -184,8 +209,9 @@ class Wired:
 
     async def __aenter__(self) -> Self:
         port = await self.memory.open_port(self.user)
+        port.virtual = self.virtual
         if not self.looks_away:
-            port.pause = lambda: None  # type: ignore[method-assign]
+            port.pause = lambda: False  # type: ignore[method-assign]
         self.driver.port_up(port)
         await asyncio.sleep(1.0)
         return self
@@ -201,7 +227,7 @@ class Wired:
 
     async def says(self, data: bytes) -> None:
         for byte in data:
-            await asyncio.sleep(self.timing.character)
+            await asyncio.sleep(self.timing.character * 0.9999)  # no two clocks are the same
             self.memory.deliver(bytes((byte,)))
 
 
@@ -218,20 +244,36 @@ class User:
         self.driver.received(data)
 
 
-async def test_an_answer_of_25_bytes_wakes_the_line_4_times_and_is_complete_on_its_last_byte() -> None:
-    async with Wired() as wired:
-        await wired.asks()
-        await wired.says(TEN)
-        assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
-        assert wired.user.wakes == 4
+@pytest.mark.parametrize(
+    ("mode", "format_", "virtual", "wakes"),
+    [
+        ("rtu", "8N1", True, {1200: 8, 9600: 5, 19200: 4, 38400: 4, 115200: 4}),
+        ("rtu", "8N1", False, {1200: 9, 9600: 6, 19200: 7, 38400: 9, 115200: 17}),
+        ("ascii", "7E1", True, {1200: 11, 9600: 9, 19200: 9, 38400: 8, 115200: 8}),
+        ("ascii", "7E1", False, {1200: 12, 9600: 10, 19200: 13, 38400: 16, 115200: 51}),
+    ],
+    ids=["RTU, virtual", "RTU, real", "ASCII, virtual", "ASCII, real"],
+)
+async def test_so_often_an_answer_of_ten_registers_wakes_the_line_and_it_is_complete_on_its_last_byte(
+    mode: Mode, format_: str, virtual: bool, wakes: dict[int, int]
+) -> None:
+    """The table in docs/adr/0011; RTU has 25 bytes, ASCII 51 characters."""
+    counted = {}
+    for baud in wakes:
+        async with Wired(LineTiming(mode, baud, CharacterFormat.parse(format_)), virtual=virtual) as wired:
+            await wired.asks()
+            await wired.says(TEN if mode == "rtu" else ASCII_TEN)
+            assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
+            counted[baud] = wired.user.wakes
+    assert counted == wakes
 
 
-async def test_in_ascii_an_answer_of_51_characters_wakes_the_line_8_times() -> None:
-    async with Wired(ASCII) as wired:
+async def test_a_port_that_cannot_wait_is_not_looked_at() -> None:
+    async with Wired(looks_away=False) as wired:
         await wired.asks()
-        await wired.says(ASCII_TEN)
-        assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
-        assert wired.user.wakes == 8
+        limit_ends = wired.driver.line.deadline()
+        wired.memory.deliver(TEN[:3])
+        assert wired.driver._deadline() == limit_ends
 
 
 async def test_an_exception_is_answered_on_its_last_byte_though_a_long_answer_was_awaited() -> None:
@@ -239,6 +281,23 @@ async def test_an_exception_is_answered_on_its_last_byte_though_a_long_answer_wa
         await wired.asks()
         await wired.says(EXCEPTION)
         assert wired.client.answers == ["83 02"]
+
+
+@pytest.mark.parametrize("virtual", [True, False])
+@pytest.mark.parametrize("baud", [1200, 9600, 19200, 115200])
+@pytest.mark.parametrize(("first", "rest"), [(TEN[:3], TEN[3:]), (TEN[:16], TEN[16:]), (EXCEPTION[:1], EXCEPTION[1:])])
+async def test_an_answer_that_comes_at_once_is_at_most_2_ms_late_however_long_the_device_has_thought(
+    first: bytes, rest: bytes, baud: int, virtual: bool
+) -> None:
+    """A program behind a pseudo-terminal, or an adapter that is a device itself, does not keep the line's pace."""
+    async with Wired(LineTiming("rtu", baud, CharacterFormat.parse("8N1")), virtual=virtual) as wired:
+        await wired.asks()
+        await asyncio.sleep(0.05)
+        wired.memory.deliver(first)
+        await asyncio.sleep(0.0002)
+        wired.memory.deliver(rest)
+        await asyncio.sleep(0.002)
+        assert len(wired.client.answers) == 1
 
 
 @pytest.mark.parametrize("come", [1, 3, 4, 5, 20, 24])
@@ -311,11 +370,15 @@ SILENCES = st.sampled_from([0, 3, 40])
 TRAFFIC = st.lists(st.tuples(st.one_of(PIECES, st.binary(max_size=6)), SILENCES), max_size=6)
 
 
+@pytest.mark.parametrize("virtual", [True, False], ids=["virtual", "real"])
 @pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
 @given(traffic=TRAFFIC)
-def test_whoever_looks_away_hears_the_same(timing: LineTiming, traffic: list[tuple[object, int]]) -> None:
+def test_whoever_looks_away_hears_the_same(
+    timing: LineTiming, virtual: bool, traffic: list[tuple[object, int]]
+) -> None:
     said = [(as_said(piece, timing), silence) for piece, silence in traffic]
-    assert outcome(timing, said, looks_away=True) == outcome(timing, said, looks_away=False)
+    away, here = (outcome(timing, said, virtual=virtual, looks_away=looks_away) for looks_away in (True, False))
+    assert away == here
 
 
 def as_said(piece: object, timing: LineTiming) -> bytes:
@@ -326,11 +389,11 @@ def as_said(piece: object, timing: LineTiming) -> bytes:
     return ENCODERS[timing](unit, pdu)[begin:end]
 
 
-def outcome(timing: LineTiming, traffic: list[tuple[bytes, int]], *, looks_away: bool) -> object:
+def outcome(timing: LineTiming, traffic: list[tuple[bytes, int]], *, virtual: bool, looks_away: bool) -> object:
     """Answers, counts and events of three requests while this is on the line; each piece with a silence behind it."""
 
     async def talk() -> object:
-        async with Wired(timing, looks_away=looks_away) as wired:
+        async with Wired(timing, virtual=virtual, looks_away=looks_away) as wired:
             for pdu in (READ_TEN, READ, READ_TEN):
                 await wired.asks(pdu)
                 for data, silence in traffic:
