@@ -109,6 +109,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.session.closed()
         if self._alarm is not None:
             self._alarm.close()
+            self._alarm = None
         self._listener.closed(self, f"lost: {why(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def send(self, data: bytes) -> None:

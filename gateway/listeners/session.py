@@ -71,6 +71,28 @@ class Connection(Protocol):
         """Close because of what the client did."""
 
 
+class _Gone:
+    """In place of a connection that has gone: it takes everything and does nothing."""
+
+    def send(self, data: bytes) -> None:
+        """See Connection."""
+
+    def pause(self) -> None:
+        """See Connection."""
+
+    def resume(self) -> None:
+        """See Connection."""
+
+    def wake(self, when: float | None) -> None:
+        """See Connection."""
+
+    def close(self) -> None:
+        """See Connection."""
+
+    def reject(self, reason: str) -> None:
+        """See Connection."""
+
+
 class Session(ABC):
     """A client on a TCP connection: the Origin of its requests.
 
@@ -197,8 +219,12 @@ class Session(ABC):
         return ""
 
     def closed(self) -> None:
-        """The connection has gone, and with it the wish for any response."""
+        """The connection has gone, and with it the wish for any response. Nothing here holds it any more.
+
+        It holds the session: two that hold each other at a reload would stay for ever (`service.garbage`).
+        """
         self.gone = True
+        self._connection = _Gone()
         self._out.clear()
 
     def _pause(self) -> None:

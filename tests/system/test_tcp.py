@@ -1,12 +1,14 @@
 """The real listener on real sockets, with a target in the test's hands: who is kept, who is closed, and why."""
 
 import asyncio
+import gc
 import shlex
 import socket
 import struct
 import subprocess
 import threading
 import time
+import weakref
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager, closing
 from pathlib import Path
@@ -389,6 +391,28 @@ async def test_connections_reset_at_once_leave_nothing_behind(caplog: pytest.Log
         assert await (await home.client()).is_open()
         assert not home.told(PartFailed)
     assert not caplog.records
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "rtu+tcp"])
+@pytest.mark.parametrize("leaves", ["it goes", "it is reset", "it is closed"])
+async def test_a_client_that_was_there_at_a_reload_leaves_nothing_behind(scheme: str, leaves: str) -> None:
+    async with house(scheme=scheme) as home:
+        client = await home.client()
+        client.writer.write(b"\x00")
+        (gone,) = map(weakref.ref, home.listener.connections)
+        await until(lambda: gone().session.has_begun)
+        gc.freeze()  # as a reload does: the collector passes over it from now on
+        try:
+            if leaves == "it goes":
+                client.writer.close()
+            elif leaves == "it is reset":
+                client.reset()
+            else:
+                home.listener.close()
+            await home.closes(client)
+            await until(lambda: gone() is None)
+        finally:
+            gc.unfreeze()
 
 
 # --- bounds and borders ---
