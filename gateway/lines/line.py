@@ -201,7 +201,7 @@ class Line:
     def _follow_rate(self, now: float) -> None:
         self._rate_has_changed = False
         self._tune(self._budget.latency)
-        self._quiet_at = now + RATE_CHANGE_PAUSE
+        self._quiet_at = max(self._quiet_at, now + RATE_CHANGE_PAUSE)
 
     def _answer_deadline(self) -> float:
         """When the current transaction has failed. A response of unknown size that has begun may come to its end."""

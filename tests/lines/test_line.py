@@ -447,6 +447,18 @@ def test_noise_does_not_end_the_turnaround_after_a_broadcast_early(bench: Bench)
     assert len(bench.written) == 2
 
 
+def test_a_change_of_rate_does_not_end_the_turnaround_after_a_broadcast_early() -> None:
+    bench = Bench(turnaround=0.3)
+    bench.broadcast(WRITE)
+    bench.ask()
+    bench.pass_time(0.05)
+    bench.line.change_rate(9600, bench.now)  # as a late answer says
+    bench.pass_time(REQUEST_TIME + 0.3 - 0.05 - 1e-6)
+    assert len(bench.written) == 1
+    bench.pass_time(2e-6)
+    assert len(bench.written) == 2
+
+
 def test_noise_at_the_end_of_a_turnaround_puts_the_next_request_off(bench: Bench) -> None:
     bench.broadcast(WRITE)
     bench.ask()

@@ -40,12 +40,19 @@ def test_a_descriptor_ends_an_exact_wait() -> None:
         assert key.data == "near"
 
 
-@pytest.mark.parametrize("timeout", [EXACT_PART, 1.5 * EXACT_PART])
-def test_it_waits_for_nothing_no_longer_than_it_was_told(timeout: float) -> None:
+@pytest.mark.parametrize(("parts", "waited"), [(0.3, 0.3), (1.0, 1.0), (1.5, 0.5)])
+def test_a_short_wait_is_whole_and_a_long_one_ends_before_its_exact_part(parts: float, waited: float) -> None:
     with closing(ExactSelector()) as selector:
         started = time.monotonic()
-        assert selector.select(timeout) == []
-        assert timeout - EXACT_PART <= time.monotonic() - started
+        assert selector.select(parts * EXACT_PART) == []
+        assert time.monotonic() - started >= waited * EXACT_PART - CLOCK_RESOLUTION
+
+
+async def test_waiting_takes_no_processor_time() -> None:
+    used = time.process_time()
+    for _ in range(10):
+        await lateness(1.5 * EXACT_PART)
+    assert time.process_time() - used < 0.05  # who asks over and over uses most of 0.6 s
 
 
 @pytest.mark.parametrize("timeout", [0, -1])
