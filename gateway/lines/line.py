@@ -142,16 +142,16 @@ class Line:
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
         refusal = errors.LineDown() if self._write is None else self._turns.put(transaction, now)
-        if refusal is None:
-            self._go_on(now)
-        else:
+        if refusal is not None:
             transaction.fail(refusal)
+        elif not self.is_busy:
+            self._go_on(now)
 
     def received(self, data: bytes, now: float) -> None:
         """Take bytes that became readable at `now`."""
         if self._again is not None:  # the line is not quiet: what comes may be the answer, so nothing is sent again
             given_up, self._again = self._again, None
-            self._quiet_at = now + self._gap
+            self._quiet_at = max(self._quiet_at, now + self._gap)
             self._lose(given_up, now)
         self._hearing.hear(data, now)
         late = self._turns.received(data, now) if self._windows.windows else []

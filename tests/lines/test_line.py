@@ -4,6 +4,7 @@ import pytest
 
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.lines.counts import Counts
+from gateway.lines.line import RATE_CHANGE_PAUSE
 from gateway.lines.quirks import RestlessDevice, Whereabouts
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
@@ -620,6 +621,22 @@ def test_what_comes_when_the_line_should_be_quiet_is_no_answer_to_what_is_sent_n
     assert bench.written == [READ_FRAME]
     bench.pass_time(0.05 + 1e-6)
     assert bench.written[1:] == [frame(1, "04 00 10 00 01")]
+
+
+def test_what_comes_before_a_second_sending_does_not_end_the_pause_of_a_change_of_rate() -> None:
+    bench = Bench(retries=1, gap=0.01)
+    bench.ask()
+    bench.ask(unit=2)
+    bench.pass_time(REQUEST_TIME + LIMIT - 0.001)
+    bench.hear("55")
+    bench.pass_time(0.002)
+    assert bench.line._again is not None
+    bench.line.change_rate(9600, bench.now)
+    bench.hear("55")
+    bench.pass_time(RATE_CHANGE_PAUSE - 1e-6)
+    assert bench.written == [READ_FRAME]
+    bench.pass_time(2e-6)
+    assert bench.written[1:] == [frame(2, READ)]
 
 
 def test_a_request_that_waits_behind_a_second_sending_expires_in_time() -> None:
