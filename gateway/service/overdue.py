@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from gateway.errors import RequestError
 from gateway.lines.late import Overdue
 from gateway.ports.port import PortSettings, TcpSettings
-from gateway.service.shared_file import SharedFile
+from gateway.service.shared_file import Entries, SharedFile
 
 FILE_NAME: Final = "late.json"
 
@@ -37,21 +37,21 @@ class Aftermath(NamedTuple):
 class LeftBehind:
     """What lines leave behind on their ports; with a `file` also for the next process. Ports go by their `place`.
 
-    All times are in seconds of the machine's monotonic clock, as those of the event loop.
-
-    Raises:
-        StateError: the file is there and cannot be read.
+    All times are in seconds of the machine's monotonic clock, as those of the event loop. Behind a file that cannot be
+    read, lines begin as if the last gateway had been killed.
     """
 
     def __init__(self, file: SharedFile | None = None) -> None:
         self._file = file
         self._boot = _boot_id()
-        self._entries = {} if file is None else file.read()
+        found = {} if file is None else file.read_or_move_aside()
+        self._is_lost = found is None
+        self._entries: Entries = found or {}
 
     def begin(self, at: str, patience: float, now: float) -> Aftermath:
         """A line begins, to which late answers may come for so many seconds if it is killed. What was left for it."""
-        entry = self._entries.pop(at, None)
-        found = Aftermath() if entry is None else self._aftermath(entry, now)
+        missing = Aftermath(now + patience) if self._is_lost else Aftermath()
+        found = self._aftermath(self._entries.pop(at), now) if at in self._entries else missing
         until = max([now + patience, found.silent_until, *(each.ends_at for each in found.overdue)])
         self._keep(at, {"boot": self._boot, "silence": until - now})
         return found
@@ -59,10 +59,8 @@ class LeftBehind:
     def end(self, at: str, overdue: Iterable[Overdue], now: float) -> None:
         """A line ends, and these answers are overdue."""
         answers = [each._asdict() | {"pdu": each.pdu.hex(" ")} for each in overdue]
-        entry = {"boot": self._boot, "at": now, "answers": answers} if answers else None
-        if entry is not None:
-            self._entries[at] = entry
-        self._keep(at, entry)
+        self._entries[at] = {"boot": self._boot, "at": now, "answers": answers}
+        self._keep(at, self._entries[at] if answers else None)
 
     def close(self) -> None:
         """Returns when the file has been written."""

@@ -4,14 +4,14 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from threading import Lock, Thread
 from typing import Any, Final, TextIO
 
 from gateway.errors import StateError
-from gateway.events import Emit, StateNotKept
+from gateway.events import Emit, StateDamaged, StateNotKept
 from gateway.ports.ownership import give_to_owner_of_folder
 
 #: How long another gateway may take to write, and how long the end of this one waits for the disk, in seconds.
@@ -43,6 +43,16 @@ class SharedFile:
             StateError: the file is there and cannot be read.
         """
         return read_entries(self.file, self._is_entry)
+
+    def read_or_move_aside(self) -> Entries | None:
+        """All entries; None if they cannot be read: then the file is moved aside, and that is told."""
+        try:
+            return self.read()
+        except StateError as error:
+            with suppress(OSError):
+                self.file.replace(self.file.with_suffix(".damaged"))
+            self._emit(StateDamaged(str(self.file), str(error.__cause__ or "it is not a file of this gateway")))
+            return None
 
     def change(self, key: str, entry: object | None) -> None:
         """Write an entry soon; None takes it out."""

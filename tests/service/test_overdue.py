@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.errors import StateError
-from gateway.events import Event
+from gateway.events import Event, StateDamaged
 from gateway.lines.late import Overdue
 from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.service import overdue
@@ -152,10 +151,24 @@ ANSWER = {"unit": 1, "answers_from": 1, "pdu": "03 00 07 00 01", "owed": 1, "end
         ),
     ],
 )  # fmt: skip
-def test_a_foreign_file_is_refused(tmp_path: Path, entry: object) -> None:
-    (tmp_path / FILE_NAME).write_text(json.dumps({PORT: entry}))
-    with pytest.raises(StateError, match="is not a file of this gateway"):
-        Process(tmp_path)
+def test_a_foreign_file_is_moved_aside(machine, tmp_path: Path, entry: object) -> None:
+    content = json.dumps({PORT: entry})
+    (tmp_path / FILE_NAME).write_text(content)
+    process = Process(tmp_path)
+    assert process.events == [StateDamaged(str(tmp_path / FILE_NAME), "it is not a file of this gateway")]
+    assert (tmp_path / "late.damaged").read_text() == content
+
+
+def test_behind_a_damaged_file_lines_begin_as_after_a_kill(machine, tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).write_text("")
+    process = Process(tmp_path)
+    assert [type(event) for event in process.events] == [StateDamaged]
+    process.events.clear()
+    assert process.begins(100.0) == Aftermath(silent_until=100.0 + PATIENCE)
+    process.ends(110.0)
+    assert process.begins(110.0) == Aftermath()
+    process.ends(111.0)
+    assert found(tmp_path, 112.0) == Aftermath()
 
 
 def test_two_names_of_one_port_are_one_place(tmp_path: Path) -> None:
