@@ -6,11 +6,11 @@
 
 A line on this port has ended 812.4 s after the machine was started, and answers to this question may have come until
 814.1 s. While a line is at work it is `{"boot": "3c1f...", "silence": 3.4}`: nobody knows what may come, so nothing is
-asked for so many seconds. Only a gateway that was killed leaves that behind.
+asked for so many seconds. Only a gateway that was killed leaves that behind, or one that still had to be silent itself.
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -47,25 +47,35 @@ class LeftBehind:
         found = {} if file is None else file.read_or_move_aside()
         self._is_lost = found is None
         self._entries: Entries = found or {}
+        self._silent_until: dict[str, float] = {}
 
     def begin(self, at: str, patience: float, now: float) -> Aftermath:
         """A line begins, to which late answers may come for so many seconds if it is killed. What was left for it."""
         missing = Aftermath(now + patience) if self._is_lost else Aftermath()
         found = self._aftermath(self._entries.pop(at), now) if at in self._entries else missing
-        until = max([now + patience, found.silent_until, *(each.ends_at for each in found.overdue)])
-        self._keep(at, {"boot": self._boot, "silence": until - now})
+        self._silent_until[at] = found.silent_until
+        until = max(now + patience, found.silent_until, _last_end(found.overdue))
+        self._keep(at, self._silence(until - now))
         return found
 
-    def end(self, at: str, overdue: Iterable[Overdue], now: float) -> None:
-        """A line ends, and these answers are overdue."""
-        answers = [each._asdict() | {"pdu": each.pdu.hex(" ")} for each in overdue]
-        self._entries[at] = {"boot": self._boot, "at": now, "answers": answers}
-        self._keep(at, self._entries[at] if answers else None)
+    def end(self, at: str, overdue: Sequence[Overdue], now: float) -> None:
+        """A line ends, and these answers are overdue. One that had to be silent still leaves that behind."""
+        silent_until = self._silent_until.pop(at, now)
+        if silent_until > now:
+            entry = self._silence(max(silent_until, _last_end(overdue)) - now)
+        else:
+            answers = [each._asdict() | {"pdu": each.pdu.hex(" ")} for each in overdue]
+            entry = {"boot": self._boot, "at": now, "answers": answers}
+        self._entries[at] = entry
+        self._keep(at, entry if overdue or silent_until > now else None)
 
     def close(self) -> None:
         """Returns when the file has been written."""
         if self._file is not None:
             self._file.close()
+
+    def _silence(self, seconds: float) -> Entry:
+        return {"boot": self._boot, "silence": seconds}
 
     def _keep(self, at: str, entry: Entry | None) -> None:
         if self._file is not None:
@@ -96,6 +106,10 @@ def is_entry(value: Any) -> bool:
         return isinstance(value["boot"], str) and value["at"] >= 0 and sound
     except (LookupError, TypeError, ValueError, RequestError):
         return False
+
+
+def _last_end(answers: Sequence[Overdue]) -> float:
+    return max((each.ends_at for each in answers), default=0.0)
 
 
 def _overdue(answer: Entry, later: float) -> Overdue:

@@ -105,6 +105,22 @@ def test_behind_a_line_that_was_killed_nothing_is_asked_until_all_that_it_may_ha
     assert found(tmp_path, 500.5) == Aftermath(silent_until=504.0)
 
 
+def test_a_line_that_ends_while_it_must_be_silent_leaves_that_behind(machine, tmp_path: Path) -> None:
+    killed = Process(tmp_path)
+    killed.begins(100.0)
+    killed.exits()
+    again = Process(tmp_path)
+    again.begins(200.0)
+    again.ends(201.0)
+    assert found(tmp_path, 201.5) == Aftermath(silent_until=201.5 + PATIENCE - 1.0)
+    assert again.begins(201.5) == Aftermath(silent_until=201.5 + PATIENCE - 1.0)
+    again.ends(201.5, READ._replace(ends_at=209.0))
+    assert found(tmp_path, 202.0) == Aftermath(silent_until=209.5)
+    again.begins(202.0)
+    again.ends(220.0)
+    assert found(tmp_path, 220.0) == Aftermath()
+
+
 def test_a_line_that_is_killed_leaves_what_it_has_found_too(machine, tmp_path: Path) -> None:
     Process(tmp_path).ends(100.0, READ)
     killed = Process(tmp_path)
