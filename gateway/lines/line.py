@@ -56,7 +56,6 @@ class Line:
         self._deaf_until = 0.0
         self._fails_at = 0.0
         self._quiet_at = 0.0
-        self._silent_until = 0.0
         self._rate_has_changed = False
         self._tune(latency=0.0)
 
@@ -78,7 +77,7 @@ class Line:
         self._is_virtual = virtual
         self._tune(latency)
         self._write = write
-        self._quiet_at = max(now + self._gap, self._silent_until)
+        self._quiet_at = now + self._gap
         self._turns.end_rests()
 
     def port_down(self, now: float) -> None:
@@ -124,10 +123,6 @@ class Line:
         """Await the late answers to what an earlier line on the port has asked."""
         for each in answers:
             self._windows.open(each, self._hearing.framer_for(each.answers_from, each.asked), each.ends_at, each.owed)
-
-    def keep_silent(self, until: float) -> None:
-        """Send nothing before `until`, because nobody knows what an earlier line on the port has asked."""
-        self._silent_until = until
 
     def change_rate(self, baud: int, now: float) -> None:
         """The devices, and the port with them, change to another rate: nothing is sent for a moment.

@@ -21,7 +21,6 @@ from gateway.ports.port import Opener, Port, PortUser, SerialSettings
 from gateway.routing.access import Door
 from gateway.routing.router import Router
 from gateway.service import remembered
-from gateway.service.overdue import Aftermath
 from gateway.service.state import Memory
 
 
@@ -61,11 +60,6 @@ class GatewayLine:
     def overdue(self, now: float) -> list[Overdue]:
         """What may still come on the port for another line there."""
         return self.driver.line.overdue(now, self.patience)
-
-    def begin_after(self, aftermath: Aftermath) -> None:
-        """Begin on a port where another line has left this behind."""
-        self.driver.line.keep_silent(aftermath.silent_until)
-        self.driver.line.await_overdue(aftermath.overdue)
 
     def devices_of(self, plan: LinePlan) -> dict[int, Device]:
         """The devices that `plan` has: those that are there already, and new ones."""

@@ -11,7 +11,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.keeper import Keeper
 from gateway.service.build import Driver, Gateway, Listener, Part
-from gateway.service.overdue import LeftBehind, place
+from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
 
 #: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
@@ -27,7 +27,7 @@ _RESTART_PAUSE: Final = 1.0
 class Running:
     """A gateway at work. `sockets` are those that were bound before the process began.
 
-    `left_behind` is what earlier lines have left on their ports.
+    `left_behind` are the answers that earlier lines still had to expect on their ports.
     """
 
     def __init__(
@@ -129,13 +129,13 @@ class Running:
             for listener in gone:
                 group.create_task(self._retire_listener(listener), name=f"retire:{listener.settings.name}")
             retiring = [
-                (place(part.plan.port), group.create_task(self._retire(part), name=f"retire:{part.name}"))
+                (place_of(part.plan.port), group.create_task(self._retire(part), name=f"retire:{part.name}"))
                 for part in old.parts
                 if part not in new.parts
             ]
             for part in new.parts:
                 if part not in old.parts:
-                    before = [task for there, task in retiring if there == place(part.plan.port)]
+                    before = [task for there, task in retiring if there == place_of(part.plan.port)]
                     group.create_task(self._start_after(before, part), name=f"start:{part.name}")
             for mirror in new.mirrors:
                 mirror.start()
@@ -172,7 +172,7 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
-                part.begin_after(self._left_behind.begin(place(part.plan.port), part.patience, now))
+                part.driver.line.await_overdue(self._left_behind.at(place_of(part.plan.port), now))
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:
@@ -203,7 +203,7 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
-                self._left_behind.end(place(part.plan.port), part.overdue(now), now)
+                self._left_behind.leave(place_of(part.plan.port), part.overdue(now), now)
             part.driver.close()
             self._tasks.pop(part, None)
 

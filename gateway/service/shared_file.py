@@ -44,15 +44,15 @@ class SharedFile:
         """
         return read_entries(self.file, self._is_entry)
 
-    def read_or_move_aside(self) -> Entries | None:
-        """All entries; None if they cannot be read: then the file is moved aside, and that is told."""
+    def read_or_move_aside(self) -> Entries:
+        """All entries; none if they cannot be read: then the file is moved aside, and that is told."""
         try:
             return self.read()
         except StateError as error:
             with suppress(OSError):
                 self.file.replace(self.file.with_suffix(".damaged"))
             self._emit(StateDamaged(str(self.file), str(error.__cause__ or "it is not a file of this gateway")))
-            return None
+            return {}
 
     def change(self, key: str, entry: object | None) -> None:
         """Write an entry soon; None takes it out."""

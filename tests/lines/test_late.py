@@ -587,22 +587,6 @@ def test_a_line_that_follows_on_one_that_was_asked_at_address_0_trusts_no_unit(b
     assert heir.written == [heir.frame(5, READ)]
 
 
-def test_a_line_behind_one_that_was_killed_asks_nothing_until_nothing_can_come(bench: Bench) -> None:
-    heir = Bench()
-    heir.unplug()
-    heir.line.keep_silent(heir.now + 1.5)
-    heir.plug()
-    heir.ask()
-    heir.pass_time(0.5)
-    heir.respond()
-    heir.pass_time(0.9)
-    assert (heir.written, heir.client.answers) == ([], [])
-    heir.pass_time(0.2)
-    assert heir.written == [heir.frame(1, READ)]
-    heir.respond()
-    assert heir.client.answers == [RESPONSE]
-
-
 def test_a_line_that_follows_awaits_what_other_clients_are_owed(bench: Bench) -> None:
     bench.hear(bench.frame(1, READ))
     bench.pass_time(PATIENCE - 0.3)

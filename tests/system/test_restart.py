@@ -1,6 +1,5 @@
 """A gateway that ends while an answer is overdue, and the next one on the same port: nobody is given that answer."""
 
-import signal
 import socket
 import time
 from collections.abc import Iterator
@@ -66,14 +65,3 @@ def test_an_answer_that_comes_after_a_restart_is_not_believed(tmp_path: Path, co
         assert gateway.stop() == 0
     with GatewayProcess(tmp_path, config) as gateway:
         assert answers_about_8(gateway, asked_at + LATE + 1.0) <= {"83 0b", "03 02 00 08"}
-
-
-def test_an_answer_that_comes_after_the_gateway_was_killed_is_not_believed(tmp_path: Path, config: str) -> None:
-    with GatewayProcess(tmp_path, config) as gateway, connected(gateway) as client:
-        asked_at = time.monotonic()
-        ask(client, 7)
-        time.sleep(0.1)
-        gateway.signal(signal.SIGKILL)
-        gateway.wait()
-    with GatewayProcess(tmp_path, config) as gateway:
-        assert answers_about_8(gateway, asked_at + LATE + 1.0) <= {"83 06", "03 02 00 08"}
