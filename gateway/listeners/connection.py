@@ -1,6 +1,7 @@
 """The driver of a TCP connection: it joins a session to it."""
 
 import asyncio
+import os
 from collections.abc import Callable
 from typing import Final, Protocol, cast
 
@@ -75,6 +76,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self.transport = cast("asyncio.Transport", transport)
+        self._descriptor: int = transport.get_extra_info("socket").fileno()
         # those that are under way when reading stops are answered too
         room = UNSENT_BYTES - self._listener.settings.in_flight * MAX_TCP_ADU
         self.transport.set_write_buffer_limits(max(room, 0))
@@ -111,6 +113,17 @@ class TcpConnection(asyncio.BufferedProtocol):
             self._alarm.close()
             self._alarm = None
         self._listener.closed(self, f"lost: {why(exc)}" if isinstance(exc, OSError) else self._reason)
+
+    def look(self) -> None:
+        """Receive what has arrived. That the connection has ended, asyncio tells."""
+        if self.transport.is_closing():
+            return
+        try:
+            size = os.readv(self._descriptor, [self.session.room()])
+        except OSError:
+            return
+        if size:
+            self.buffer_updated(size)
 
     def send(self, data: bytes) -> None:
         """Send a response; not to a client that has gone, of whom asyncio may not have told yet."""

@@ -91,7 +91,12 @@ class OverTcpSession(Session):
         return super().wants(request) and (request is self._awaited or not self._gets_response(request))
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response to one of the session's requests; dropped when the client has given it up."""
+        """Take the response to one of the session's requests; dropped when the client has given it up.
+
+        It may have: its next request may have arrived, and nobody has read it yet.
+        """
+        if request is self._awaited and not (self._draining or self._paused or self.gone):
+            self._connection.look()
         if request is self._awaited:
             self._awaited = None
             if pdu is not None and not self.gone:

@@ -50,7 +50,10 @@ class Counts:
 
 
 class Connection(Protocol):
-    """What a session can do to its connection. None of it calls back into the session before it returns."""
+    """What a session can do to its connection. Only `look` calls back into the session before it returns."""
+
+    def look(self) -> None:
+        """Call `received` with what has arrived, if anything has."""
 
     def send(self, data: bytes) -> None:
         """Send `data`, or keep it until the client takes it."""
@@ -73,6 +76,9 @@ class Connection(Protocol):
 
 class _Gone:
     """In place of a connection that has gone: it takes everything and does nothing."""
+
+    def look(self) -> None:
+        """See Connection."""
 
     def send(self, data: bytes) -> None:
         """See Connection."""

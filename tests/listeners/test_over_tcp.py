@@ -48,6 +48,7 @@ class Connection:
         self.log: list[str] = []
         self.wakes_at: float | None = None
         self.is_paused = False
+        self.look: Callable[[], None] = lambda: None
 
     def send(self, data: bytes) -> None:
         self.sent += data
@@ -190,6 +191,18 @@ def test_a_late_response_is_not_taken_for_the_next_one(client: Client) -> None:
     assert client.target.asked == [READ, OTHER_READ]
     client.respond(0, RESPONSE)
     assert client.heard()
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+    assert client.session.is_idle
+
+
+def test_a_response_is_late_when_the_next_request_has_arrived_and_nobody_has_read_it(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.connection.look = lambda: client.ask(OTHER_READ)
+    client.respond(0, RESPONSE)
+    assert client.heard()
+    client.connection.look = lambda: None
     client.respond(1, OTHER_RESPONSE)
     assert client.heard(OTHER_RESPONSE)
     assert client.session.is_idle

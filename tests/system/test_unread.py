@@ -25,7 +25,7 @@ ROUNDS = 5
 
 LINE = """
 [[listen]]
-bind = "tcp://127.0.0.1:0"
+bind = "{scheme}://127.0.0.1:0"
 
 [[line]]
 name = "hall-a"
@@ -80,6 +80,11 @@ class DeviceServer:
         return self._line.recv(size, socket.MSG_WAITALL)
 
 
+def line_at(port: str, scheme: str = "tcp") -> str:
+    """A config: clients that speak `scheme`, and a line at `port`."""
+    return LINE.format(port=port, scheme=scheme)
+
+
 @contextmanager
 def stopped(gateway: GatewayProcess) -> Iterator[None]:
     """The gateway stands still; what is sent to it meanwhile waits for it with the system."""
@@ -110,12 +115,12 @@ def wrong_answers(gateway: GatewayProcess, line: Devices) -> list[bytes]:
 
 
 def test_what_stood_unread_on_a_serial_port_is_no_answer(tmp_path: Path) -> None:
-    with VirtualPort(tmp_path / "line") as line, GatewayProcess(tmp_path, LINE.format(port=line.path)) as gateway:
+    with VirtualPort(tmp_path / "line") as line, GatewayProcess(tmp_path, line_at(line.path)) as gateway:
         assert wrong_answers(gateway, line) == []
 
 
 def test_what_stood_unread_on_a_connection_to_a_device_server_is_no_answer(tmp_path: Path) -> None:
-    with DeviceServer() as server, GatewayProcess(tmp_path, LINE.format(port=server.port)) as gateway:
+    with DeviceServer() as server, GatewayProcess(tmp_path, line_at(server.port)) as gateway:
         server.accept()
         assert wrong_answers(gateway, server) == []
 
@@ -123,7 +128,7 @@ def test_what_stood_unread_on_a_connection_to_a_device_server_is_no_answer(tmp_p
 @pytest.mark.parametrize("asked_again", [READ, bytes.fromhex("03 0063 0001")])
 def test_no_answer_goes_out_on_a_server_line_behind_the_next_request(tmp_path: Path, asked_again: bytes) -> None:
     with VirtualPort(tmp_path / "line") as line, VirtualPort(tmp_path / "panel") as panel:
-        config = LINE.format(port=line.path) + PANEL.format(port=panel.path)
+        config = line_at(line.path) + PANEL.format(port=panel.path)
         with GatewayProcess(tmp_path, config) as gateway:
             for _ in range(ROUNDS):
                 panel.write(encode(1, READ))
@@ -136,3 +141,24 @@ def test_no_answer_goes_out_on_a_server_line_behind_the_next_request(tmp_path: P
                 line.write(encode(1, OTHER_ANSWER))
                 assert panel.read(len(encode(1, OTHER_ANSWER))) == encode(1, OTHER_ANSWER)
                 time.sleep(0.05)
+
+
+@pytest.mark.parametrize("asked_again", [READ, bytes.fromhex("03 0063 0001")])
+def test_no_answer_goes_to_an_rtu_client_behind_its_next_request(tmp_path: Path, asked_again: bytes) -> None:
+    with (
+        VirtualPort(tmp_path / "line") as line,
+        GatewayProcess(tmp_path, line_at(line.path, "rtu+tcp")) as gateway,
+        socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client,
+    ):
+        for _ in range(ROUNDS):
+            client.sendall(encode(1, READ))
+            assert line.read(len(encode(1, READ))) == encode(1, READ)
+            time.sleep(0.1)  # requests within 50 ms of one another were sent together
+            with stopped(gateway):
+                line.write(encode(1, ANSWER))
+                time.sleep(0.01)
+                client.sendall(encode(1, asked_again))
+            assert line.read(len(encode(1, asked_again))) == encode(1, asked_again)
+            line.write(encode(1, OTHER_ANSWER))
+            assert client.recv(300) == encode(1, OTHER_ANSWER)
+            time.sleep(0.05)
