@@ -8,7 +8,7 @@ from gateway.events import Emit, PartFailed
 from gateway.images.mirror import Mirror
 from gateway.images.polling import MirroredDevice
 from gateway.images.polls import MirrorSettings
-from gateway.ports.clock import Alarm
+from gateway.ports.alarm import Alarm
 from gateway.request import Request
 
 

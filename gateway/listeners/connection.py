@@ -10,7 +10,7 @@ from gateway.listeners.over_tcp import OverTcpSession
 from gateway.listeners.session import ListenSettings, Session
 from gateway.listeners.sockets import why
 from gateway.modbus.codes import MAX_TCP_ADU
-from gateway.ports.clock import Alarm
+from gateway.ports.alarm import Alarm
 from gateway.routing.router import Router
 
 #: A connection whose client takes no responses keeps at most so many bytes for it.

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gateway.events import Emit, PartFailed
-from gateway.ports.clock import Alarm
+from gateway.ports.alarm import Alarm
 from gateway.ports.port import Port
 
 

@@ -13,7 +13,7 @@ from typing import Self
 
 from gateway.config.plan import DEFAULT_FORMATS
 from gateway.modbus.chartime import CharacterFormat
-from gateway.ports.clock import Alarm
+from gateway.ports.alarm import Alarm
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.paced_line import PacedLine, Tell, tell_nobody
 from gateway.simulator.port import VirtualPort

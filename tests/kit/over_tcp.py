@@ -6,7 +6,7 @@ from gateway.listeners.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.ascii import AsciiFramer
-from gateway.ports.clock import Alarm
+from gateway.ports.alarm import Alarm
 from gateway.service.build import Listener
 
 ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.ports.clock import Alarm
+from gateway.ports.alarm import Alarm
 
 
 class Bell:
