@@ -583,6 +583,7 @@ async def test_a_defect_in_a_reload_is_told_and_the_old_config_serves_on(serving
         assert await service.client().asks(41, READ) == "03 02 00 00"
 
 
+@pytest.mark.interpreted
 async def test_a_defect_behind_the_switch_is_told_as_one_and_the_new_config_is_in_force(serving):
     async with serving(LISTEN + HALL_A + HALL_B) as service:
         service.part("hall-b").driver.finish = lambda: 1 / 0
