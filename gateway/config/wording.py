@@ -5,7 +5,8 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, get_args
 
-from pydantic import ValidationError
+from pydantic import PlainValidator, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_mean, error
@@ -161,8 +162,14 @@ def _as_toml(key: str, value: str) -> str:
 def _number_keys() -> set[str]:
     """The keys that are a number in every table that has them."""
     fields = [field for model in Table.__subclasses__() for field in model.model_fields.items()]
-    keys = [(field.alias or name, field.annotation in (int, float)) for name, field in fields]
+    keys = [(field.alias or name, _is_number(field)) for name, field in fields]
     return {key for key, is_number in keys if is_number} - {key for key, is_number in keys if not is_number}
+
+
+def _is_number(field: FieldInfo) -> bool:
+    """Whether it is written as a number: a duration is read from text."""
+    is_read_from_text = any(isinstance(each, PlainValidator) for each in field.metadata)
+    return field.annotation in (int, float) and not is_read_from_text
 
 
 def _is_toml(value: str) -> bool:

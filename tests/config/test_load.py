@@ -97,6 +97,13 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
             ),
         ),
         (
+            "[[listen]]\nidle = 10 min\n",
+            (
+                "gateway.toml:2:11: error: expected newline or end of document after a statement\n"
+                '  help: put the value in quotes: idle = "10 min"'
+            ),
+        ),
+        (
             "[[line]]\ndevices = [{ unit = 10-13 }]\n",
             'gateway.toml:2:23: error: unclosed inline table\n  help: put the value in quotes: unit = "10-13"',
         ),
