@@ -15,4 +15,4 @@ def file_trouble(path: str, folder: Path = SERVICE_CONFIG) -> Problem | None:
     file = Path(path).absolute()
     if file.parent != folder or file.stat().st_mode & stat.S_IROTH:
         return None
-    return warning((), "the service may not read this file", f"sudo chmod 644 {file}").located(path, 0, 0)
+    return warning((), "the service may not be able to read this file", f"sudo chmod 644 {file}").located(path, 0, 0)

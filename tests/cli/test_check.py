@@ -393,5 +393,5 @@ def test_a_file_that_the_service_may_not_read_is_a_warning(config, capsys, monke
     Path(path).chmod(0o600)
     assert main(["check", path]) == 0
     said = capsys.readouterr().out
-    assert said.startswith(f"{path}: warning: the service may not read this file\n")
+    assert said.startswith(f"{path}: warning: the service may not be able to read this file\n")
     assert said.endswith("no errors, 1 warning\n")

@@ -14,7 +14,7 @@ def file(tmp_path):
 
 def test_a_file_that_not_everybody_may_read(file):
     file.chmod(0o640)
-    said = f"{file}: warning: the service may not read this file\n  help: sudo chmod 644 {file}"
+    said = f"{file}: warning: the service may not be able to read this file\n  help: sudo chmod 644 {file}"
     assert str(file_trouble(str(file), file.parent)) == said
 
 
