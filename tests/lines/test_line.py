@@ -639,6 +639,21 @@ def test_what_comes_before_a_second_sending_does_not_end_the_pause_of_a_change_o
     assert bench.written[1:] == [frame(2, READ)]
 
 
+def test_a_request_that_comes_before_a_second_sending_does_not_bring_it_on() -> None:
+    """The driver wakes a little late: it has not looked yet whether something has come."""
+    bench = Bench(retries=1, gap=0.01)
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + LIMIT - 0.001)
+    bench.hear("55")
+    bench.pass_time(0.002)
+    assert bench.line._again is not None
+    bench.now = bench.line._quiet_at + 0.001
+    bench.ask(unit=2)
+    assert bench.written == [READ_FRAME]
+    bench.hear(RESPONSE_FRAME)
+    assert bench.client.answers == ["83 0B"]
+
+
 def test_a_request_that_waits_behind_a_second_sending_expires_in_time() -> None:
     bench = Bench(retries=1, gap=5.0, max_wait=1.0)
     bench.pass_time(5.0)

@@ -594,6 +594,19 @@ async def test_a_defect_behind_the_switch_is_told_as_one_and_the_new_config_is_i
         assert [part.name for part in service.running.gateway.parts] == ["hall-a"]
 
 
+@pytest.mark.interpreted
+async def test_a_line_that_a_defect_has_kept_from_starting_can_be_taken_out(serving):
+    async with serving(LISTEN + HALL_A + HALL_B) as service:
+        service.part("hall-a").driver.finish = lambda: 1 / 0
+        client = service.client()
+        service.home.lines["hall-b"].on_write = lambda data: None
+        client.ask(2, READ)
+        await asyncio.sleep(0.1)
+        assert (await service.reload(LISTEN + HALL_B.replace("500", "400"))).defect
+        outcome = await service.reload(LISTEN + HALL_A)
+        assert (outcome.defect, outcome.removed) == ("", ("line hall-b",))
+
+
 async def test_a_line_that_goes_repeats_nothing(serving):
     async with serving(LISTEN + HALL_A + HALL_B.replace("devices", "retries = 1\ndevices")) as service:
         line, loop = service.home.lines["hall-b"], asyncio.get_running_loop()
