@@ -8,9 +8,8 @@ from contextlib import suppress
 def address_trouble(host: str) -> str | None:
     """What keeps this machine from listening at the IP address `host` now, or None. Names are not looked up."""
     with suppress(socket.gaierror):
-        family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST)[
-            0
-        ]
+        found = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST)
+        family, kind, _, _, address = found[0]
         try:
             with socket.socket(family, kind) as probe:
                 probe.bind(address)

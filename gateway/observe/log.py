@@ -65,9 +65,8 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
 
 def _entry(event: Event) -> Entry:
     at, clock, audits = time.monotonic(), time.time(), int(isinstance(event, WriteAudit))
-    limited = (
-        event.level < Level.ERROR and not audits
-    )  # errors are rare, and somebody may have to account for each write
+    # Errors are rare, and somebody may have to account for each write.
+    limited = event.level < Level.ERROR and not audits
     gives_way = event.result in _ANYBODY_CAUSES if isinstance(event, WriteAudit) else limited
     return Entry(at, clock, event.level, event.name, event.fields(), limited, gives_way, write_audits=audits)
 

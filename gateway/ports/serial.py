@@ -12,7 +12,7 @@ from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.threads import ThreadOfItsOwn
 
-#: As much as the system keeps of a terminal: nothing is left behind that came before a read.
+#: As much as the system keeps of a terminal. More that came before a read is left for the next one.
 READ_SIZE: Final = 4096
 #: Bytes that may wait for a driver that takes none, beyond its own buffer. A line has one frame under way.
 WRITE_BOUND: Final = 16 * 1024

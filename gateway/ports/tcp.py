@@ -16,7 +16,7 @@ from gateway.ports.port import Port, PortUser, TcpSettings
 CONNECTING_DEADLINE: Final = 2.5
 #: How long at most nothing is believed after that, in seconds.
 LONGEST_SETTLING: Final = 0.5
-#: Much more than a line carries while nobody reads: nothing is left behind that came before a read.
+#: Much more than a line carries while nobody reads. More that came before a read is left for the next one.
 READ_SIZE: Final = 4096
 #: Bytes that may wait for a server that takes none, beyond the system's own buffers.
 WRITE_BOUND: Final = 16 * 1024
