@@ -10,7 +10,6 @@ import pytest
 from gateway.events import Event, StateDamaged
 from gateway.lines.late import Overdue
 from gateway.ports.port import SerialSettings, TcpSettings
-from gateway.service import overdue
 from gateway.service.overdue import FILE_NAME, LeftBehind, is_entry, place_of
 from gateway.service.shared_file import SharedFile
 
@@ -37,19 +36,7 @@ def found(folder: Path, now: float, at: str = PORT) -> list[Overdue]:
     return Process(folder).left_behind.at(at, now)
 
 
-@pytest.fixture
-def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """Starts the machine anew."""
-
-    def start(boot: str) -> None:
-        (tmp_path / "boot_id").write_text(boot)
-        monkeypatch.setattr(overdue, "_BOOT_ID", tmp_path / "boot_id")
-
-    start("first")
-    return start
-
-
-def test_a_line_finds_what_the_one_before_it_has_left(machine) -> None:
+def test_a_line_finds_what_the_one_before_it_has_left() -> None:
     left_behind = LeftBehind()
     assert left_behind.at(PORT, 90.0) == []
     left_behind.leave(PORT, [READ, MOVE], 100.0)
@@ -57,54 +44,53 @@ def test_a_line_finds_what_the_one_before_it_has_left(machine) -> None:
     assert left_behind.at(PORT, 101.0) == [READ, MOVE]
 
 
-def test_what_is_past_is_not_found(machine) -> None:
+def test_what_is_past_is_not_found() -> None:
     left_behind = LeftBehind()
     left_behind.leave(PORT, [READ, MOVE], 100.0)
     assert left_behind.at(PORT, 102.0) == [READ]
 
 
-def test_a_line_that_has_had_its_answers_leaves_nothing(machine) -> None:
+def test_a_line_that_has_had_its_answers_leaves_nothing() -> None:
     left_behind = LeftBehind()
     left_behind.leave(PORT, [READ], 100.0)
     left_behind.leave(PORT, [], 101.0)
     assert left_behind.at(PORT, 101.0) == []
 
 
-def test_the_next_process_finds_it(machine, tmp_path: Path) -> None:
+def test_the_next_process_finds_it(tmp_path: Path) -> None:
     Process(tmp_path).ends(100.0, READ, MOVE)
     assert found(tmp_path, 102.0) == [READ]
     Process(tmp_path).ends(110.0)
     assert json.loads((tmp_path / FILE_NAME).read_text()) == {}
 
 
-def test_what_is_past_is_forgotten_on_other_ports_too(machine, tmp_path: Path) -> None:
-    Process(tmp_path).ends(100.0, READ, at=OTHER)
-    Process(tmp_path).ends(110.0)
+def test_what_is_past_is_forgotten_where_an_earlier_line_of_this_process_has_ended(tmp_path: Path) -> None:
+    process = Process(tmp_path)
+    process.ends(100.0, READ, at=OTHER)
+    process.ends(102.0)
+    assert found(tmp_path, 102.0, at=OTHER) == [READ]
+    process.ends(110.0)
     assert json.loads((tmp_path / FILE_NAME).read_text()) == {}
 
 
-def test_where_nothing_is_overdue_nothing_is_written(machine, tmp_path: Path) -> None:
+def test_what_another_gateway_has_left_anew_stays(tmp_path: Path) -> None:
+    Process(tmp_path).ends(10.0, READ._replace(ends_at=13.0), at=OTHER)
+    process = Process(tmp_path)
+    Process(tmp_path).ends(100.0, READ, at=OTHER)
+    process.ends(101.0)
+    assert found(tmp_path, 102.0, at=OTHER) == [READ]
+
+
+def test_where_nothing_is_overdue_nothing_is_written(tmp_path: Path) -> None:
     Process(tmp_path).ends(100.0)
     assert list(tmp_path.glob("late*")) == []
 
 
-def test_after_a_start_of_the_machine_it_is_at_least_as_old_as_that(machine, tmp_path: Path) -> None:
+def test_after_a_start_of_the_machine_it_is_at_least_as_old_as_that(tmp_path: Path) -> None:
     Process(tmp_path).ends(100.0, READ, MOVE)
-    machine("second")
     assert found(tmp_path, 1.0) == [READ._replace(ends_at=3.0), MOVE._replace(ends_at=1.5)]
     assert found(tmp_path, 2.5) == [READ._replace(ends_at=3.0)]
     assert found(tmp_path, 20.0) == []
-
-
-def test_a_clock_that_has_gone_back_keeps_nothing_for_longer(machine, tmp_path: Path) -> None:
-    Process(tmp_path).ends(100.0, READ)
-    assert found(tmp_path, 50.0) == [READ._replace(ends_at=53.0)]
-
-
-def test_a_machine_without_a_boot_identifier_waits_rather_than_believes(machine, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(overdue, "_BOOT_ID", tmp_path / "nowhere")
-    Process(tmp_path).ends(100.0, READ)
-    assert found(tmp_path, 20.0) == [READ._replace(ends_at=23.0)]
 
 
 ANSWER = {"unit": 1, "answers_from": 1, "pdu": "03 00 07 00 01", "owed": 1, "ends_at": 103.0}
@@ -115,21 +101,21 @@ ANSWER = {"unit": 1, "answers_from": 1, "pdu": "03 00 07 00 01", "owed": 1, "end
     [
         3,
         {},
-        {"boot": "a"},
-        {"boot": 1, "at": 1.0, "answers": []},
-        {"boot": "a", "at": None, "answers": []},
-        {"boot": "a", "at": 1.0, "answers": [3]},
-        {"boot": "a", "at": 1.0, "answers": [{}]},
-        {"boot": "a", "at": 1.0, "answers": [ANSWER | {"more": 1}]},
+        {"at": 1.0},
+        {"answers": []},
+        {"at": None, "answers": []},
+        {"at": 1.0, "answers": [3]},
+        {"at": 1.0, "answers": [{}]},
+        {"at": 1.0, "answers": [ANSWER | {"more": 1}]},
         *(
-            {"boot": "a", "at": 1.0, "answers": [ANSWER | {key: value}]}
+            {"at": 1.0, "answers": [ANSWER | {key: value}]}
             for key, value in [
                 ("unit", "x"), ("pdu", "xy"), ("pdu", ""), ("pdu", "03 00"), ("owed", 0), ("ends_at", None),
             ]
         ),
     ],
 )  # fmt: skip
-def test_a_foreign_file_is_moved_aside(machine, tmp_path: Path, entry: object) -> None:
+def test_a_foreign_file_is_moved_aside(tmp_path: Path, entry: object) -> None:
     content = json.dumps({PORT: entry})
     (tmp_path / FILE_NAME).write_text(content)
     process = Process(tmp_path)
@@ -137,7 +123,7 @@ def test_a_foreign_file_is_moved_aside(machine, tmp_path: Path, entry: object) -
     assert (tmp_path / "late.damaged").read_text() == content
 
 
-def test_behind_a_damaged_file_nothing_is_awaited(machine, tmp_path: Path) -> None:
+def test_behind_a_damaged_file_nothing_is_awaited(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).write_text("")
     process = Process(tmp_path)
     assert [type(event) for event in process.events] == [StateDamaged]
