@@ -33,7 +33,7 @@ class LineDriver:
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction. Bytes that nobody has read yet came before it: they are no answer to it."""
-        if not self.line.is_busy:
+        if self.line.is_quiet(now):
             self._look()
         self._border.run(self.line.submit, transaction, now)
 

@@ -96,6 +96,10 @@ class Line:
         """Whether a request is on the line."""
         return self._current is not None or self._again is not None
 
+    def is_quiet(self, now: float) -> bool:
+        """Whether a request would leave at once."""
+        return self._current is None and now >= self._quiet_at
+
     def finish(self, now: float) -> None:
         """Take no more requests: what waits is not sent any more (0A), what is on the line may be answered."""
         self._write = None
