@@ -80,8 +80,8 @@ def _serve(plan: Plan, file: Path, control: Path, emit: events.Emit) -> None:
     folder = state_folder()
     with (
         closing(StateFile(folder, emit)) as memory,
-        closing(Store(folder, emit)) as store,
         closing(LeftBehind(SharedFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
+        closing(Store(folder, emit)) as store,  # the first to be closed: meanwhile the files of the others are written
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)

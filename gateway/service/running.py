@@ -15,7 +15,8 @@ from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
 
 #: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
-#: seconds; and how long ports may take to close then. Together with the end of the process: less than 5 s.
+#: seconds; and how long ports may take to close then. With the end of the process that is less than 5 s. Only a disk
+#: that hangs adds to it: 1 s for the files of the state folder, or 2 s where persistent images are.
 DRAIN_TIME: Final = 3.0
 CLOSING_TIME: Final = 1.5
 #: How often those who wait for them look whether they are done, in seconds.

@@ -14,8 +14,10 @@ from gateway.errors import StateError
 from gateway.events import Emit, StateDamaged, StateNotKept
 from gateway.ports.ownership import give_to_owner_of_folder
 
-#: How long another gateway may take to write, and how long the end of this one waits for the disk, in seconds.
+#: How long another gateway may take to write, in seconds.
 LOCK_DEADLINE: Final = 2.0
+#: How long the end of this one waits for a change to be written, in seconds. It counts from the change: files that were
+#: changed together are waited for together.
 CLOSING_DEADLINE: Final = 1.0
 _LOCK_STEP: Final = 0.02
 
@@ -34,6 +36,7 @@ class SharedFile:
         self._emit = emit
         self._guard = Lock()
         self._changes: Entries = {}
+        self._changed_at = 0.0
         self._writer: Thread | None = None
 
     def read(self) -> Entries:
@@ -58,6 +61,7 @@ class SharedFile:
         """Write an entry soon; None takes it out."""
         with self._guard:
             self._changes[key] = entry
+            self._changed_at = time.monotonic()
             if self._writer is None:
                 self._writer = Thread(target=self._write, name=f"write {self.file.name}", daemon=True)
                 self._writer.start()
@@ -66,7 +70,7 @@ class SharedFile:
         """Wait until all changes are written, but not for a disk that hangs."""
         writer = self._writer
         if writer is not None:
-            writer.join(CLOSING_DEADLINE)
+            writer.join(max(0.0, self._changed_at + CLOSING_DEADLINE - time.monotonic()))
             if writer.is_alive():
                 self._failed("the disk, or another gateway, takes too long")
 

@@ -1,6 +1,7 @@
 """Files in the state folder that several gateways may share: who changes what, and who waits for how long."""
 
 import fcntl
+import threading
 import time
 from pathlib import Path
 
@@ -59,6 +60,25 @@ def test_a_lock_that_somebody_keeps_holds_up_no_end(shared, told, monkeypatch) -
     monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", 10.0)
     shared.close()
     assert shared.read() == {"a": 1}
+
+
+def test_a_disk_that_hangs_is_waited_for_once_whatever_has_changed(tmp_path, told, monkeypatch) -> None:
+    monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", 0.5)
+    released = threading.Event()
+    monkeypatch.setattr("os.fsync", lambda descriptor: released.wait(10.0))
+    files = [SharedFile(tmp_path / f"{number}.json", lambda entry: True, told.append) for number in range(6)]
+    for file in files:
+        file.change("a", 1)
+    began = time.monotonic()
+    for file in files:
+        file.close()
+    assert time.monotonic() - began < 1.5
+    assert len(told) == len(files)
+    released.set()
+    monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", 10.0)
+    for file in files:
+        file.close()
+        assert file.read() == {"a": 1}
 
 
 def test_a_lock_that_somebody_keeps_is_told_and_later_changes_are_written(shared, told, monkeypatch) -> None:
