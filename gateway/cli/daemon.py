@@ -12,8 +12,9 @@ from gateway.cli.main import DEFAULT_CONFIG
 from gateway.errors import DaemonError
 from gateway.service.control import SYSTEM_SOCKET, control_path
 
-#: How long the daemon may take to answer, in seconds. A reload waits for requests that are under way.
-_PATIENCE: Final = 30.0
+#: How long the daemon may take to answer, in seconds. A reload may need 10 to read the file, 15 to look names up, 3 for
+#: requests that are under way, and 1.5 to close ports.
+_PATIENCE: Final = 40.0
 
 
 def add_control_argument(parser: argparse.ArgumentParser) -> None:

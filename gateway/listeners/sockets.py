@@ -19,6 +19,8 @@ KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 30, 10, 3
 #: The same for a peer that vanished while something was sent to it, in milliseconds. It also ends the wait for the last
 #: probe: the system's timers may be two seconds late each, and the minute is to hold.
 USER_TIMEOUT: Final = 50_000
+#: How long it may take to find a listener's addresses, in seconds: the system asks a second name server after 5 s.
+LOOKUP_DEADLINE: Final = 15.0
 #: Connections that may wait to be accepted.
 BACKLOG: Final = 1024
 
@@ -113,7 +115,7 @@ async def addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[A
         ListenError: its host has none, or no name server answers.
     """
     try:
-        found = await look_up(settings.host, settings.port, kind)
+        found = await look_up(settings.host, settings.port, kind, LOOKUP_DEADLINE)
     except (OSError, UnicodeError) as error:
         raise cannot_listen(settings, error) from error
     return list(dict.fromkeys(found))

@@ -3,12 +3,9 @@
 import asyncio
 import socket
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 from gateway.ports.threads import ThreadOfItsOwn
-
-#: How long it may take to find a host's addresses, in seconds.
-DEADLINE: Final = 1.5
 
 #: What `getaddrinfo` gives: family, type, protocol, canonical name, address.
 AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
@@ -19,17 +16,17 @@ _Question = tuple[str, int, socket.SocketKind]
 _under_way: dict[_Question, asyncio.Future[list[AddressInfo]]] = {}
 
 
-async def look_up(host: str, port: int, kind: socket.SocketKind) -> list[AddressInfo]:
-    """The addresses of a host.
+async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float) -> list[AddressInfo]:
+    """The addresses of a host, which may take `deadline` seconds.
 
     Raises:
-        OSError: nobody knows the name, or no name server answers within DEADLINE (`socket.EAI_AGAIN`).
+        OSError: nobody knows the name, or no name server answers within that (`socket.EAI_AGAIN`).
         UnicodeError: this is no host name.
     """
     question = (host, port, kind)
     looking_up = _under_way.get(question) or _begin(question)
     try:
-        async with asyncio.timeout(DEADLINE):
+        async with asyncio.timeout(deadline):
             return await asyncio.shield(looking_up)
     except TimeoutError as error:
         raise socket.gaierror(socket.EAI_AGAIN, "no name server answers") from error

@@ -12,6 +12,8 @@ from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.lookup import AddressInfo, look_up
 from gateway.ports.port import Port, PortUser, TcpSettings
 
+#: How long it may take to find the server's address, in seconds. Attempts follow each other.
+LOOKUP_DEADLINE: Final = 1.5
 #: How long it may take to reach the server once its address is known, in seconds.
 CONNECTING_DEADLINE: Final = 2.5
 #: How long at most nothing is believed after that, in seconds.
@@ -55,7 +57,7 @@ async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
         PortError: there is no connection; the message says why and what to do.
     """
     try:
-        addresses = await look_up(settings.host, settings.number, socket.SOCK_STREAM)
+        addresses = await look_up(settings.host, settings.number, socket.SOCK_STREAM, LOOKUP_DEADLINE)
         async with asyncio.timeout(CONNECTING_DEADLINE):
             port = await _connected(settings, addresses)
     except (OSError, UnicodeError) as error:

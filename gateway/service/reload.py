@@ -18,7 +18,7 @@ from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary
 
-#: How long the file may take to be read, in seconds. Those who order a reload wait for 30 s.
+#: How long the file may take to be read, in seconds. Those who order a reload wait for 40 s.
 LOADING_TIME: Final = 10.0
 
 

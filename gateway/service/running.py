@@ -156,8 +156,9 @@ class Running:
 
     async def _bind(self, gateway: Gateway, come: Iterable[Listener], sockets: OpenSockets) -> None:
         """Take the addresses of those of the gateway's listeners that `come`."""
-        for listener in come:
-            await listener.find()
+        for error in await asyncio.gather(*(listener.find() for listener in come), return_exceptions=True):
+            if error is not None:
+                raise error
         for listener in come:
             listener.bind(sockets)
         self._check_that_all_are_used(gateway)

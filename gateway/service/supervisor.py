@@ -43,9 +43,9 @@ async def serve(
     """
     systemd = systemd or Notifier({})
     try:
-        await running.bind()
+        is_bound = await _done_before(stop, running.bind())
         async with running.lines_open():
-            if await _done_before(stop, running.tried()):
+            if is_bound and await _done_before(stop, running.tried()):
                 running.open_doors()
                 await _serve_until(stop, running, systemd)
             if reloader is not None:
@@ -81,9 +81,12 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
 
 
 async def _done_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:
-    """Whether `step` was done before the order to stop; if not, it is given up."""
+    """Whether `step` was done before the order to stop; if not, it is given up. Raises what `step` raises."""
     doing, asked = asyncio.create_task(step, name="start"), asyncio.create_task(stop.asked(), name="stop")
     await asyncio.wait((doing, asked), return_when=asyncio.FIRST_COMPLETED)
-    doing.cancel()
     asked.cancel()
-    return doing.done() and not doing.cancelled()
+    if not doing.done():
+        doing.cancel()
+        return False
+    doing.result()
+    return True

@@ -29,15 +29,22 @@ NEVER = 1e6
 
 
 class Doors:
-    """A listener without sockets: notes what it is told. Its clients are gone `drains_in` seconds after `finish`."""
+    """A listener without sockets: notes what it is told.
+
+    Its address is known `found_in` seconds after `find`, or it is `nowhere`; its clients are gone `drains_in` seconds
+    after `finish`.
+    """
 
     doors = ()
 
-    def __init__(self, drains_in: float = 0.0, error: Exception | None = None) -> None:
+    def __init__(
+        self, drains_in: float = 0.0, error: Exception | None = None, *, found_in: float = 0.0, nowhere: bool = False
+    ) -> None:
         self.address = "tcp://127.0.0.1:502"
         self.clients = 0
         self.told: list[str] = []
         self._error = error
+        self._found_in, self._is_nowhere = found_in, nowhere
         self._drains_in = drains_in
         self._gone_at = NEVER
 
@@ -47,6 +54,9 @@ class Doors:
 
     async def find(self) -> None:
         self.told.append("find")
+        await asyncio.sleep(self._found_in)
+        if self._is_nowhere:
+            raise ListenError("nobody knows the name")
 
     def bind(self, ready=None) -> None:
         self.told.append("bind")
@@ -113,6 +123,29 @@ async def test_it_is_ready_once_every_line_was_tried_and_clients_can_connect() -
     assert service.doors[0].told == ["find", "bind", "listen", "start"]
     assert service.told(Ready) == [Ready(("tcp://127.0.0.1:502",), lines_up=1, lines_down=1)]
     await service.stops_within()
+
+
+async def test_names_are_looked_up_side_by_side() -> None:
+    service = Service(Doors(found_in=14.0), Doors(found_in=14.0))
+    await asyncio.sleep(14.5)
+    assert service.told(Ready) != []
+    await service.stops_within()
+
+
+async def test_a_name_that_nobody_knows_ends_it() -> None:
+    service = Service(Doors(), Doors(found_in=1.0, nowhere=True))
+    with pytest.raises(ListenError, match="nobody knows the name"):
+        await service.serving
+    assert "bind" not in service.doors[0].told
+    assert service.told(LineUp) == []
+
+
+async def test_an_order_to_stop_does_not_wait_for_name_servers() -> None:
+    service = Service(Doors(found_in=14.0))
+    await asyncio.sleep(0.1)
+    assert await service.stops_within() < 0.1
+    assert service.told(Ready) == service.told(LineUp) == []
+    assert "bind" not in service.doors[0].told
 
 
 async def test_a_defect_in_opening_a_port_does_not_keep_the_others_from_being_served() -> None:

@@ -190,7 +190,7 @@ async def test_a_name_that_leads_nowhere_is_said(user, monkeypatch, code, said):
 
 async def test_a_resolver_that_hangs_holds_up_nobody(user, monkeypatch):
     release = threading.Event()
-    monkeypatch.setattr(lookup, "DEADLINE", 0.1)
+    monkeypatch.setattr(tcp_module, "LOOKUP_DEADLINE", 0.1)
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: release.wait(PATIENCE) and [])
     for _ in range(3):
         assert "no name server answers" in await why_not(settings(502, "nport.example"), user)

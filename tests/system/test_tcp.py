@@ -18,6 +18,7 @@ import pytest
 from gateway.errors import ListenError
 from gateway.events import ClientClosed, ClientConnected, ClientRejected, Event, PartFailed
 from gateway.listeners import session as session_module
+from gateway.listeners import sockets as sockets_module
 from gateway.listeners import tcp as tcp_module
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.over_tcp import SILENCE as OVER_TCP_SILENCE
@@ -575,7 +576,7 @@ def test_a_name_server_that_does_not_answer_holds_up_neither_the_start_nor_the_e
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     released = threading.Event()
-    monkeypatch.setattr(lookup, "DEADLINE", 0.1)
+    monkeypatch.setattr(sockets_module, "LOOKUP_DEADLINE", 0.1)
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: released.wait(PATIENCE) and [])
     listener = TcpListener(ListenSettings("a", "plant.example", 0), to_everywhere(Plant()), print)
     begin = time.monotonic()
