@@ -640,7 +640,7 @@ def test_what_comes_before_a_second_sending_does_not_end_the_pause_of_a_change_o
 
 
 def test_a_request_that_comes_before_a_second_sending_does_not_bring_it_on() -> None:
-    """The driver wakes a little late: it has not looked yet whether something has come."""
+    """The driver wakes a little late: the second sending is a matter of that."""
     bench = Bench(retries=1, gap=0.01)
     bench.ask()
     bench.pass_time(REQUEST_TIME + LIMIT - 0.001)
