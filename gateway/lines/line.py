@@ -97,7 +97,7 @@ class Line:
         return self._current is not None or self._again is not None
 
     def is_quiet(self, now: float) -> bool:
-        """Whether a request would leave at once."""
+        """Whether the line is free and its silence is over, so that a request would leave at once."""
         return self._current is None and now >= self._quiet_at
 
     def finish(self, now: float) -> None:
