@@ -114,6 +114,12 @@ class Ear:
         frames = [(frame, at) for at, data in heard for frame in self._cutter.received(data, at)]
         return [frame for frame, at in frames if self._is_settled(frame, at)]
 
+    def answered(self, frame: Frame) -> None:
+        """This was found to be the answer, whatever else its bytes may have been taken for."""
+        if self._asked is not None and not self._is_answered:
+            self._is_answered = True
+            self.doubts += self._near(frame, self._asked)
+
     def _is_settled(self, frame: Frame, at: float) -> bool:
         """Take a frame; whether it is the response to another client's request."""
         asked = self._asked

@@ -236,6 +236,7 @@ class Hearing:
         """Find out what was heard beside `answer`; it is ambiguous when another client has asked the same unit."""
         current = self._current
         self._stop_asking()
+        self._ear.answered(answer)
         data = before(self._mode, self._all_heard(), self._framer.encode(*answer))
         heard = overheard(self._mode, data, self._sent)
         self._notice_echo(heard.echo_at)

@@ -74,6 +74,18 @@ def test_cut_by_our_own_request() -> None:
         assert bench.client.answers == ["83 0B"]
 
 
+def test_an_answer_that_looks_like_something_else_where_it_is_cut() -> None:
+    """Behind its first byte, 03 04 00 83 00 is a frame of its own, whose check sum fits."""
+    bench = Bench()
+    bench.respond("03 00 83 00 02")
+    bench.ask("03 00 66 00 02")
+    bench.pass_time(0.05)
+    answer = bench.frame(1, "03 04 00 83 00 84")
+    bench.hear(answer[: 3 * 6])
+    bench.hear(answer[3 * 6 :])
+    assert bench.client.answers == ["83 0B"]
+
+
 def test_together_with_a_late_answer(bench: Bench) -> None:
     bench.ask()
     bench.pass_time(0.3)
