@@ -10,6 +10,7 @@ import pytest
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import OpenSockets, addresses, doors
+from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE, GatewayProcess, command
 
 TCP, UDP = socket.SOCK_STREAM, socket.SOCK_DGRAM
@@ -17,22 +18,12 @@ ASK = bytes.fromhex("0001 0000 0006 C8 03 0000 0001")
 ANSWER = bytes.fromhex("0001 0000 0005 C8 03 02 0000")
 
 
-def _has_ipv6() -> bool:
-    try:
-        with socket.socket(socket.AF_INET6) as sock:
-            sock.bind(("::1", 0))
-    except OSError:
-        return False
-    return True
-
-
-ipv6 = pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
 MOVES = [
     ("127.0.0.1", "0.0.0.0"),
     ("0.0.0.0", "127.0.0.1"),
-    pytest.param("127.0.0.1", "::", marks=ipv6),
-    pytest.param("::", "127.0.0.1", marks=ipv6),
-    pytest.param("0.0.0.0", "::", marks=ipv6),
+    pytest.param("127.0.0.1", "::", marks=needs_ipv6),
+    pytest.param("::", "127.0.0.1", marks=needs_ipv6),
+    pytest.param("0.0.0.0", "::", marks=needs_ipv6),
 ]
 
 
@@ -135,7 +126,7 @@ async def test_a_door_of_systemd_gives_way_to_nobody(street: Street, port: int) 
     assert street.leads_to(door)
 
 
-@ipv6
+@needs_ipv6
 async def test_systemd_settles_whether_a_door_of_its_own_takes_ipv4(street: Street, port: int) -> None:
     with socket.socket(socket.AF_INET6, street.kind) as door:
         door.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
@@ -183,7 +174,7 @@ def test_a_reload_moves_a_listener_to_every_address_and_back(
     assert not [event for event in moving.gateway.log if event["event"] == "client_rejected"]
 
 
-@ipv6
+@needs_ipv6
 @pytest.mark.parametrize(("scheme", "kind"), [("tcp", TCP), ("udp", UDP)])
 def test_a_listener_of_ipv6_takes_ipv4_as_well_for_as_long_as_that_has_none_of_its_own(
     tmp_path: Path, stack: ExitStack, port: int, scheme: str, kind: socket.SocketKind

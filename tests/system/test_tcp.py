@@ -32,6 +32,7 @@ from gateway.modbus.mbap import encode
 from gateway.ports import lookup
 from gateway.request import Request
 from kit.crossroads import to_everywhere
+from kit.ipv6 import needs_ipv6
 from kit.process import COMMAND, PATIENCE
 
 #: Units of the scripted target.
@@ -587,16 +588,7 @@ def test_a_name_server_that_does_not_answer_holds_up_neither_the_start_nor_the_e
     released.set()
 
 
-def _has_ipv6() -> bool:
-    try:
-        with socket.socket(socket.AF_INET6) as sock:
-            sock.bind(("::1", 0))
-    except OSError:
-        return False
-    return True
-
-
-@pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
+@needs_ipv6
 async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
     """C15."""
     async with house(host="::") as home:
@@ -609,7 +601,7 @@ async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
         assert {each.host for each in home.listener.connections} == {"127.0.0.1", "::1"}
 
 
-@pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
+@needs_ipv6
 @pytest.mark.parametrize("order", [("0.0.0.0", "::"), ("::", "0.0.0.0")])
 async def test_an_ipv6_listener_leaves_ipv4_to_another_one_when_it_is_told_to(order: tuple[str, str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:

@@ -17,6 +17,7 @@ from gateway.modbus.mbap import encode
 from gateway.request import Request
 from gateway.routing.access import Door
 from kit.crossroads import router
+from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE
 
 #: Units of the scripted target.
@@ -334,16 +335,7 @@ async def test_udp_and_tcp_may_have_the_same_port() -> None:
         tcp.close()
 
 
-def _has_ipv6() -> bool:
-    try:
-        with socket.socket(socket.AF_INET6) as sock:
-            sock.bind(("::1", 0))
-    except OSError:
-        return False
-    return True
-
-
-@pytest.mark.skipif(not _has_ipv6(), reason="this machine has no IPv6")
+@needs_ipv6
 async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
     """C15."""
     async with house(host="::") as home:
