@@ -16,7 +16,7 @@ from gateway.errors import RequestError
 from gateway.lines.transaction import Transaction
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import Mode
-from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.passing import PassingFrames
 from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
@@ -64,18 +64,20 @@ class Ear:
         #: Copies of it that were heard beside its answer, and whether one that comes late is an echo.
         self._copies = 0
         self._echoes = False
+        self._had_echo = False
 
     def begin(
         self, transaction: Transaction, now: float, deaf_until: float, echo_until: float, *, echoes: bool
     ) -> None:
         """The request goes on the line; nothing is its answer before `deaf_until`.
 
-        A copy of it is an echo if it can be the response too, or if it comes before `echo_until`, and one copy if the
-        adapter is known to echo. Otherwise another client asks the same.
+        A copy of it is an echo if it can be the response too. Of others the first one is, if it comes before
+        `echo_until` or the adapter is known to echo. Otherwise another client asks the same.
         """
         self.echoes_in_a_row = self.echoes_in_a_row + 1 if self._copies else 0
         self._copies = 0
         self._echoes = echoes
+        self._had_echo = False
         self._asked = transaction
         self._is_asking = transaction.expects_answer
         self._is_answered = False
@@ -137,13 +139,18 @@ class Ear:
         return False
 
     def _near(self, frame: Frame, asked: Transaction) -> list[Stranger]:
-        """Others' requests that `frame` may answer. One for the same as ours, heard since, has the same answer."""
+        """Others' requests that `frame` may answer. One for the same as ours, heard since, has the same answer.
+
+        Only the function counts: an exception fits any quantity, and who else asks may ask again for another one.
+        """
         sent = asked.unit, asked.asked.data
+        function = frame.pdu[0] & ~EXCEPTION_BIT
         return [
             stranger
             for unit in {frame.unit, asked.unit}
             for stranger in self.strangers.get(unit, ())
-            if stranger.at + self._patience(stranger.asked) >= self._began
+            if stranger.asked.function == function
+            and stranger.at + self._patience(stranger.asked) >= self._began
             and (stranger.frame != sent or stranger.at < self._began)
         ]
 
@@ -164,10 +171,10 @@ class Ear:
         if frame.pdu != asked.asked.data or asked.unit not in (frame.unit, BROADCAST_UNIT):
             return False
         self._copies += self._is_asking or _is_echo_shaped(asked)
-        if at < self._echo_until or _is_echo_shaped(asked):
+        if _is_echo_shaped(asked):
             return True
-        echoes, self._echoes = self._echoes, False
-        return echoes
+        is_first, self._had_echo = not self._had_echo, True
+        return is_first and (self._echoes or at < self._echo_until)
 
     def _remember(self, frame: Frame, at: float) -> None:
         try:

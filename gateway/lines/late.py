@@ -125,19 +125,22 @@ class LateWindows:
     def received(self, data: bytes, now: float, others: list[Frame]) -> list[LateResponse]:
         """Take bytes that the line delivers; responses that are complete with them. The last one closes its window.
 
-        `others` are frames among them that answer other clients' requests.
+        `others` are frames among them that answer other clients' requests. A frame is the answer to one question only:
+        to the oldest one that it fits.
         """
         self._close_ended(now)
+        taken = others.copy()
         return [
             late
             for window in self.windows.copy()
-            for late in self._take(window, window.framer.received(data, now), others)
+            for late in self._take(window, window.framer.received(data, now), taken)
         ]
 
     def tick(self, now: float) -> list[LateResponse]:
         """Let time pass; responses that silence has ended."""
         self._close_ended(now)
-        return [late for window in self.windows.copy() for late in self._take(window, window.framer.tick(now), [])]
+        taken: list[Frame] = []
+        return [late for window in self.windows.copy() for late in self._take(window, window.framer.tick(now), taken)]
 
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None."""
@@ -148,13 +151,15 @@ class LateWindows:
         """When the next window ends."""
         return min((window.ends_at for window in self.windows), default=None)
 
-    def _take(self, window: _Window, frames: list[Frame], others: list[Frame]) -> list[LateResponse]:
-        late = []
+    def _take(self, window: _Window, frames: list[Frame], taken: list[Frame]) -> list[LateResponse]:
+        """Those of `frames` that `window` awaits. Every window hears all of `taken` too, which others were given."""
+        late, given = [], taken.copy()
         for frame in frames:
-            if frame in others:
-                others.remove(frame)
+            if frame in given:
+                given.remove(frame)
             elif window.owed and window.question.accepts(frame):
                 window.owed -= 1
+                taken.append(frame)
                 late.append(LateResponse(window.question, frame))
         if not window.owed:
             self.windows.remove(window)

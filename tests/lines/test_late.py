@@ -33,6 +33,20 @@ def time_out(bench: Bench, pdu: str = READ, unit: int = 1) -> None:
     bench.client.answers.clear()
 
 
+#: Nobody on the line is answered later than so many seconds after it has asked.
+PATIENCE = 1.0
+
+
+def succeed(bench: Bench) -> Bench:
+    """Another line on the same port, as after a reload or a restart."""
+    other = Bench()
+    other.now = bench.now
+    other.plug()
+    other.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
+    other.pass_time(0.01)
+    return other
+
+
 # --- what a window forbids ---
 
 
@@ -251,9 +265,36 @@ def test_a_late_response_glued_before_another_units_response(bench: Bench) -> No
     assert bench.counts.late_responses == 1
 
 
+def test_the_answer_to_another_client_closes_none_of_several_windows(bench: Bench) -> None:
+    """In ASCII each window hears every frame of the line."""
+    for each in (bench, Bench(timing=ASCII)):
+        each.ask(unit=2)
+        each.ask()
+        each.pass_time(0.5)
+        assert each.line.late_windows(each.now) == 2
+        each.respond(OTHER)
+        each.respond("03 02 80 00")
+        assert each.line.late_windows(each.now) == 2
+        each.respond()
+        assert each.line.late_windows(each.now) == 1
+
+
+def test_one_late_response_closes_one_of_two_equal_windows(bench: Bench) -> None:
+    time_out(bench)
+    time_out(bench, unit=2)
+    for _ in range(2):
+        heir = succeed(bench)
+        heir.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
+        assert heir.line.late_windows(heir.now) == 4
+        heir.respond()
+        assert heir.line.late_windows(heir.now) == 3
+        heir.hear(heir.frame(1, RESPONSE) + heir.frame(2, RESPONSE) * 2)
+        assert heir.line.late_windows(heir.now) == 0
+
+
 @pytest.mark.parametrize("timing", [Bench().settings.timing, ASCII], ids=["rtu", "ascii"])
 def test_a_late_response_alone_is_no_broken_frame_of_the_unit_that_is_asked(timing: object) -> None:
-    bench = Bench(timing=timing, retries=1)
+    bench = Bench(timing=timing)
     bench.ask()
     bench.pass_time(0.3)
     bench.ask(unit=2)
@@ -262,7 +303,7 @@ def test_a_late_response_alone_is_no_broken_frame_of_the_unit_that_is_asked(timi
     bench.pass_time(0.4)
     assert [type(event) for event in bench.events] == [RequestTimeout, LateResponse, RequestTimeout]
     counts = bench.counts
-    assert (counts.timeout, counts.bad_frame, counts.foreign_frames, counts.retries) == (2, 0, 0, 0)
+    assert (counts.timeout, counts.bad_frame, counts.foreign_frames) == (2, 0, 0)
 
 
 def test_the_late_response_of_a_write_is_no_other_clients_request(bench: Bench) -> None:
@@ -473,7 +514,7 @@ def test_a_broken_response_is_an_answer_so_none_is_owed() -> None:
         broken = bytearray.fromhex(bench.frame(1, RESPONSE))
         broken[-3] ^= 1
         bench.hear(broken.hex())
-        bench.pass_time(0.3)
+        bench.pass_time(0.01)
         assert len(bench.written) == 2
         bench.respond()
         bench.pass_time(0.01)
@@ -486,7 +527,7 @@ def test_a_lone_devices_broken_response_is_known_without_its_address() -> None:
     bench.devices[0] = LoneDevice(bench.device(unit=0).settings, bench.line)
     bench.ask(unit=0)
     bench.hear(bench.frame(77, RESPONSE)[:-2] + "00")
-    bench.pass_time(0.3)
+    bench.pass_time(0.01)
     bench.respond(unit=77)
     bench.pass_time(0.01)
     bench.ask(OTHER, unit=0)
@@ -539,20 +580,6 @@ def test_a_line_tells_how_many_late_answers_it_awaits_and_how_many_requests_wait
 
 
 # --- what an earlier line on the port has asked ---
-
-
-#: Nobody on the line is answered later than so many seconds after it has asked.
-PATIENCE = 1.0
-
-
-def succeed(bench: Bench) -> Bench:
-    """Another line on the same port, as after a reload or a restart."""
-    other = Bench()
-    other.now = bench.now
-    other.plug()
-    other.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
-    other.pass_time(0.01)
-    return other
 
 
 def test_a_line_that_follows_awaits_what_the_earlier_one_has_awaited(bench: Bench) -> None:
