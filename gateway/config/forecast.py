@@ -6,8 +6,9 @@ from typing import Final
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.lines.device import DeviceSettings
+from gateway.lines.settings import LineSettings
 from gateway.modbus.chartime import LineTiming
-from gateway.modbus.codes import MAX_PDU, Area
+from gateway.modbus.codes import MAX_PDU, READING_FUNCTIONS, Area
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime, Budget
@@ -62,7 +63,10 @@ def function_limits(
 def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
     """The longest a client may wait for this device: in the queue, for the line to be quiet, and for the answer."""
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
-    return plan.line.max_wait + plan.line.silence_before_request + max(one.request + one.most_items for one in limits)
+    longest = max(one.request + one.most_items for one in limits)
+    if plan.line.retries:
+        longest = max(longest, *(_repeated(one, plan.line, device) for one in limits if _is_repeated(one.function)))
+    return plan.line.max_wait + plan.line.silence_before_request + longest
 
 
 def longest_wait_behind(plan: UpstreamPlan) -> float:
@@ -87,6 +91,22 @@ def longest_wait_outside(server: ServerPlan, plan: Plan) -> float:
     slowest = max(wait for _, wait in waits_behind(server, plan).values())
     line = server.line
     return min(slowest, line.answer_within) + line.silence_before_response + server.latency + line.timing.longest_frame
+
+
+def _is_repeated(function: int | None) -> bool:
+    """Whether a request with this function may be sent again; None are those that count no items, some of which may."""
+    return function is None or function in READING_FUNCTIONS
+
+
+def _repeated(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
+    """From the first sending of a read until its last one has failed."""
+    within = line.retry_within
+    if within is not None:
+        return within
+    window = line.late_window
+    if window is None:
+        window = max(2 * limits.most_items, device.answer_time.slowest)
+    return 2 * (limits.most_items + window)
 
 
 def _functions(profile: Profile) -> Iterator[int]:

@@ -212,6 +212,7 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
         turnaround=_turnaround(devices) if line.turnaround is None else line.turnaround,
         late_window=line.late_window,
         retries=line.retries,
+        retry_within=line.retry_within,
         echo=line.echo,
         coalesce=line.coalesce,
         queue=line.queue,

@@ -201,7 +201,15 @@ class Line(Table):
     )
     max_wait: Duration = Field(2.0, description="A request that waited longer is answered 06 and never sent.")
     retries: Annotated[int, Field(ge=0)] = Field(
-        0, description="Reads only, after a broken frame only, at once; writes are never repeated."
+        0,
+        description="How often a read is sent again: after a broken frame at once, after silence when its late window "
+        "is over. Writes are never repeated.",
+    )
+    retry_within: DurationOrAuto = Field(
+        None,
+        description="A read that is sent again ends by then, counted from its first sending; it is answered 0B if it "
+        "has failed, or could not end in time. `max_wait` does not count for it. "
+        '`"auto"`: twice the sum of its limit and its late window, which is time for one more sending after silence.',
     )
     coalesce: bool = Field(
         True,

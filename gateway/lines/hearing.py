@@ -36,12 +36,15 @@ class Hearing:
 
     Every byte goes through `hear` first. `late` are answers to older requests that have come since `begin`: they have
     their own receivers. `echo_suspected` says that the adapter was caught returning what is sent. `deadline` is when
-    silence ends a response of unknown size. `listen` is the ear's.
+    silence ends a response of unknown size. `damaged_at` is when silence will have shown that what came is the answer
+    with a wrong check sum, None unless it looks so. `listen` is the ear's.
     """
 
     def __init__(self, settings: LineSettings, windows: LateWindows, report: Report) -> None:
         self.late: list[Frame] = []
         self.echo_suspected = False
+        self.damaged_at: float | None = None
+        self._windows = windows
         self._mode = settings.timing.mode
         self._late_window = settings.late_window
         self._report = report
@@ -99,7 +102,9 @@ class Hearing:
             self._came_first = len(data)
         if len(self._heard) < _SIZE:
             self._heard += data
-        return self._judge(self._framer.received(data, now))
+        outcome = self._judge(self._framer.received(data, now))
+        self.damaged_at = now + self._silence if outcome is None and self._is_damaged() else None
+        return outcome
 
     def received_early(self, data: bytes) -> None:
         """Take bytes that came before all of the request can have left."""
@@ -154,12 +159,9 @@ class Hearing:
         """What was heard instead of an answer, unless that is nothing but late answers to older requests."""
         return b"" if self.verdict is Verdict.NOTHING else self._all_heard()
 
-    def has_answered(self) -> bool:
+    def has_answered(self, now: float) -> bool:
         """Whether what was heard is the answer, damaged: then it is not owed any more."""
-        current = self._current
-        if self._ear.may_doubt(current):
-            return False
-        return is_damaged(self._mode, self._instead.rest, current.asked, current.answers_from)
+        return self.damaged_at is not None and now >= self.damaged_at and not self._ear.may_doubt(self._current)
 
     def window_end(self, transaction: Transaction, now: float) -> float:
         """Until when a late answer is awaited: by default for twice the limit, or the device's slowest answer.
@@ -206,6 +208,17 @@ class Hearing:
         self._early.clear()
         self._heard.clear()
         self._foreign = False
+        self.damaged_at = None
+
+    def _is_damaged(self) -> bool:
+        """Whether all that has come is, for what can be seen, the answer with a wrong check sum.
+
+        While another answer is late it may be that one, with a damaged unit identifier.
+        """
+        current = self._current
+        if self._early or self._foreign or self._windows.windows:
+            return False
+        return is_damaged(self._mode, self._heard, current.asked, current.answers_from)
 
     def _patience(self, asked: RequestPdu) -> float:
         """How long after another client has asked this its answer may come, if we ask the same device: as to us."""

@@ -87,9 +87,9 @@ class Line:
         lost, self._again = self._current or self._again, None
         try:
             if lost is not None:
-                self._fail(lost, errors.LineLost(), now)
+                self._finish(lost, errors.LineLost(), now)
         finally:
-            _fail_all(waiting, errors.LineDown())
+            _fail_waiting(waiting)
 
     @property
     def is_busy(self) -> bool:
@@ -109,7 +109,7 @@ class Line:
             if again is not None:
                 self._lose(again, now)
         finally:
-            _fail_all(waiting, errors.LineDown())
+            _fail_waiting(waiting)
 
     def overdue(self, now: float, patience: float) -> list[Overdue]:
         """What may still come, for a line that follows on the same port: late answers, and those to other clients.
@@ -150,6 +150,7 @@ class Line:
         """Take bytes that became readable at `now`."""
         if self._again is not None:  # the line is not quiet: what comes may be the answer, so nothing is sent again
             given_up, self._again = self._again, None
+            given_up.owed = max(1, given_up.owed)
             self._quiet_at = max(self._quiet_at, now + self._gap)
             self._lose(given_up, now)
         self._hearing.hear(data, now)
@@ -205,13 +206,17 @@ class Line:
     def _answer_deadline(self) -> float:
         """When the current transaction has failed. A response of unknown size that has begun may come to its end."""
         silence = self._hearing.deadline()
-        if silence is None or silence <= self._fails_at:
-            return self._fails_at if silence is None else silence
+        if silence is None:
+            damaged_at = self._hearing.damaged_at
+            return self._fails_at if damaged_at is None else min(damaged_at, self._fails_at)
+        if silence <= self._fails_at:
+            return silence
         return min(silence, self._fails_at + self.settings.timing.longest_frame)
 
     def _go_on(self, now: float) -> None:
         """Send the next request if the line is free and quiet, and refuse those that have waited too long."""
         late = self._turns.expired(now)
+        given_up = self._turns.given_up(now)
         try:
             while self._current is None and self._write is not None and now >= self._quiet_at:
                 again, self._again = self._again, None
@@ -223,6 +228,7 @@ class Line:
         finally:
             for request in late:
                 request.fail(errors.WaitedTooLong())
+            _fail_all(given_up, errors.ResponseTimeout())
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         self._current = transaction
@@ -233,10 +239,12 @@ class Line:
             transaction.fail(error)
             return
         transaction.counts.sent += 1
+        transaction.counts.retries += transaction.retries > 0
         self._sent_at = now
         if not transaction.expects_answer:
             self._broadcast(transaction, write, now)
             return
+        transaction.owed += 1
         self._fails_at = transaction.fails_at
         self._quiet_at = transaction.ends_at + self._gap
         self._deaf_until = transaction.ends_at if self._is_deaf_while_sending else 0.0
@@ -264,69 +272,90 @@ class Line:
             return
         if isinstance(outcome, RequestError):
             self._quiet_at = max(self._quiet_at, current.fails_at)  # its own answer comes next: nobody speaks into it
-            self._fail(current, outcome, now)
-            return
-        current.counts.responses += 1
-        self._turns.heard(current.device)
-        if current.owed:
-            self._finish_owed(current, outcome, now, current.owed)
         else:
-            self._finish(current, outcome, now)
+            current.counts.responses += 1
+            current.owed -= 1
+            self._turns.heard(current.device)
+        self._finish(current, outcome, now)
 
     def _give_up(self, current: Transaction, now: float) -> None:
-        """The limit has run out: send the request again if that may help, else say what was heard instead."""
+        """No answer has come: send the request again if that may help, else say what was heard instead.
+
+        After silence it may help once the late window is over.
+        """
         self._hearing.conclude()
-        is_repeatable = current.asked.function in READING_FUNCTIONS and current.is_wanted
-        may_repeat = is_repeatable and self._write is not None and current.retries < self.settings.retries
-        if self._hearing.verdict is Verdict.BROKEN and may_repeat:
-            current.owed += not self._hearing.has_answered()
-            current.retries += 1
-            current.counts.retries += 1
+        current.owed -= self._hearing.has_answered(now)
+        if current.owed:  # else the unit has answered, only not well
+            self._turns.failed(current, self._hearing.instead(), now)
+        at_once = self._hearing.verdict is Verdict.BROKEN
+        if not self._may_repeat(current, now, now if at_once else self._turns.window_end(current, now)):
+            self._lose(current, now)
+            return
+        current.retries += 1
+        if at_once:
             self.busy_seconds += now - self._sent_at
             self._again, self._current = current, None
         else:
-            self._lose(current, now)
+            self._finish(current, None, now)
+
+    def _may_repeat(self, current: Transaction, now: float, at: float) -> bool:
+        """Whether the request may be sent once more, `at` the earliest."""
+        if current.retries >= self.settings.retries or current.asked.function not in READING_FUNCTIONS:
+            return False
+        if self._write is None or not current.is_wanted or current.device.breaker.rests(now):
+            return False
+        if not current.retries:
+            within = self.settings.retry_within
+            if within is None:
+                within = 2 * (self._turns.window_end(current, current.fails_at) - current.ends_at)
+            current.gives_up_at = self._sent_at + within - (current.fails_at - self._sent_at)
+        return at <= current.gives_up_at
 
     def _lose(self, current: Transaction, now: float) -> None:
         """The transaction has failed."""
         heard = self._hearing.instead()
         self._report.given_up(current, now, heard=heard, is_echo=self._hearing.verdict is Verdict.ECHO)
-        self._turns.failed(current, heard, now)
-        self._fail(current, errors.BrokenResponse() if heard else errors.ResponseTimeout(), now)
+        self._finish(current, errors.BrokenResponse() if heard else errors.ResponseTimeout(), now)
 
-    def _fail(self, current: Transaction, error: RequestError, now: float) -> None:
-        self._finish_owed(current, error, now, current.owed + 1)
+    def _finish(self, current: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
+        """The transaction is over; without an outcome until it is sent again.
 
-    def _finish_owed(self, current: Transaction, outcome: Frame | RequestError, now: float, owed: int) -> None:
-        """Finish it although so many answers may come late: who could take one for its own waits or fails."""
-        overdue = self._turns.await_late(current, self._hearing.hand_over(), now, owed)
-        try:
-            self._finish(current, outcome, now)
-        finally:
-            _fail_all(overdue, errors.AnswerOverdue())
-
-    def _finish(self, transaction: Transaction, outcome: Frame | RequestError, now: float) -> None:
-        """The transaction is over. The next request goes out before the answer is sent on."""
+        While an answer to it may come late, who could take that for its own waits or fails.
+        """
+        overdue = self._turns.await_late(current, self._hearing.hand_over(), now) if current.owed else []
+        if outcome is None:
+            self._turns.put_back(current)
         response = outcome if isinstance(outcome, Frame) else None
         self._current = None
         self.busy_seconds += now - self._sent_at
         if self._rate_has_changed:
             self._follow_rate(now)
         try:
-            transaction.device.finished(transaction, response)
+            current.device.finished(current, response)
             if self.observer is not None:
-                self.observer(transaction, response, now)
+                self.observer(current, response, now)
             self._go_on(now)
         finally:
-            if isinstance(outcome, Frame):
-                transaction.respond(outcome.pdu)
-            else:
-                transaction.device.counts.last_error = outcome.result
-                transaction.fail(outcome)
+            _answer(current, outcome)
+            _fail_all(overdue, errors.AnswerOverdue())
 
     def __repr__(self) -> str:
         state = "down" if self._write is None else repr(self._current) if self._current else "idle"
         return f"<Line {self.settings.name} {state} waiting={self.waiting}>"
+
+
+def _answer(transaction: Transaction, outcome: Frame | RequestError | None) -> None:
+    if isinstance(outcome, RequestError):
+        transaction.device.counts.last_error = outcome.result
+        transaction.fail(outcome)
+    elif outcome is not None:
+        transaction.respond(outcome.pdu)
+
+
+def _fail_waiting(transactions: list[Transaction]) -> None:
+    """The port has gone, so they are not sent; those that wait to be sent again have been."""
+    for transaction in transactions:
+        transaction.fail(errors.LineLost() if transaction.retries else errors.LineDown())
 
 
 def _fail_all(transactions: list[Transaction], error: RequestError) -> None:

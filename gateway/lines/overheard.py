@@ -3,15 +3,20 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
+from typing import Final
 
 from gateway.errors import RequestError
 from gateway.modbus import rtu
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.ascii import encode as ascii_encode
 from gateway.modbus.chartime import Mode
+from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.passing import frames_in
 from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
+
+#: The PDU of an exception response.
+_EXCEPTION_SIZE: Final = 2
 
 
 class Verdict(Enum):
@@ -74,16 +79,20 @@ def has_begun(mode: Mode, data: bytes, head: bytes) -> bool:
     return head.hex().upper().encode() in _plain(data) if mode == "ascii" else head in data
 
 
-def is_damaged(mode: Mode, rest: bytes, asked: RequestPdu, unit: int | None) -> bool:
-    """Whether `rest` is, for all that can be seen, a response to `asked` from `unit` with a wrong check sum.
+def is_damaged(mode: Mode, data: bytearray, asked: RequestPdu, unit: int | None) -> bool:
+    """Whether `data` is, for all that can be seen, a response to `asked` from `unit` with a wrong check sum.
 
-    It has the right beginning and the right size, and neither can be those of a request that was damaged.
+    It has the right beginning and the right size, normal or exception, and neither can be those of a request that was
+    damaged. Of an ASCII frame one of the two characters at the end may be damaged.
     """
-    if asked.response_size is None or asked.response_size == len(asked.data):
+    pdu_size = (len(data) - 7) / 2 if mode == "ascii" else len(data) - 3
+    if pdu_size == asked.response_size != len(asked.data):
+        head = asked.response_head
+    elif pdu_size == _EXCEPTION_SIZE and asked.response_size is not None:
+        head = bytes((asked.function | EXCEPTION_BIT,))
+    else:
         return False
-    rest = _unhexed(rest) if mode == "ascii" else rest[:-2]
-    known = b"" if unit is None else bytes((unit,))
-    return len(rest) == asked.response_size + 1 and rest.startswith(known + asked.response_head, 1 - len(known))
+    return _begins(mode, data, head, unit)
 
 
 def _ascii_frames_in(text: bytes) -> tuple[list[Frame], bytes]:
@@ -93,15 +102,18 @@ def _ascii_frames_in(text: bytes) -> tuple[list[Frame], bytes]:
     return frames, text
 
 
-def _unhexed(text: bytes) -> bytes:
-    """The unit identifier and the PDU of an ASCII frame, whatever its check sum; nothing if it is none."""
-    try:
-        return bytes.fromhex(text.removeprefix(b":").removesuffix(b"\r\n").decode("ascii"))[:-1]
-    except ValueError:
-        return b""
+def _begins(mode: Mode, data: bytearray, head: bytes, unit: int | None) -> bool:
+    """Whether a frame of this size from `unit`, None for any, begins with `head`."""
+    known = b"" if unit is None else bytes((unit,))
+    if mode == "rtu":
+        return data.startswith(known + head, 1 - len(known))
+    text = _plain(data)
+    has_ended = text[-2:-1] == b"\r" or text[-1:] == b"\n"
+    digits = (known + head).hex().upper().encode()
+    return has_ended and text.startswith(b":") and text.startswith(digits, 3 - 2 * len(known))
 
 
-def _plain(text: bytes) -> bytes:
+def _plain(text: bytes | bytearray) -> bytes:
     """ASCII frames with seven bits a character and upper-case digits."""
     return bytes(character & 0x7F for character in text).upper()
 

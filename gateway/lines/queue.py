@@ -94,6 +94,8 @@ class WaitingQueue:
         self._waiting: dict[Request, Transaction] = {}
         #: When each request will have waited too long, oldest first; also of some that wait no more.
         self._expiries: deque[tuple[float, Request]] = deque()
+        #: What was sent already and waits to be sent again.
+        self._repeats: list[Transaction] = []
         #: The reads that others may join, by device and PDU.
         self._reads: dict[tuple[Addressee, bytes], Transaction] = {}
 
@@ -115,6 +117,18 @@ class WaitingQueue:
         self._waiting[request] = shared or transaction
         self._expiries.append((now + self._max_wait, request))
         return True
+
+    def put_back(self, transaction: Transaction) -> None:
+        """Let a transaction that was sent wait for its next sending, before all else of its clients.
+
+        It may wait until its `gives_up_at`, however long it has waited before.
+        """
+        requests = transaction.requests
+        self._expiries = deque(each for each in self._expiries if each[1] not in requests)
+        for request in requests:
+            self._put_first(transaction, request.origin.client)
+            self._waiting[request] = transaction
+        self._repeats.append(transaction)
 
     def take(self, is_held: Held | None = None) -> Transaction | None:
         """The next transaction in turn; None if there is none that may be sent now."""
@@ -148,9 +162,19 @@ class WaitingQueue:
                 late.append(request)
         return late
 
+    def given_up(self, now: float) -> list[Transaction]:
+        """Remove what it is too late for at `now` to be sent again."""
+        if not self._repeats:
+            return []
+        return self.drop(lambda waiting: waiting.retries > 0 and waiting.gives_up_at <= now)
+
     def next_expiry(self) -> float | None:
         """When the next request will have waited too long, or earlier: a look at `expired` then does no harm."""
-        return self._expiries[0][0] if self._waiting else None
+        expiry = self._expiries[0][0] if self._expiries and self._waiting else None
+        if not self._repeats:
+            return expiry
+        until = min(transaction.gives_up_at for transaction in self._repeats)
+        return until if expiry is None else min(until, expiry)
 
     def drop(self, is_doomed: Held) -> list[Transaction]:
         """Remove the transactions of which this is true."""
@@ -180,6 +204,15 @@ class WaitingQueue:
             row.ring = self._ring_for(transaction)
             row.ring.append(row)
         row.waiting.append(transaction)
+
+    def _put_first(self, transaction: Transaction, client: str) -> None:
+        """Let a transaction wait in a client's row before all others. The row has its turn last."""
+        row = self._rows.setdefault(client, _Row(client, self._plain))
+        if row.waiting:
+            row.ring.remove(row)
+        row.waiting.appendleft(transaction)
+        row.ring = self._ring_for(transaction)
+        row.ring.append(row)
 
     def _ring_for(self, transaction: Transaction) -> deque[_Row]:
         if transaction.yields:
@@ -234,6 +267,8 @@ class WaitingQueue:
             del self._waiting[request]
         if self._reads:
             self._withdraw_offer(transaction)
+        if self._repeats and transaction in self._repeats:
+            self._repeats.remove(transaction)
 
     def _leave_row(self, client: str, transaction: Transaction) -> None:
         """Take a transaction out of one client's row, which keeps its place as long as it stays in its ring."""

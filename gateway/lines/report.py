@@ -8,6 +8,8 @@ from gateway import events
 from gateway.lines.transaction import Addressee, Transaction
 from gateway.modbus.frame import Frame
 
+_NO_ANSWER: Final = "no valid answer"
+_DAMAGED: Final = "this is the answer, and its check sum is wrong"
 _ECHO: Final = "this is the request itself: does the adapter echo? Then set echo = true"
 
 
@@ -25,9 +27,9 @@ class Report:
         self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
     def given_up(self, transaction: Transaction, now: float, *, heard: bytes, is_echo: bool = False) -> None:
-        """The limit has run out; `heard` is what came instead of the response, `is_echo` if it is the request."""
+        """No answer has come; `heard` is what came instead, `is_echo` if it is the request."""
         if heard:
-            reason = _ECHO if is_echo else "no valid answer"
+            reason = _ECHO if is_echo else _NO_ANSWER if transaction.owed else _DAMAGED
             self._tell(partial(events.BadFrame, heard=heard[:64].hex(" ").upper(), reason=reason), transaction, now)
         else:
             self._tell(events.RequestTimeout, transaction, now)

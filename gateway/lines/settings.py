@@ -11,7 +11,8 @@ class LineSettings:
 
     `idle_chars` is the silence that ends an RTU frame for all its devices, in characters. `gap` is the silence before
     each request, None for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a
-    late answer may come, None for what the device's answer times say.
+    late answer may come, None for what the device's answer times say. A read that is sent again ends `retry_within` so
+    long from its first sending; None for twice its limit and late window.
     """
 
     name: str
@@ -23,6 +24,7 @@ class LineSettings:
     queue: int = 64
     max_wait: float = 2.0
     retries: int = 0
+    retry_within: float | None = None
     echo: bool = False
     coalesce: bool = True
     broadcast: bool = True

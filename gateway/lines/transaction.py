@@ -37,7 +37,8 @@ class Transaction:
     """
 
     __slots__ = (
-        "asked", "client", "counts", "device", "ends_at", "limit", "owed", "requests", "retries", "unit", "yields",
+        "asked", "client", "counts", "device", "ends_at", "gives_up_at", "limit", "owed", "requests", "retries", "unit",
+        "yields",
     )  # fmt: skip
 
     #: Whether somebody answers: not to a broadcast (S 2.1).
@@ -56,8 +57,10 @@ class Transaction:
         #: When the last character of the request leaves, and how long after that it has failed.
         self.ends_at = 0.0
         self.limit = 0.0
-        #: How often it has been sent again, and how many answers to earlier sendings may still come.
+        #: How often it has been sent again, and when it is too late to do that once more.
         self.retries = 0
+        self.gives_up_at = 0.0
+        #: How many answers to it may still come.
         self.owed = 0
 
     def start(self, budget: Budget, now: float) -> None:

@@ -18,7 +18,7 @@ from gateway.modbus.frame import Frame, ResponseFramer
 class Turns:
     """The waiting requests of one line, its late windows and its resting units.
 
-    `expired` and `clear` are those of its queue.
+    `expired`, `given_up`, `put_back` and `clear` are those of its queue, `window_end` is the hearing's.
     """
 
     def __init__(self, settings: LineSettings, hearing: Hearing, late: LateWindows, report: Report) -> None:
@@ -29,7 +29,10 @@ class Turns:
         self._resting: set[Addressee] = set()
         self._held_until = 0.0
         self.expired = self._queue.expired
+        self.given_up = self._queue.given_up
+        self.put_back = self._queue.put_back
         self.clear = self._queue.clear
+        self.window_end = hearing.window_end
 
     def __len__(self) -> int:
         """How many requests wait."""
@@ -94,13 +97,15 @@ class Turns:
         if self._late.windows:
             self._came_late(self._late.tick(now), now)
 
-    def await_late(self, transaction: Transaction, framer: ResponseFramer, now: float, owed: int) -> list[Transaction]:
-        """So many answers to `transaction` may come late, which `framer` looks for.
+    def await_late(self, transaction: Transaction, framer: ResponseFramer, now: float) -> list[Transaction]:
+        """The answers that `transaction` is owed may come late; `framer` looks for them.
 
-        Takes out all that could take one for its own and would have to wait too long for it.
+        Takes out all that could take one for its own and would have to wait too long for it. What waits to be sent
+        again waits for its window anyway.
         """
-        self._late.open(transaction, framer, self._hearing.window_end(transaction, now), owed)
-        return self._queue.drop(lambda waiting: self._is_overdue(waiting, now))
+        self._late.open(transaction, framer, self.window_end(transaction, now), transaction.owed)
+        transaction.owed = 0
+        return self._queue.drop(lambda waiting: not waiting.retries and self._is_overdue(waiting, now))
 
     def failed(self, transaction: Transaction, heard: bytes, now: float) -> None:
         """No answer has come, but this was heard. If it is another unit's late answer, both may have spoken at once."""
@@ -108,7 +113,7 @@ class Turns:
         if any(frame.unit != unit for frame in self._hearing.late) or self._late.has_begun_in(heard, unit, now):
             return
         device = transaction.device
-        if device.breaker.failed(transaction.limit, self._hearing.window_end(transaction, now)):
+        if device.breaker.failed(transaction.limit, self.window_end(transaction, now)):
             self._resting.add(device)
             self._report.resting(device, now)
 

@@ -132,6 +132,22 @@ def test_the_longest_wait_is_in_the_queue_and_on_the_line_and_for_the_answer():
     assert longest_wait(line, line.devices[0]) == pytest.approx(3.0 + 3.5 * CHARACTER + read_most)
 
 
+@pytest.mark.parametrize(
+    ("keys", "repeated"),
+    [
+        ('retry_within = "7 s"', 7.0),
+        ('late_window = "500 ms"', 2 * (255 * CHARACTER + 1.0 + LATENCY + 0.5)),
+        ("", 6 * (255 * CHARACTER + 1.0 + LATENCY)),
+    ],
+)
+def test_a_read_that_is_sent_again_takes_longer(keys, repeated):
+    text = f'[[line]]\nport = "/dev/a"\nretries = 1\n{keys}\ndevices = [{{ unit = 1, profile = "weigher" }}]\n'
+    config = parse(text, port_trouble=lambda _: None).config
+    assert config is not None
+    (line,) = resolve(config).lines
+    assert longest_wait(line, line.devices[0]) == pytest.approx(2.0 + 3.5 * CHARACTER + repeated)
+
+
 SERVED = """
 [[line]]
 name = "a"

@@ -240,9 +240,18 @@ def test_the_loss_of_the_line_is_no_failure(bench: Bench) -> None:
 def test_a_broken_frame_is_a_failure(bench: Bench) -> None:
     for _ in range(FAILURES):
         bench.ask()
-        bench.hear("01 03 02 01 10 B8 19")
+        bench.hear("01 03 02 01 10 B8")
         bench.pass_time(1.0)
     assert len(bench.told(UnitResting)) == 1
+
+
+def test_an_answer_with_a_wrong_check_sum_is_none(bench: Bench) -> None:
+    """The unit is there, and takes no more of the line's time than with a right one."""
+    for _ in range(2 * FAILURES):
+        bench.ask()
+        bench.hear("01 03 02 01 10 B8 19")
+        bench.pass_time(1.0)
+    assert bench.told(UnitResting) == []
 
 
 @pytest.mark.parametrize("late", ["02 03 55 AA", "02 83 55", frame(2, RESPONSE)])

@@ -539,15 +539,6 @@ def test_it_is_sent_again_so_many_times_and_no_more() -> None:
     assert bench.client.answers == ["83 0B"]
     assert bench.written == [READ_FRAME] * 3
     assert (bench.counts.retries, bench.counts.bad_frame) == (2, 1)
-    assert bench.devices[1].breaker.failures == 1
-
-
-def test_after_silence_nothing_is_sent_again() -> None:
-    bench = Bench(retries=3)
-    bench.ask()
-    bench.pass_time(1.0)
-    assert bench.client.answers == ["83 0B"]
-    assert bench.written == [READ_FRAME]
 
 
 @pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "41 01", "08 00 00 12 34"])

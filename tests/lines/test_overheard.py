@@ -56,21 +56,22 @@ class TestOverheard:
         assert before(mode, b"UU", response) == b"UU"
 
     @pytest.mark.parametrize("unit", [1, None])
-    def test_a_damaged_response(self, mode, unit):
+    @pytest.mark.parametrize("response", [RESPONSE, "83 02"])
+    def test_a_damaged_response(self, mode, unit, response):
         asked = parse_request(bytes.fromhex(READ))
-        frame = adu(mode, 1, RESPONSE)
+        frame = adu(mode, 1, response)
         end = 3 if mode == "ascii" else 1
-        damaged = frame[:-end] + b"0" + frame[len(frame) - end + 1 :]
+        damaged = bytearray(frame[:-end] + b"0" + frame[len(frame) - end + 1 :])
         assert is_damaged(mode, damaged, asked, unit)
         assert not is_damaged(mode, damaged[: -end - 1], asked, unit)
         assert not is_damaged(mode, damaged + b"U", asked, unit)
-        assert not is_damaged(mode, adu(mode, 1, THEIRS), asked, unit)
-        assert not is_damaged(mode, b"", asked, unit)
+        assert not is_damaged(mode, bytearray(adu(mode, 1, THEIRS)), asked, unit)
+        assert not is_damaged(mode, bytearray(), asked, unit)
 
     def test_a_damaged_response_that_may_be_a_damaged_request(self, mode):
         """As long as a request, and 24 coils look like an address and a quantity."""
         asked = parse_request(bytes.fromhex("01 00 00 00 18"))
-        assert not is_damaged(mode, adu(mode, 1, "01 03 01 02 03"), asked, 1)
+        assert not is_damaged(mode, bytearray(adu(mode, 1, "01 03 01 02 03")), asked, 1)
 
 
 def test_a_beginning():
@@ -157,10 +158,18 @@ def test_another_clients_request_to_another_unit_does_not_matter(bench: Bench) -
 
 def test_another_clients_exception_is_ambiguous_too(bench: Bench) -> None:
     bench.ask()
-    bench.respond("06 00 01 00 05")
+    bench.respond("03 00 30 00 0A")
     bench.respond("83 02")
     assert bench.client.answers == ["83 0B"]
     assert bench.counts.exception == 0
+
+
+@pytest.mark.parametrize("theirs", ["04 00 10 00 01", "06 00 01 00 05"])
+def test_what_answers_another_clients_request_for_another_function_is_not_ours(bench: Bench, theirs: str) -> None:
+    bench.ask()
+    bench.respond(theirs)
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
 
 
 def test_another_clients_request_alone_is_foreign(bench: Bench) -> None:

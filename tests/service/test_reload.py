@@ -614,7 +614,7 @@ async def test_a_line_that_goes_repeats_nothing(serving):
 
         def break_off(data: bytes) -> None:
             asked.append(data)
-            loop.call_later(0.05, line.deliver, bytes.fromhex("02 03 02 00 00 FF FF"))
+            loop.call_later(0.05, line.deliver, bytes.fromhex("02 03 02 00 00 FF"))
 
         line.on_write = break_off
         client = service.client()

@@ -1,0 +1,170 @@
+"""An answer with a wrong check sum ends its transaction, and no other one waits for it."""
+
+import pytest
+
+from gateway.events import BadFrame, UnitResting
+from kit.asker import Asker
+from kit.line_bench import ASCII, LATENCY, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench
+from kit.noise import flipped
+
+OTHER = "03 00 20 00 01"
+
+
+@pytest.fixture(params=[TIMING, ASCII], ids=["rtu", "ascii"])
+def bench(request) -> Bench:
+    return Bench(timing=request.param)
+
+
+def damaged(bench: Bench, pdu: str = RESPONSE, unit: int = 1, bit: int = 2) -> str:
+    """The answer with one bit of its check sum turned."""
+    frame = bytes.fromhex(bench.frame(unit, pdu))
+    digits = 3 if bench.settings.timing.mode == "ascii" else 1
+    return flipped(frame, 8 * (len(frame) - digits) + bit).hex()
+
+
+def silence(bench: Bench) -> float:
+    return bench.settings.frame_end + LATENCY
+
+
+def answer_badly(bench: Bench) -> None:
+    bench.pass_time(REQUEST_TIME + 0.001)
+    bench.hear(damaged(bench))
+
+
+def test_it_ends_with_the_silence_behind_it(bench: Bench) -> None:
+    bench.ask()
+    answer_badly(bench)
+    bench.pass_time(silence(bench) - 1e-6)
+    assert bench.client.answers == []
+    bench.pass_time(2e-6)
+    assert bench.client.answers == ["83 0B"]
+    (event,) = bench.told(BadFrame)
+    assert event.reason == "this is the answer, and its check sum is wrong"
+
+
+def test_of_twelve_reads_it_costs_one(bench: Bench) -> None:
+    for number in range(12):
+        bench.ask(f"03 00 {number:02X} 00 01")
+    answer_badly(bench)
+    for _ in range(11):
+        bench.pass_time(silence(bench) + 1e-3)
+        bench.respond()
+    assert bench.client.answers == ["83 0B"] + [RESPONSE] * 11
+
+
+def test_an_exception_too(bench: Bench) -> None:
+    bench.ask()
+    bench.hear(damaged(bench, "83 02"))
+    bench.pass_time(silence(bench) + 1e-6)
+    assert bench.client.answers == ["83 0B"]
+    bench.ask(OTHER)
+    assert len(bench.written) == 2
+
+
+def test_the_same_function_of_the_unit_goes_on_and_the_unit_does_not_rest(bench: Bench) -> None:
+    for _ in range(5):
+        bench.ask()
+        answer_badly(bench)
+        bench.pass_time(silence(bench) + 1e-3)
+    assert len(bench.written) == 5
+    assert bench.line.late_windows(bench.now) == 0
+    assert bench.told(UnitResting) == []
+
+
+def test_a_read_is_repeated_at_once(bench: Bench) -> None:
+    bench = Bench(timing=bench.settings.timing, retries=1)
+    bench.ask()
+    bench.ask(OTHER, client=Asker("10.0.0.10:1"))
+    answer_badly(bench)
+    bench.pass_time(silence(bench) + 1e-6)
+    assert bench.written == [bench.frame(1, READ)] * 2
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
+
+
+def test_a_write_is_not(bench: Bench) -> None:
+    bench = Bench(timing=bench.settings.timing, retries=1)
+    bench.ask("10 00 01 00 01 02 00 05")
+    bench.hear(damaged(bench, "10 00 01 00 01"))
+    bench.pass_time(silence(bench) + 1e-6)
+    assert bench.client.answers == ["90 0B"]
+    assert len(bench.written) == 1
+
+
+# --- what is not it ---
+
+
+def is_over(bench: Bench) -> bool:
+    """Whether the transaction ends with the silence, and before its limit."""
+    bench.pass_time(silence(bench) + 1e-3)
+    return bool(bench.client.answers)
+
+
+def test_not_while_bytes_come(bench: Bench) -> None:
+    bench.ask()
+    bench.hear(damaged(bench))
+    bench.pass_time(silence(bench) - 1e-3)
+    bench.hear("55")
+    assert not is_over(bench)
+    bench.pass_time(LIMIT + 0.1)
+    assert bench.client.answers == ["83 0B"]
+    assert bench.line.late_windows(bench.now) == 1
+
+
+def test_not_when_the_right_answer_follows(bench: Bench) -> None:
+    bench.ask()
+    bench.hear(damaged(bench))
+    bench.pass_time(silence(bench) - 1e-3)
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
+
+
+def test_not_behind_noise(bench: Bench) -> None:
+    bench.ask()
+    bench.hear("55")
+    bench.hear(damaged(bench))
+    assert not is_over(bench)
+
+
+def test_not_with_another_beginning_or_size(bench: Bench) -> None:
+    for other in (damaged(bench, unit=2), damaged(bench, "04 02 01 10"), damaged(bench, "03 04 00 01 00 02")):
+        bench = Bench(timing=bench.settings.timing)
+        bench.ask()
+        bench.hear(other)
+        assert not is_over(bench)
+
+
+def test_not_while_another_answer_is_late(bench: Bench) -> None:
+    """It may be that one, with a damaged unit identifier."""
+    bench.ask(unit=2)
+    bench.pass_time(0.25)
+    bench.client.answers.clear()
+    bench.ask()
+    bench.hear(damaged(bench))
+    assert not is_over(bench)
+
+
+def test_not_when_another_client_was_heard_before(bench: Bench) -> None:
+    bench.respond(OTHER)
+    bench.pass_time(0.02)
+    bench.ask()
+    bench.hear(damaged(bench))
+    bench.pass_time(LIMIT + REQUEST_TIME)
+    assert bench.line.late_windows(bench.now) == 1
+
+
+def test_not_while_the_request_leaves(bench: Bench) -> None:
+    bench = Bench(timing=bench.settings.timing, virtual=False)
+    bench.ask()
+    bench.hear(damaged(bench))
+    assert not is_over(bench)
+
+
+def test_the_limit_does_not_wait_for_the_silence(bench: Bench) -> None:
+    """And an answer of which that is not sure is still owed."""
+    bench.ask()
+    bench.pass_time(bench.line.deadline() - bench.now - 1e-4)
+    bench.hear(damaged(bench))
+    bench.pass_time(2e-4)
+    assert bench.client.answers == ["83 0B"]
+    assert bench.line.late_windows(bench.now) == 1
