@@ -27,6 +27,7 @@ from gateway.modbus.checks import crc_fits, lrc
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
+from kit.chance import Chance
 from kit.device import Answer, SimulatedDevice
 from kit.noise import flipped
 
@@ -155,10 +156,11 @@ class FaultyLine:
     ) -> None:
         self.injected: Counter[Fault] = Counter()
         self.last = Injection(Fault.NONE)
-        #: What happened to the latest requests, the last one included.
-        self.latest: deque[Injection] = deque(maxlen=8)
+        #: The latest requests and what happened to them, the last one included.
+        self.latest: deque[tuple[bytes, Injection]] = deque(maxlen=64)
         self.timing = timing
         self.devices = list(devices)
+        self.chance = Chance(timing.mode)
         #: Until when frames may come that fit by chance what another client asks, and when something came last.
         self.spurious_until = self.heard_at = 0.0
         self._is_ascii = timing.mode == "ascii"
@@ -209,7 +211,7 @@ class FaultyLine:
         if fault in _SPURIOUS:
             self.spurious_until = max(self.spurious_until, now + max(answers)[0] + _MARGIN)
         self.injected[self.last.fault] += 1
-        self.latest.append(self.last)
+        self.latest.append((data, self.last))
         if self._echo and fault not in ECHO_FAULTS:
             answers.append(Answer(left, data))
         if answers:
@@ -237,12 +239,18 @@ class FaultyLine:
     def _answer(self, exchange: _Exchange) -> bytes:
         response = exchange.device.respond(exchange.asked.data)
         self.last = Injection(self.last.fault, response[1] if response[0] & 0x80 else None)
-        return self.encode(exchange.unit, response)
+        return self._whole(exchange, response)
 
     def _refusal(self, exchange: _Exchange) -> bytes:
         code = self._dice.choice(_EXCEPTION_CODES)
         self.last = Injection(self.last.fault, code)
-        return self.encode(exchange.unit, bytes((exchange.asked.function | 0x80, code)))
+        return self._whole(exchange, bytes((exchange.asked.function | 0x80, code)))
+
+    def _whole(self, exchange: _Exchange, response: bytes) -> bytes:
+        """A frame that is one even if it comes in pieces."""
+        frame = self.encode(exchange.unit, response)
+        self.chance.sent(frame)
+        return frame
 
     def _arrival(self, exchange: _Exchange, data: bytes) -> float:
         """When all of `data` has come that a device sends at once."""

@@ -42,8 +42,8 @@ from soak.tally import Tally
 
 #: Another client asks on each line, on average after so many seconds of quiet.
 STRANGERS_PAUSE: Final = 0.3
-#: No request takes longer in virtual seconds: `max_wait`, a late window, the slowest line's longest exchange.
-PATIENCE: Final = 5.0
+#: No request takes longer in virtual seconds: `max_wait`, then twice the longest limit and late window of a line.
+PATIENCE: Final = 9.0
 
 #: What the gateway itself may answer to a request that it has not sent; 0B may follow on one that was.
 NOT_SENT: Final = frozenset({0x06, 0x0A})
@@ -54,6 +54,7 @@ Left out, because nobody can detect it on RTU and ASCII:
   - a response of the same shape that comes later than the late window
   - a duplicate that falls inside the next transaction of the same shape, of ours or of another client
   - the answer to another client whose request was not heard whole
+  - pieces of two messages whose check sum fits
 and damage that the check sum itself cannot show (random damage: 1 in 65536 on RTU, 1 in 256 on ASCII)"""
 
 
@@ -124,7 +125,8 @@ class World:
 
         def observe(transaction: Transaction, response: Frame | None, now: float) -> None:
             tries = 1 + transaction.retries
-            codes = {injection.code for injection in list(faulty.latest)[-tries:]}
+            sent = faulty.encode(transaction.unit, transaction.asked.data)
+            codes = {injection.code for data, injection in [each for each in faulty.latest if each[0] == sent][-tries:]}
             for request in transaction.requests:
                 client = self.clients.get(request.origin.client)
                 if client is not None and (question := client.open.get(request.transaction)) is not None:
@@ -138,6 +140,7 @@ class World:
         line, name = self.home.lines[kind.name], kind.name
 
         def hand_over(data: bytes) -> None:
+            data = faulty.chance.spoil(data)
             self.passed[name].append((self.loop.time(), "<<", data, ""))
             line.deliver(data)
 
@@ -146,6 +149,7 @@ class World:
         def deliver(pulls: int, data: bytes) -> None:
             if pulls == self._pulls[name]:
                 faulty.heard_at = self.loop.time()
+                faulty.chance.sent(data)
                 adapter.take(data, at_once=faulty.heard_at < faulty.spurious_until)
 
         stranger = Stranger(faulty, seed=100 * seed + at)
