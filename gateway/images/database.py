@@ -38,8 +38,8 @@ _SET_UP: Final = f"""
     COMMIT;
 """
 #: The database is this process's alone, and a transaction is on the disk when it is done.
+_OURS_ALONE: Final = "PRAGMA locking_mode = EXCLUSIVE"
 _MODES: Final = """
-    PRAGMA locking_mode = EXCLUSIVE;
     PRAGMA journal_mode = WAL;
     PRAGMA synchronous = FULL;
 """
@@ -159,8 +159,10 @@ def _take_in(file: Path, items: list[Item]) -> Database:
     connection = sqlite3.connect(file, timeout=0, isolation_level=None, check_same_thread=False)
     connection.text_factory = partial(str, encoding="utf-8", errors="replace")
     try:
-        connection.executescript(_MODES)
-        if _is_new(connection, file):
+        connection.execute(_OURS_ALONE)
+        is_new = _is_new(connection, file)
+        connection.executescript(_MODES)  # which changes the file, so it must be ours
+        if is_new:
             connection.executescript(_SET_UP)
         for part in filter(Path.exists, _parts(file)):
             give_to_owner_of_folder(part)

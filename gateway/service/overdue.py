@@ -36,7 +36,7 @@ class LeftBehind:
     def __init__(self, file: SharedFile | None = None) -> None:
         self._file = file
         self._left_at: set[str] = set()
-        self._entries: Entries = {} if file is None else file.read_or_move_aside()
+        self._entries: Entries = {} if file is None else file.read()
 
     def at(self, place: str, now: float) -> list[Overdue]:
         """What may still come there."""

@@ -1,17 +1,21 @@
-"""A file of JSON in the state folder that several gateways may share: each changes its own entries only."""
+"""A file of JSON in the state folder that several gateways may share: each changes its own entries only.
+
+A change that cannot be written is tried again until it can be. A damaged file is moved aside, and what can be read of
+it serves on. What is written is never a file that a link leads to: the folder's owner may have put that there.
+"""
 
 import json
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from datetime import UTC, datetime
 from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
-from threading import Lock, Thread
-from typing import Any, Final, TextIO
+from threading import Condition, Thread
+from typing import Any, Final, NamedTuple, TextIO
 
-from gateway.errors import StateError
-from gateway.events import Emit, StateDamaged, StateNotKept
+from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.ports.ownership import give_to_owner_of_folder
 
 #: How long another gateway may take to write, in seconds.
@@ -19,68 +23,96 @@ LOCK_DEADLINE: Final = 2.0
 #: How long the end of this one waits for a change to be written, in seconds. It counts from the change: files that were
 #: changed together are waited for together.
 CLOSING_DEADLINE: Final = 1.0
+#: How long after a failure it is tried again, in seconds: first, and at most.
+FIRST_PAUSE: Final = 1.0
+LONGEST_PAUSE: Final = 60.0
 _LOCK_STEP: Final = 0.02
 
 Entries = dict[str, Any]
+IsEntry = Callable[[object], bool]
+
+
+class Content(NamedTuple):
+    """The entries of a file that could be read, and what was wrong with it, in words; empty if nothing was."""
+
+    entries: Entries
+    damage: str = ""
 
 
 class SharedFile:
     """Entries by key; `is_entry` says whether one is well-formed.
 
-    Changes are written by a thread, those that come meanwhile together. A failure is told, and serving goes on.
+    Changes are written by a thread, those that come meanwhile together. Trouble is told when it begins and when it
+    ends.
     """
 
-    def __init__(self, file: Path, is_entry: Callable[[object], bool], emit: Emit) -> None:
+    def __init__(self, file: Path, is_entry: IsEntry, emit: Emit) -> None:
         self.file = file
         self._is_entry = is_entry
         self._emit = emit
-        self._guard = Lock()
+        #: What is in the file, as far as is known here.
+        self._entries: Entries = {}
+        self._guard = Condition()
         self._changes: Entries = {}
         self._changed_at = 0.0
         self._writer: Thread | None = None
+        self._fails = False
+        self._closing = False
 
     def read(self) -> Entries:
-        """All entries; none if there is no file.
-
-        Raises:
-            StateError: the file is there and cannot be read.
-        """
-        return read_entries(self.file, self._is_entry)
-
-    def read_or_move_aside(self) -> Entries:
-        """All entries; none if they cannot be read: then the file is moved aside, and that is told."""
+        """All entries; none if there is no file, or it cannot be read, which is told."""
         try:
-            return self.read()
-        except StateError as error:
-            with suppress(OSError):
-                self.file.replace(self.file.with_suffix(".damaged"))
-            self._emit(StateDamaged(str(self.file), str(error.__cause__ or "it is not a file of this gateway")))
+            content = read_content(self.file, self._is_entry)
+        except OSError as error:
+            self._emit(StateNotKept(str(self.file), f"it cannot be read: {error.strerror}"))
             return {}
+        self._entries = content.entries
+        if content.damage:
+            try:
+                with _locked(self.file):
+                    self._move_aside(content.damage)
+            except OSError as error:
+                reason = f"{content.damage}; it cannot be moved aside: {error.strerror}"
+                self._emit(StateDamaged(str(self.file), reason))
+            for key, entry in content.entries.items():
+                self.change(key, entry)
+        return dict(content.entries)
 
     def change(self, key: str, entry: object | None) -> None:
         """Write an entry soon; None takes it out."""
         with self._guard:
             self._changes[key] = entry
             self._changed_at = time.monotonic()
+            self._closing = False
             if self._writer is None:
                 self._writer = Thread(target=self._write, name=f"write {self.file.name}", daemon=True)
                 self._writer.start()
 
     def close(self) -> None:
-        """Wait until all changes are written, but not for a disk that hangs."""
-        writer = self._writer
+        """Wait until all changes are written, but not for a disk that hangs. What failed before is tried once more."""
+        with self._guard:
+            writer, since = self._writer, time.monotonic() if self._fails else self._changed_at
+            self._closing = True
+            self._guard.notify()
         if writer is not None:
-            writer.join(max(0.0, self._changed_at + CLOSING_DEADLINE - time.monotonic()))
+            writer.join(max(0.0, since + CLOSING_DEADLINE - time.monotonic()))
             if writer.is_alive():
                 self._failed("the disk, or another gateway, takes too long")
 
     def _write(self) -> None:
+        pause = FIRST_PAUSE
         while changes := self._next():
             try:
                 with _locked(self.file):
-                    _replace(self.file, self.read(), changes)
-            except (OSError, StateError) as error:
-                self._failed(getattr(error, "strerror", None) or str(error))
+                    self._replace(changes)
+            except OSError as error:
+                self._failed(error.strerror or str(error))
+                if not self._may_try_again(changes, pause):
+                    return
+                pause = min(2 * pause, LONGEST_PAUSE)
+            else:
+                pause = FIRST_PAUSE
+                self._succeeded()
 
     def _next(self) -> Entries:
         with self._guard:
@@ -89,25 +121,64 @@ class SharedFile:
                 self._writer = None
             return changes
 
+    def _may_try_again(self, changes: Entries, pause: float) -> bool:
+        """Wait until `changes`, which could not be written, are tried again; not at the end of the gateway."""
+        with self._guard:
+            self._changes = changes | self._changes
+            if not self._closing:
+                self._guard.wait(pause)
+                return True
+            self._writer = None
+            return False
+
+    def _replace(self, changes: Entries) -> None:
+        """Change the file, in which others may have changed theirs.
+
+        Raises:
+            OSError: it cannot be read or written.
+        """
+        content = read_content(self.file, self._is_entry)
+        entries = content.entries
+        if content.damage:
+            self._move_aside(content.damage)
+            entries = self._entries | entries
+        self._entries = {key: entry for key, entry in (entries | changes).items() if entry is not None}
+        _write_anew(self.file, self._entries)
+
+    def _move_aside(self, damage: str) -> None:
+        aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S}")
+        self.file.rename(aside)
+        self._emit(StateDamaged(str(self.file), f"{damage}; it is now {aside}"))
+
     def _failed(self, reason: str) -> None:
-        self._emit(StateNotKept(str(self.file), reason))
+        if not self._fails:
+            self._emit(StateNotKept(str(self.file), reason))
+        self._fails = True
+
+    def _succeeded(self) -> None:
+        if self._fails:
+            self._emit(StateKeptAgain(str(self.file)))
+        self._fails = False
 
 
-def read_entries(file: Path, is_entry: Callable[[object], bool]) -> Entries:
-    """The entries of a file; none if there is no such file.
+def read_content(file: Path, is_entry: IsEntry) -> Content:
+    """What is in a file; nothing if there is no such file.
 
     Raises:
-        StateError: it is there and cannot be read.
+        OSError: it cannot be read.
     """
     try:
         entries = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        raise StateError(f"{file} cannot be read ({error}); move it away to start without it") from error
-    if not isinstance(entries, dict) or not all(map(is_entry, entries.values())):
-        raise StateError(f"{file} is not a file of this gateway; move it away to start without it")
-    return entries
+        return Content({})
+    except (ValueError, RecursionError) as error:
+        return Content({}, str(error))
+    if not isinstance(entries, dict):
+        return Content({}, "it is not a file of this gateway")
+    sound = {key: entry for key, entry in entries.items() if is_entry(entry)}
+    if len(sound) < len(entries):
+        return Content(sound, f"{len(entries) - len(sound)} of {len(entries)} entries are none of this gateway's")
+    return Content(sound)
 
 
 @contextmanager
@@ -119,13 +190,27 @@ def _locked(file: Path) -> Iterator[None]:
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + LOCK_DEADLINE
-    with file.with_suffix(".lock").open("w") as lock:
-        give_to_owner_of_folder(Path(lock.name))
+    with _opened(file.with_suffix(".lock"), 0) as lock:
         while not _has_locked(lock):
             if time.monotonic() > deadline:
                 raise TimeoutError(None, f"another program holds {lock.name}")
             time.sleep(_LOCK_STEP)
         yield
+
+
+def _opened(file: Path, flags: int) -> TextIO:
+    """A file of ours to write, never one that a link leads to; it belongs to whom the folder belongs to.
+
+    Raises:
+        OSError: it cannot be written, or is a link.
+    """
+
+    def open_here(path: str, mode: int) -> int:
+        return os.open(path, mode & ~os.O_TRUNC | os.O_NOFOLLOW | flags, 0o644)
+
+    stream = open(file, "w", encoding="utf-8", opener=open_here)  # noqa: SIM115 - Path.open has no opener
+    give_to_owner_of_folder(file)
+    return stream
 
 
 def _has_locked(lock: TextIO) -> bool:
@@ -136,12 +221,17 @@ def _has_locked(lock: TextIO) -> bool:
     return True
 
 
-def _replace(file: Path, entries: Entries, changes: Entries) -> None:
-    changed = {key: entry for key, entry in (entries | changes).items() if entry is not None}
+def _write_anew(file: Path, entries: Entries) -> None:
+    """Let `entries` be the content of the file, on the disk when this returns; it is never half there."""
     fresh = file.with_suffix(".new")
-    with fresh.open("w", encoding="utf-8") as stream:
-        stream.write(json.dumps(changed, indent=2) + "\n")
+    fresh.unlink(missing_ok=True)
+    with _opened(fresh, os.O_EXCL) as stream:
+        stream.write(json.dumps(entries, indent=2) + "\n")
         stream.flush()
         os.fsync(stream.fileno())
-    give_to_owner_of_folder(fresh)
     fresh.replace(file)
+    folder = os.open(file.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from gateway.errors import StateError
 from gateway.events import Emit
-from gateway.service.shared_file import Entries, SharedFile, read_entries
+from gateway.service.shared_file import Entries, SharedFile, read_content
 
 FILE_NAME: Final = "whereabouts.json"
 
@@ -53,18 +54,22 @@ def kept_in(folder: Path) -> Memory:
     """What is remembered in `folder`, to look at.
 
     Raises:
-        StateError: the file is there and cannot be read.
+        StateError: the file is damaged, or cannot be read.
     """
     file = folder / FILE_NAME
-    return Memory(str(file), read_entries(file, _is_entry))
+    try:
+        entries, damage = read_content(file, _is_entry)
+    except OSError as error:
+        raise StateError(f"{file} cannot be read: {error.strerror}; the gateway starts without it") from error
+    if damage:
+        raise StateError(
+            f"{file} is damaged ({damage}); the gateway moves it aside, and starts with what it could read"
+        )
+    return Memory(str(file), entries)
 
 
 class StateFile(Memory):
-    """A memory in a file, which follows each change.
-
-    Raises:
-        StateError: the file is there and cannot be read.
-    """
+    """A memory in a file, which follows each change. A damaged one is moved aside: see SharedFile."""
 
     def __init__(self, folder: Path, emit: Emit) -> None:
         self._shared = SharedFile(folder / FILE_NAME, _is_entry, emit)

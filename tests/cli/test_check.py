@@ -352,7 +352,7 @@ def test_a_state_file_that_cannot_be_read_is_said_too(config, capsys, tmp_path, 
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     (tmp_path / "whereabouts.json").write_text("{")
     assert main(["check", config(FILE)]) == 0
-    assert "move it away to start without it" in capsys.readouterr().out
+    assert "the gateway moves it aside" in capsys.readouterr().out
     main(["check", config(FILE), "--json"])
     assert json.loads(capsys.readouterr().out)["remembered"] is None
 

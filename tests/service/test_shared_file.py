@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.events import StateNotKept
+from gateway.events import StateDamaged, StateKeptAgain, StateNotKept
 from gateway.service import shared_file
 from gateway.service.shared_file import SharedFile
 
@@ -91,4 +91,54 @@ def test_a_lock_that_somebody_keeps_is_told_and_later_changes_are_written(shared
     assert [event.reason for event in told] == [f"another program holds {lock.name}"]
     shared.change("b", 2)
     shared.close()
-    assert shared.read() == {"b": 2}
+    assert shared.read() == {"a": 1, "b": 2}
+
+
+def test_what_could_not_be_written_is_tried_again_until_it_can(shared, told, monkeypatch) -> None:
+    monkeypatch.setattr(shared_file, "FIRST_PAUSE", 0.02)
+    shared.file.parent.write_text("a file where a folder is wanted")
+    shared.change("a", 1)
+    shared.change("b", 1)
+    while not told:
+        time.sleep(0.01)
+    time.sleep(0.1)
+    shared.change("b", 2)
+    shared.file.parent.unlink()
+    while len(told) < 2:
+        time.sleep(0.01)
+    assert told == [StateNotKept(str(shared.file), "File exists"), StateKeptAgain(str(shared.file))]
+    shared.close()
+    assert shared.read() == {"a": 1, "b": 2}
+
+
+def test_at_the_end_it_is_tried_once_more(shared, told) -> None:
+    shared.file.parent.write_text("a file where a folder is wanted")
+    shared.change("a", 1)
+    while not told:
+        time.sleep(0.01)
+    shared.file.parent.unlink()
+    shared.close()
+    assert shared.read() == {"a": 1}
+
+
+@pytest.mark.parametrize("name", ["entries.lock", "entries.new"])
+def test_no_link_is_followed(shared, told, tmp_path, name) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("not to be touched")
+    shared.file.parent.mkdir()
+    (shared.file.parent / name).symlink_to(precious)
+    shared.change("a", 1)
+    shared.close()
+    assert precious.read_text() == "not to be touched"
+    is_lock = name.endswith(".lock")
+    assert [event.reason for event in told] == (["Too many levels of symbolic links"] if is_lock else [])
+
+
+def test_a_file_that_is_damaged_meanwhile_is_moved_aside_and_written_anew(shared, told) -> None:
+    shared.change("a", 1)
+    shared.close()
+    shared.file.write_text("{")
+    shared.change("b", 2)
+    shared.close()
+    assert [type(event) for event in told] == [StateDamaged]
+    assert shared.read() == {"a": 1, "b": 2}

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import StateError
-from gateway.events import Event, StateNotKept
-from gateway.service.state import FILE_NAME, Memory, StateFile, state_folder
+from gateway.events import Event, StateDamaged, StateNotKept
+from gateway.service.state import FILE_NAME, Memory, StateFile, kept_in, state_folder
 
 SOMEBODY = 61_184
 
@@ -72,17 +72,50 @@ def test_a_file_that_cannot_be_written_is_told_and_the_value_holds_for_this_run(
     assert memory.recall("hall-a", 9600) == 19200
 
 
-def test_a_torn_file_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text('{"hall-a": {"conf')
-    with pytest.raises(StateError, match=r"whereabouts\.json cannot be read .*; move it away to start without it"):
-        StateFile(tmp_path, [].append)
+DAMAGED = [
+    '{"hall-a": {"conf',
+    "",
+    "[]",
+    "3",
+    "[" * 100_000,
+    '{"hall-a": 5}',
+    '{"hall-a": {"configured": 1, "now": "x"}}',
+]
 
 
-@pytest.mark.parametrize("content", ["[]", "3", '{"hall-a": 5}', '{"hall-a": {"configured": 1, "now": "x"}}'])
-def test_a_foreign_file_is_refused(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize("content", DAMAGED)
+def test_a_damaged_file_is_moved_aside_and_the_gateway_starts(tmp_path: Path, content: str) -> None:
     (tmp_path / FILE_NAME).write_text(content)
-    with pytest.raises(StateError, match="is not a file of this gateway"):
-        StateFile(tmp_path, [].append)
+    events: list[Event] = []
+    memory = StateFile(tmp_path, events.append)
+    assert memory.recall("hall-a", 9600) == 9600
+    (event,) = events
+    assert isinstance(event, StateDamaged)
+    aside = Path(event.damage.rpartition("it is now ")[2])
+    assert aside.read_text() == content
+    memory.remember("hall-a", 9600, 19200)
+    memory.close()
+    assert StateFile(tmp_path, events.append).recall("hall-a", 9600) == 19200
+    assert len(events) == 1
+
+
+def test_the_sound_entries_of_a_damaged_file_are_kept(tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).write_text('{"hall-a": 5, "hall-b": {"configured": 9600, "now": 19200}}')
+    events: list[Event] = []
+    memory = StateFile(tmp_path, events.append)
+    assert memory.recall("hall-b", 9600) == 19200
+    memory.close()
+    assert [type(event) for event in events] == [StateDamaged]
+    assert StateFile(tmp_path, events.append).recall("hall-b", 9600) == 19200
+    assert len(events) == 1
+
+
+@pytest.mark.parametrize("content", DAMAGED)
+def test_check_says_what_becomes_of_a_damaged_file_and_leaves_it(tmp_path: Path, content: str) -> None:
+    (tmp_path / FILE_NAME).write_text(content)
+    with pytest.raises(StateError, match=r"whereabouts\.json is damaged .*; the gateway moves it aside"):
+        kept_in(tmp_path)
+    assert (tmp_path / FILE_NAME).read_text() == content
 
 
 @pytest.mark.parametrize(

@@ -188,7 +188,9 @@ def test_a_database_of_another_program_is_set_aside(folder: Path) -> None:
     (folder / FILE_NAME).unlink()
     with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
         connection.execute("CREATE TABLE items (name TEXT)")
+    before = (folder / FILE_NAME).read_bytes()
     assert spoilt(folder)[1].startswith("it is a database of another program")
+    assert before in [path.read_bytes() for path in folder.iterdir()]
 
 
 def test_a_file_from_a_later_version_is_left_alone(folder: Path) -> None:
