@@ -426,6 +426,20 @@ class EchoHeard(Event):
     level = Level.ERROR
     line: str
     source: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class AnswerTooEarly(Event):
+    """Several answers in a row came before their requests can have left a wire: none of them counts."""
+
+    level = Level.ERROR
+    line: str
+    unit: int
+    device: str
+    function: int
+    source: str
+    advice: str
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from gateway.config.forecast import (
 )
 from gateway.config.load import Loaded, load
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolve
+from gateway.config.port_trouble import foreseen
 from gateway.config.problem import Problem, dotted
 from gateway.config.unitset import show_units
 from gateway.errors import StateError
@@ -128,12 +129,12 @@ def _idle(listener: ListenSettings) -> str:
 
 
 def _line(plan: LinePlan) -> str:
-    timing = plan.line.timing
+    timing, wire = plan.line.timing, foreseen(plan.line.wire, plan.port)
     units = _units(plan)
     return "\n".join(
         [
             f"Line {plan.line.name}: {plan.port.port}",
-            f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}",
+            f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}, wire {wire}",
             aligned([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
             *_limits(units),
         ]
@@ -149,7 +150,7 @@ def _silence(seconds: float) -> str:
 
 
 def _latency(plan: LinePlan) -> str:
-    return show_duration(plan.latency) + (" (some USB adapters: 20 ms)" if plan.port.latency is None else "")
+    return show_duration(plan.latency) + (" (USB: up to 20 ms)" if plan.port.latency is None else "")
 
 
 def _row(unit: _Unit) -> tuple[str, ...]:
@@ -163,11 +164,11 @@ def _rounded_up(seconds: float) -> str:
 def _server(server: ServerPlan, plan: Plan) -> str:
     line, timing = server.line, server.line.timing
     rows = [(str(unit), name, _rounded_up(wait)) for unit, (name, wait) in waits_behind(server, plan).items()]
-    silence = _silence(line.silence_before_response)
+    silence, wire = _silence(line.silence_before_response), foreseen(line.wire, server.port)
     return "\n".join(
         [
             f"Server line {line.name}: {server.port.port}",
-            f"  {timing.mode} {timing.baud} {timing.format}, silence before a response {silence}",
+            f"  {timing.mode} {timing.baud} {timing.format}, silence before a response {silence}, wire {wire}",
             aligned([("UNIT", "WHO ANSWERS", "LONGEST WAIT"), *rows], "  "),
             f"  An answer that is not there within {show_duration(line.answer_within)} is not put on the line.",
             f"  Broadcasts go to: {server.broadcast_to}.",
@@ -292,6 +293,7 @@ def _line_as_json(plan: LinePlan) -> dict[str, Any]:
         "gap_ms": milliseconds(plan.line.silence_before_request),
         "turnaround_ms": milliseconds(plan.line.turnaround),
         "latency_ms": milliseconds(plan.latency),
+        "wire": foreseen(plan.line.wire, plan.port),
         "passes_through": plan.passes_through,
         "units": [_unit_as_json(unit) for unit in _units(plan)],
     }
@@ -323,6 +325,7 @@ def _server_as_json(server: ServerPlan, plan: Plan) -> dict[str, Any]:
         "baud": timing.baud,
         "format": str(timing.format),
         "silence_before_response_ms": milliseconds(line.silence_before_response),
+        "wire": foreseen(line.wire, server.port),
         "on_failure": line.on_failure,
         "answer_within_ms": milliseconds(line.answer_within),
         "broadcast_to": server.broadcast_to,

@@ -47,8 +47,8 @@ def picture(status: Mapping[str, Any]) -> str:
     units = [unit for unit in status["units"] if unit["counts"]["sent"] or unit["state"] != "fine" or _failed(unit)]
     parts = [
         _table("Listeners", "NAME ADDRESS CLIENTS REJECTED", map(_listener, status["listeners"])),
-        _table("Lines", "NAME PORT STATE WAITING OK FAILED", map(_line, status["lines"])),
-        _table("Lines we are asked on", "NAME PORT STATE ANSWERED", map(_server, status["servers"])),
+        _table("Lines", "NAME PORT WIRE STATE WAITING OK FAILED", map(_line, status["lines"])),
+        _table("Lines we are asked on", "NAME PORT WIRE STATE ANSWERED", map(_server, status["servers"])),
         _table("Upstreams", "NAME ADDRESS STATE WAITING OK FAILED", map(_upstream, status["upstreams"])),
         _table("Units", "UNIT AT DEVICE STATE OK FAILED LAST-ERROR LONGEST-WAIT", map(_unit, units)),
         _table("Images", "UNIT NAME REQUESTS EXCEPTIONS", map(_image, status["images"])),
@@ -70,11 +70,11 @@ def _listener(one: Mapping[str, Any]) -> tuple[object, ...]:
 
 
 def _line(one: Mapping[str, Any]) -> tuple[object, ...]:
-    return one["name"], one["port"], _state(one), one["queue"], _ok(one), _failed(one)
+    return one["name"], one["port"], one["wire"], _state(one), one["queue"], _ok(one), _failed(one)
 
 
 def _server(one: Mapping[str, Any]) -> tuple[object, ...]:
-    return one["name"], one["port"], _state(one), one["counts"]["responses"]
+    return one["name"], one["port"], one["wire"], _state(one), one["counts"]["responses"]
 
 
 def _upstream(one: Mapping[str, Any]) -> tuple[object, ...]:

@@ -4,7 +4,9 @@ import os
 import stat
 from pathlib import Path
 
+from gateway.ports.port import PortSettings, SerialSettings
 from gateway.ports.reasons import permission_remedy
+from gateway.ports.wire import VIRTUAL_MAJORS, Wire, settled
 
 
 def port_trouble(path: str) -> str | None:
@@ -20,3 +22,14 @@ def port_trouble(path: str) -> str | None:
     if not os.access(path, os.R_OK | os.W_OK):
         return f"this user may not open it: {permission_remedy(path)}"
     return None
+
+
+def foreseen(wire: Wire, port: PortSettings) -> Wire:
+    """What `wire` will be on this port; `auto` while a serial port is not there."""
+    virtual = True  # a device server carries bytes at once
+    if isinstance(port, SerialSettings):
+        try:
+            virtual = os.major(Path(port.port).stat().st_rdev) in VIRTUAL_MAJORS
+        except OSError:
+            return wire
+    return settled(wire, virtual=virtual)

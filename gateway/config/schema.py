@@ -33,6 +33,7 @@ from gateway.config.values import (
 )
 from gateway.lines.quirks import Quirk
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
+from gateway.ports.wire import Wire
 
 Unit = Annotated[int, Field(ge=FIRST_UNIT, le=LAST_UNIT)]
 FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
@@ -163,8 +164,16 @@ class Line(Table):
     )
     echo: bool = Field(
         False,
-        description="True when the adapter returns what we send; exactly that is stripped. On a real serial port it is "
-        "noticed and said; on virtual ports and device servers it cannot be.",
+        description="True when the adapter returns what we send; exactly that is stripped. Where `wire` is `serial` it "
+        "is noticed and said; where that is `direct` it cannot be.",
+    )
+    wire: Wire = Field(
+        "auto",
+        description="`serial`: bytes take their time on a wire, and what comes before a request can have left is no "
+        "answer. `direct`: a device that is its own adapter (USB CDC, a virtual machine, a soft PLC) may answer at "
+        "once; an echo cannot be told from the answer to 05 or 06 then. `auto`: `direct` for virtual ports and device "
+        "servers, else `serial`; for `ttyACM` too, as adapters are among them. Where that is wrong, the log says "
+        "`answer_too_early`.",
     )
     latency: DurationOrAuto = Field(
         None,

@@ -46,8 +46,10 @@ class Counts:
     retries: int = 0
     #: Requests that joined another one's transaction.
     coalesced: int = 0
-    #: Answers after their limits; frames that were no answer to what was asked; other bytes; the request's own copy.
+    #: Answers after their limits, and before their requests can have left; frames that were no answer to what was
+    #: asked; other bytes; the request's own copy.
     late_responses: int = 0
+    early_responses: int = 0
     foreign_frames: int = 0
     noise: int = 0
     echoes: int = 0

@@ -11,12 +11,14 @@ from gateway.lines.transaction import Transaction
 from gateway.lines.turns import earliest
 from gateway.ports.border import Border
 from gateway.ports.port import Port
+from gateway.ports.wire import Wire, settled
 
 
 class LineDriver:
     """Hands bytes, time and requests to `line`. It is the owner of the line's port, as `ports.keeper` sees it.
 
     `rate_changed` is told when the line goes on at another rate: the port is opened at that one from then on.
+    `wire` is how bytes travel; `auto` until the port is open for the first time.
 
     An error that nobody foresaw ends here: it is told, all requests of the line fail, the port is closed and reopened.
     """
@@ -25,6 +27,7 @@ class LineDriver:
         self, line: Line, loop: asyncio.AbstractEventLoop, emit: Emit, rate_changed: Callable[[int], None]
     ) -> None:
         self.line = line
+        self.wire: Wire = line.settings.wire
         self._rate_changed = rate_changed
         self._time = loop.time
         self._look_at: float | None = None
@@ -40,7 +43,9 @@ class LineDriver:
     def port_up(self, port: Port) -> None:
         """The port is open."""
         self._border.port = port
-        self._border.run(partial(self.line.port_up, virtual=port.virtual), port.write, port.latency, self._time())
+        self.wire = settled(self.line.settings.wire, virtual=port.virtual)
+        step = partial(self.line.port_up, virtual=self.wire == "direct")
+        self._border.run(step, port.write, port.latency, self._time())
 
     def received(self, data: bytes) -> None:
         """These bytes became readable."""

@@ -26,6 +26,8 @@ from gateway.timing.budget import Budget
 _SIZE: Final = 1024
 #: Bytes on an idle line belong together if no more seconds part them: longer than a hole inside an ASCII frame.
 _FRESH: Final = 1.0
+#: After so many answers in a row that came too early, the port is known to have no wire.
+EARLY_ANSWERS: Final = 3
 
 #: What has come of a request: its answer, or one that may be another's; None as long as nothing has.
 Outcome = Frame | AmbiguousResponse | None
@@ -67,6 +69,9 @@ class Hearing:
         #: Whether other frames came since that are no answer, and what came instead of one.
         self._foreign = False
         self._instead: Overheard
+        #: Whether the answer has come too early, and of how many requests in a row without one that came in time.
+        self._is_early = False
+        self._early_answers = 0
         self._idle = bytearray()
         self._idle_at = 0.0
 
@@ -148,6 +153,10 @@ class Hearing:
             self._is_foreign(frame)
         late = [self._framer.encode(*frame) for frame in self.late]
         self._instead = overheard(self._mode, self._all_heard(), self._sent, late)
+        self._is_early = self._came_too_early(self._instead)
+        if self._is_early:
+            self._early_answers += 1
+            self._report.too_early(self._current, proven=self._early_answers == EARLY_ANSWERS)
         self._notice_echo(self._instead.echo_at)
 
     @property
@@ -156,8 +165,8 @@ class Hearing:
         return self._instead.verdict
 
     def instead(self) -> bytes:
-        """What was heard instead of an answer, unless that is nothing but late answers to older requests."""
-        return b"" if self.verdict is Verdict.NOTHING else self._all_heard()
+        """What was heard instead of an answer; nothing if it is late answers to older requests, or came too early."""
+        return b"" if self._is_early or self.verdict is Verdict.NOTHING else self._all_heard()
 
     def has_answered(self, now: float) -> bool:
         """Whether what was heard is the answer, damaged: then it is not owed any more."""
@@ -239,6 +248,7 @@ class Hearing:
                 self._foreign = True
         if answer is None:
             return None
+        self._early_answers = 0
         is_alone = self._framer.is_clean and not (self._foreign or self._early or self.late)
         if is_alone and not self._ear.may_doubt(self._current):
             self._ear.skip()
@@ -273,12 +283,28 @@ class Hearing:
         self._report.foreign(frame, self._current)
         return True
 
+    def _came_too_early(self, heard: Overheard) -> bool:
+        """Whether the answer is in what was heard, though it began before all of the request can have left.
+
+        A copy of the request that can be its answer is taken for an echo, until the port is known to have no wire.
+        """
+        if not self._early or self._echo is not None:
+            return False
+        asked = self._current.asked
+        if self._has_no_wire and 0 <= heard.echo_at < len(self._early) and asked.accepts(asked.data):
+            return True
+        return any(map(self._current.accepts, heard.frames))
+
+    @property
+    def _has_no_wire(self) -> bool:
+        return self._early_answers >= EARLY_ANSWERS
+
     def _notice_echo(self, echo_at: int) -> None:
         """A copy of what was sent began at `echo_at`, if not -1. Before all of it has left, no one else can copy it."""
         if 0 <= echo_at < len(self._early):
             self._tell_echo()
 
     def _tell_echo(self) -> None:
-        if not self._is_virtual and self._echo is None:
+        if not (self._is_virtual or self._has_no_wire) and self._echo is None:
             self._report.echo(self._current, first=not self.echo_suspected)
             self.echo_suspected = True

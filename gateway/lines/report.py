@@ -10,7 +10,9 @@ from gateway.modbus.frame import Frame
 
 _NO_ANSWER: Final = "no valid answer"
 _DAMAGED: Final = "this is the answer, and its check sum is wrong"
-_ECHO: Final = "this is the request itself: does the adapter echo? Then set echo = true"
+_ECHO: Final = "does the adapter echo? Then set echo = true"
+_ECHO_OR_ANSWER: Final = f'{_ECHO}. Or is the device its own adapter? Then set wire = "direct"'
+_NO_WIRE: Final = 'if the device is its own adapter (USB CDC, a virtual machine, a soft PLC), set wire = "direct"'
 
 
 class Report:
@@ -29,7 +31,8 @@ class Report:
     def given_up(self, transaction: Transaction, now: float, *, heard: bytes, is_echo: bool = False) -> None:
         """No answer has come; `heard` is what came instead, `is_echo` if it is the request."""
         if heard:
-            reason = _ECHO if is_echo else _NO_ANSWER if transaction.owed else _DAMAGED
+            hint = f"this is the request itself: {_echo_hint(transaction)}"
+            reason = hint if is_echo else _NO_ANSWER if transaction.owed else _DAMAGED
             self._tell(partial(events.BadFrame, heard=heard[:64].hex(" ").upper(), reason=reason), transaction, now)
         else:
             self._tell(events.RequestTimeout, transaction, now)
@@ -38,6 +41,15 @@ class Report:
         """A response came after its limit."""
         transaction.counts.late_responses += 1
         self._tell(events.LateResponse, transaction, now)
+
+    def too_early(self, transaction: Transaction, *, proven: bool) -> None:
+        """The answer came before the request can have left; it is `proven` now that the port has no wire."""
+        transaction.counts.early_responses += 1
+        if proven:
+            device, function = transaction.device, transaction.asked.function
+            self._emit(
+                events.AnswerTooEarly(self._line, transaction.unit, device.name, function, self._source, _NO_WIRE)
+            )
 
     def foreign(self, frame: Frame, asked: Transaction) -> None:
         """A well-formed frame came that is not the answer to what was asked."""
@@ -52,7 +64,7 @@ class Report:
         """What was sent has come back."""
         transaction.counts.echoes += 1
         if first:
-            self._emit(events.EchoHeard(self._line, self._source))
+            self._emit(events.EchoHeard(self._line, self._source, _echo_hint(transaction)))
 
     def resting(self, device: Addressee, now: float) -> None:
         """A unit rests from now on, for the first time or again."""
@@ -75,6 +87,12 @@ class Report:
                 source=transaction.device.source,
             )
         )
+
+
+def _echo_hint(transaction: Transaction) -> str:
+    """What to do about a copy of the request, which may be its answer."""
+    asked = transaction.asked
+    return _ECHO_OR_ANSWER if asked.accepts(asked.data) else _ECHO
 
 
 def _text(frame: Frame) -> str:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from gateway.modbus.chartime import LineTiming
+from gateway.ports.wire import Wire
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,7 +13,8 @@ class LineSettings:
     `idle_chars` is the silence that ends an RTU frame for all its devices, in characters. `gap` is the silence before
     each request, None for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a
     late answer may come, None for what the device's answer times say. A read that is sent again ends `retry_within` so
-    long from its first sending; None for twice its limit and late window.
+    long from its first sending; None for twice its limit and late window. `wire` says whether bytes
+    take their time.
     """
 
     name: str
@@ -26,6 +28,7 @@ class LineSettings:
     retries: int = 0
     retry_within: float | None = None
     echo: bool = False
+    wire: Wire = "auto"
     coalesce: bool = True
     broadcast: bool = True
     source: str = field(default="", compare=False)

@@ -8,11 +8,14 @@ from gateway.events import Emit
 from gateway.listeners.serial_session import SerialSession, ServerSettings
 from gateway.ports.border import Border
 from gateway.ports.port import Port
+from gateway.ports.wire import Wire, settled
 from gateway.request import Target
 
 
 class SerialListener:
     """A line where we are a server. It is the owner of the line's port, as `ports.keeper` sees it.
+
+    `wire` is how bytes travel; `auto` until the port is open for the first time.
 
     An error that nobody foresaw ends here: it is told, the request under way is dropped, the port is closed and
     reopened.
@@ -20,6 +23,7 @@ class SerialListener:
 
     def __init__(self, settings: ServerSettings, router: Target, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self.session = SerialSession(settings, router, self._wake, emit)
+        self.wire: Wire = settings.wire
         self._time = loop.time
         deadline, down = self.session.deadline, self.session.port_down
         self._border = Border(f"line {settings.name}", loop, emit, deadline=deadline, tick=self._tick, down=down)
@@ -32,7 +36,9 @@ class SerialListener:
     def port_up(self, port: Port) -> None:
         """The port is open."""
         self._border.port = port
-        self._border.run(partial(self.session.port_up, virtual=port.virtual), port.write, port.latency, self._time())
+        self.wire = settled(self.session.settings.wire, virtual=port.virtual)
+        step = partial(self.session.port_up, virtual=self.wire == "direct")
+        self._border.run(step, port.write, port.latency, self._time())
 
     def received(self, data: bytes) -> None:
         """These bytes became readable."""

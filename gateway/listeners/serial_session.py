@@ -17,15 +17,21 @@ from typing import Final, Literal
 
 from gateway import events
 from gateway.errors import ExceptionCode
+from gateway.lines.ear import ECHOES
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, RequestFramer
 from gateway.modbus.rtu import RequestFramer as RtuFramer
+from gateway.ports.wire import Wire
 from gateway.request import Request, Target
 
 #: So many bytes right behind a request are what switching an RS-485 line leaves; more are the next frame.
 _GLITCH: Final = 3
+#: So many seconds later than its latency allows an echo may come. Hardly a client does nothing but write the same, and
+#: each time so soon again.
+_HELD_BACK: Final = 0.1
+_ECHO_ADVICE: Final = 'if the adapter echoes, set echo = true; if the client has no wire, wire = "direct"'
 #: The exceptions that say that no answer of the unit has come.
 _FAILURES: Final = frozenset(
     {
@@ -52,6 +58,7 @@ class ServerSettings:
     echo: bool = False
     on_failure: Literal["exception", "silent"] = "exception"
     answer_within: float = 1.0
+    wire: Wire = "auto"
     source: str = field(default="", compare=False)
 
     @property
@@ -106,7 +113,10 @@ class SerialSession:
         self._quiet_at = 0.0
         self._glitch_until = 0.0
         self._said: Frame | None = None
+        #: Whether a client can say it too, because it is a copy of the request; until when it is an echo even so.
+        self._is_repeatable = False
         self._echo_until = 0.0
+        self._echoes_in_a_row = 0
         self._echo_told = False
         self._is_hearing = False
         self._is_ending = False
@@ -197,7 +207,7 @@ class SerialSession:
             self._overtake(self._current, now)
 
     def _take(self, frame: Frame, now: float) -> None:
-        if self._is_echo(frame, now):
+        if self._is_echo(frame):
             self.counts.echoes += 1
             return
         if self._current is not None:
@@ -233,29 +243,37 @@ class SerialSession:
             self.counts.too_late += 1
             self._withhold(self._current, "it was not there within answer_within", now)
         elif self._answer and now >= self._quiet_at and self._framer.deadline() is None:
-            self._respond(Frame(self._current.unit, self._answer), self._write, now)
+            self._respond(self._current, self._answer, self._write, now)
 
-    def _respond(self, response: Frame, write: Callable[[bytes], None], now: float) -> None:
+    def _respond(self, request: Request, pdu: bytes, write: Callable[[bytes], None], now: float) -> None:
         self._drop()
+        response = Frame(request.unit, pdu)
         self.counts.responses += 1
-        self.counts.exceptions += response.pdu[0] >= EXCEPTION_BIT
+        self.counts.exceptions += pdu[0] >= EXCEPTION_BIT
         adu = self._framer.encode(*response)
-        leaves_at = now + self.settings.timing.frame(len(response.pdu))
+        leaves_at = now + self.settings.timing.frame(len(pdu))
         self._quiet_at = leaves_at + self.settings.silence_before_response
         self._said = response
-        self._echo_until = leaves_at + self.settings.timing.t35 + (leaves_at - now)  # no client can repeat it sooner
+        self._is_repeatable = pdu == request.pdu
+        # No client can repeat it sooner, and no adapter should return it later.
+        self._echo_until = leaves_at + self.settings.timing.t35 + max(leaves_at - now, self._latency)
         write(adu)
 
-    def _is_echo(self, frame: Frame, now: float) -> bool:
+    def _is_echo(self, frame: Frame) -> bool:
         """Whether `frame` is our own response that the adapter returns: a write would be carried out for ever."""
         said, self._said = self._said, None
-        if frame != said or self.settings.echo:
+        if said is None or self.settings.echo:
             return frame == said
-        if self._is_virtual or now >= self._echo_until:
+        late_by = self._heard_at - self._echo_until
+        if self._is_virtual or frame != said or (self._is_repeatable and late_by >= _HELD_BACK):
+            self._echoes_in_a_row = 0
+            return False
+        self._echoes_in_a_row += 1 if self._is_repeatable else ECHOES
+        if late_by >= 0 and self._echoes_in_a_row < ECHOES:
             return False
         if not self._echo_told:
             self._echo_told = True
-            self._emit(events.EchoHeard(self.settings.name, self.settings.source))
+            self._emit(events.EchoHeard(self.settings.name, self.settings.source, _ECHO_ADVICE))
         return True
 
     def _overtake(self, request: Request, now: float) -> None:

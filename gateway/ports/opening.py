@@ -26,6 +26,7 @@ from gateway.ports.ioctls import (
 )
 from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import DriverError, why_lost, why_not_opened
+from gateway.ports.wire import VIRTUAL_MAJORS
 
 #: What an adapter and its driver may add to an answer, in seconds; the second where a USB adapter gathers bytes
 #: (16 ms in an FTDI chip) and its driver has no low-latency mode.
@@ -36,8 +37,6 @@ BAUD_TOLERANCE: Final = 0.025
 #: How long a port that is closed may go on sending what was written to it, in seconds: 256 bytes at 1200 baud.
 DRAINING_DEADLINE: Final = 2.5
 
-#: Majors of pseudo-terminals' device ends (the kernel's devices.txt).
-_VIRTUAL_MAJORS: Final = range(136, 144)
 _VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
 
 
@@ -114,7 +113,7 @@ def _is_virtual(settings: SerialSettings) -> bool:
         raise PortError(why_not_opened(settings, error)) from error
     if not stat.S_ISCHR(status.st_mode):
         raise PortError(f"{settings.port} is not a serial port")
-    return os.major(status.st_rdev) in _VIRTUAL_MAJORS
+    return os.major(status.st_rdev) in VIRTUAL_MAJORS
 
 
 def _configured(settings: SerialSettings, format_: CharacterFormat) -> Serial:

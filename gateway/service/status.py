@@ -14,6 +14,7 @@ from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.lines.device import Device
 from gateway.listeners.serial_session import Counts as ServerCounts
 from gateway.ports.keeper import Keeper
+from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 
@@ -35,6 +36,8 @@ class ListenerStatus:
 class LineStatus:
     """A line. `reason` says why it is down. `late_windows` is how many late answers are awaited.
 
+    `wire` is how bytes travel; it may be `auto` as long as its port was never open.
+
     `busy_s` is how long something was asked on it: the share of a time is the difference over that time. `counts` are
     those of all its units and of its broadcasts.
     """
@@ -44,6 +47,7 @@ class LineStatus:
     port: str
     state: Literal["up", "down", "not tried"]
     reason: str
+    wire: Wire
     mode: str
     baud: int
     format: str
@@ -63,6 +67,7 @@ class ServerStatus:
     port: str
     state: Literal["up", "down", "not tried"]
     reason: str
+    wire: Wire
     mode: str
     baud: int
     format: str
@@ -198,6 +203,7 @@ def _line(parts: GatewayLine, now: float) -> LineStatus:
         port=parts.keeper.port_path,
         state=_port_state(parts.keeper),
         reason=str(parts.keeper.error or ""),
+        wire=parts.driver.wire,
         mode=timing.mode,
         baud=timing.baud,
         format=str(timing.format),
@@ -217,6 +223,7 @@ def _server(parts: GatewayServer) -> ServerStatus:
         port=parts.keeper.port_path,
         state=_port_state(parts.keeper),
         reason=str(parts.keeper.error or ""),
+        wire=parts.driver.wire,
         mode=timing.mode,
         baud=timing.baud,
         format=str(timing.format),

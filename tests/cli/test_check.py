@@ -9,6 +9,7 @@ import pytest
 
 from gateway.cli.main import main
 from gateway.config.file_trouble import file_trouble
+from kit.pty import VirtualPort
 
 FILE = """\
 [[listen]]
@@ -64,7 +65,7 @@ def test_the_picture_of_a_file(config, capsys):
           anywhere      any listener  all    read
 
         Line hall-a: /dev/null
-          rtu 19200 8E1, gap 2.01 ms, latency 5 ms
+          rtu 19200 8E1, gap 2.01 ms, latency 5 ms, wire serial
           UNIT  ON THE WIRE  DEVICE     PROFILE  LONGEST WAIT
           41    1            silo-1     weigher  3.16 s
           110   10           drive-110  generic  2.71 s
@@ -106,7 +107,7 @@ def test_a_line_that_passes_through_is_one_row(config, capsys):
     said = capsys.readouterr().out.splitlines()
     assert "  1-247  same         (each)  generic  3.31 s" in said
     assert "  Time limits of generic, units 1-247" in said
-    assert "  rtu 19200 8E1, gap 2.01 ms, latency 5 ms (some USB adapters: 20 ms)" in said
+    assert "  rtu 19200 8E1, gap 2.01 ms, latency 5 ms (USB: up to 20 ms), wire serial" in said
 
 
 def test_what_images_answer_does_not_pass_through(config, capsys):
@@ -117,6 +118,18 @@ def test_what_images_answer_does_not_pass_through(config, capsys):
 def test_an_ascii_line_has_no_gap(config, capsys):
     main(["check", config('[[line]]\nport = "/dev/null"\nmode = "ascii"\n')])
     assert "  ascii 19200 7E1, gap none," in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("wire", "shown"), [("auto", "direct"), ("serial", "serial")])
+def test_what_the_wire_of_a_virtual_port_is(wire, shown, config, tmp_path, capsys):
+    with VirtualPort(tmp_path / "port") as virtual:
+        assert main(["check", config(f'[[line]]\nport = "{virtual.path}"\nwire = "{wire}"\n')]) == 0
+    assert f", wire {shown}\n" in capsys.readouterr().out
+
+
+def test_what_auto_is_cannot_be_seen_before_there_is_a_port(config, capsys):
+    main(["check", config('[[line]]\nport = "/dev/absent"\n')])
+    assert ", wire auto\n" in capsys.readouterr().out
 
 
 def test_a_file_without_lines_has_no_waits(config, capsys):
@@ -187,6 +200,7 @@ def test_the_picture_as_json(config, capsys):
         "gap_ms": 2.005,
         "turnaround_ms": 100.0,
         "latency_ms": 5.0,
+        "wire": "serial",
         "passes_through": False,
     }
     assert unit == {
@@ -228,7 +242,7 @@ def test_a_server_line_shows_what_its_client_must_be_set_to(config, capsys):
         dedent(
             """\
         Server line panel: /dev/zero
-          ascii 19200 7E1, silence before a response none
+          ascii 19200 7E1, silence before a response none, wire serial
           UNIT  WHO ANSWERS  LONGEST WAIT
           41    silo-1       3.16 s
           200   shift-data   at once
@@ -251,6 +265,7 @@ def test_a_server_line_as_json(config, capsys):
             "baud": 19200,
             "format": "7E1",
             "silence_before_response_ms": 0.0,
+            "wire": "serial",
             "on_failure": "exception",
             "answer_within_ms": 1000.0,
             "broadcast_to": "images",
@@ -298,7 +313,7 @@ timeout = "300 ms"
 def test_units_behind_servers(config, capsys):
     assert main(["check", config(UPSTREAM)]) == 0
     said = capsys.readouterr().out
-    assert "Line roof: rtu+tcp://10.1.0.9:4001\n  rtu 19200 8E1, gap 2.01 ms, latency 100 ms\n" in said
+    assert "Line roof: rtu+tcp://10.1.0.9:4001\n  rtu 19200 8E1, gap 2.01 ms, latency 100 ms, wire direct\n" in said
     assert (
         dedent(
             """\

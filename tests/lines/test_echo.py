@@ -162,7 +162,7 @@ def test_an_echo_is_told_once_and_then_its_kind_of_write_gets_0b(real: Bench) ->
         real.hear(RESPONSE_FRAME)
         real.pass_time(0.01)
     assert real.client.answers == [RESPONSE, RESPONSE]
-    assert real.told(EchoHeard) == [EchoHeard("hall-a", "")]
+    assert [(told.line, told.source) for told in real.told(EchoHeard)] == [("hall-a", "")]
     assert real.counts.echoes == 2
     real.client.answers.clear()
     real.written.clear()

@@ -267,13 +267,13 @@ async def test_an_adapter_that_sets_another_rate(virtual, user, monkeypatch):
 
 async def test_a_driver_that_passes_over_the_format(virtual, user, monkeypatch):
     """Treated as a real port, a pseudo-terminal is just such a driver."""
-    monkeypatch.setattr(opening, "_VIRTUAL_MAJORS", ())
+    monkeypatch.setattr(opening, "VIRTUAL_MAJORS", ())
     with pytest.raises(PortError, match="cannot do 7E1: its driver set another format"):
         await open_serial(settings(virtual.path, format_="7E1"), user)
 
 
 async def test_no_other_program_can_open_a_real_port(virtual, user, monkeypatch):
-    monkeypatch.setattr(opening, "_VIRTUAL_MAJORS", ())
+    monkeypatch.setattr(opening, "VIRTUAL_MAJORS", ())
     async with opened(virtual.path, user, format_="8N1") as port:
         assert exclusive(port._descriptor)
     with closing(Descriptor(virtual.path)) as again:
