@@ -28,7 +28,7 @@ AddressTrouble = Callable[[str], str | None]
 #: Keys that only one role of a line has.
 _CLIENT_KEYS: Final = (
     *("devices", "profile", "timeout", "turnaround", "late_window"),
-    *("queue", "max_wait", "retries", "retry_within", "coalesce", "broadcast"),
+    *("queue", "max_wait", "retries", "retry_within", "rest", "coalesce", "broadcast"),
 )
 _SERVER_KEYS: Final = ("serves", "on_failure", "answer_within", "broadcast_to")
 

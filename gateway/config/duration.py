@@ -59,6 +59,15 @@ def parse_duration_or_zero_or_auto(value: object) -> float | None:
     return None if value == "auto" else parse_duration_or_zero(value)
 
 
+def parse_duration_or_off_or_auto(value: object) -> float | None:
+    """Seconds, 0 for "off", or None for "auto".
+
+    Raises:
+        WrongValue: `value` is none of them.
+    """
+    return 0.0 if value == "off" else parse_duration_or_auto(value)
+
+
 def show_duration(seconds: float | None) -> str:
     """A duration as a person would write it: the unit that needs the fewest digits, three figures; "auto" for None."""
     if seconds is None:

@@ -9,8 +9,11 @@ from gateway.config.address import Address
 from gateway.config.problem import Path
 from gateway.config.values import (
     DEVICE_SERVER_MODES,
+    ClientUnit,
+    ClientUnits,
     Duration,
     DurationOrAuto,
+    DurationOrOffOrAuto,
     DurationOrZero,
     DurationOrZeroOrAuto,
     Format,
@@ -35,7 +38,6 @@ from gateway.lines.quirks import Quirk
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 from gateway.ports.wire import Wire
 
-Unit = Annotated[int, Field(ge=FIRST_UNIT, le=LAST_UNIT)]
 FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
 Count = Annotated[int, Field(ge=1)]
 
@@ -100,6 +102,12 @@ class Listen(Table):
         "client tool will show a time-out. A read is answered 01. With RTU and ASCII over TCP there is no answer "
         "from unit 0 at all, unless this is a number.",
     )
+    on_failure: Literal["exception", "silent"] = Field(
+        "exception",
+        description="What a client gets when the gateway has no answer for it: exception 0A, 0B or 06, or nothing at "
+        "all, as from a device that is off. 01 to 03 are always answered, and so is what a unit itself says. With RTU "
+        "and ASCII over TCP, requests that were sent together with one that gets nothing get nothing either.",
+    )
 
     @property
     def label(self) -> str:
@@ -115,10 +123,10 @@ class Device(Table):
         description="Its unit on the wire, 1-247; a set stands for several devices. 0 asks whoever is there: for a "
         "lone device whose address is not known, and only its holding registers can be read.",
     )
-    known_as: Units | None = Field(
+    known_as: ClientUnits | None = Field(
         None,
         alias="as",
-        description="The unit that clients use, 1-247; as many as there are in `unit`. Default: the same.",
+        description="The unit that clients use, 1-247 or 255; as many as there are in `unit`. Default: the same.",
     )
     name: Name | None = Field(
         None,
@@ -220,6 +228,11 @@ class Line(Table):
         "has failed, or could not end in time. `max_wait` does not count for it. "
         '`"auto"`: twice the sum of its limit and its late window, which is time for one more sending after silence.',
     )
+    rest: DurationOrOffOrAuto = Field(
+        None,
+        description='The longest rest of a unit that does not answer. `"auto"`: a minute, or nine time limits if that '
+        'is longer. With a short one, or `"off"`, a dead unit takes more of the line\'s time from the others.',
+    )
     coalesce: bool = Field(
         True,
         description="Equal reads of different clients that wait share one transaction. Those of one client are asked "
@@ -231,7 +244,8 @@ class Line(Table):
     )
     serves: Units | None = Field(None, description="Server lines: the units that we answer for; others get silence.")
     on_failure: Literal["exception", "silent"] = Field(
-        "exception", description="Server lines: what to do when a device behind us does not answer."
+        "exception",
+        description="Server lines: what the outside client gets when the gateway has no answer, as in `[[listen]]`.",
     )
     answer_within: Duration = Field(1.0, description="Server lines: older answers are never put on the line.")
     broadcast_to: Literal["images", "all", "none"] = Field(
@@ -302,7 +316,10 @@ class Initial(Table):
 class Image(Table):
     """A unit that the gateway itself answers for: a local register image, or with `of` a mirror of a device."""
 
-    unit: Unit = Field(description="The unit that clients use.")
+    unit: ClientUnit = Field(
+        description="The unit that clients use, 1-247; or 255, which many clients of Modbus TCP send when "
+        "they mean the server itself."
+    )
     name: Name | None = Field(None, description="What logs call it. Default: `image-` and the unit.")
     profile: str = Field("generic", description="What it accepts: functions, limits, addresses.")
     holding: Ranges = Field((), description="Its holding registers.")
@@ -337,7 +354,7 @@ class Image(Table):
 class UpstreamUnit(Table):
     """Units behind another server."""
 
-    known_as: Units = Field(alias="as", description="The units that clients use.")
+    known_as: ClientUnits = Field(alias="as", description="The units that clients use, 1-247 and 255.")
     units: UpstreamUnits = Field(alias="unit", description="The units that the other server knows.")
 
 
@@ -415,7 +432,9 @@ class Access(Table):
     )
     role: str | None = Field(None, description="The role that a TLS client's certificate names.")
     units: UnitsOrAll = Field(
-        "all", description="Units that are meant, as clients call them. A broadcast needs the right at every unit."
+        "all",
+        description="Units that are meant, as clients call them, 1-247 and 255. A broadcast needs the right at every "
+        "unit.",
     )
     allow: Annotated[tuple[Literal["read", "write"], ...], ListOf] | None = Field(
         None,

@@ -2,9 +2,14 @@
 
 import re
 from collections.abc import Iterable
+from typing import Final
 
 from gateway.config.problem import WrongValue
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, SERVER_UNIT
+
+#: The units that clients of Modbus TCP may ask for, and what is said of any other number.
+CLIENT_UNITS: Final = frozenset({*range(FIRST_UNIT, LAST_UNIT + 1), SERVER_UNIT})
+NO_CLIENT_UNIT: Final = f"neither {FIRST_UNIT}-{LAST_UNIT} nor {SERVER_UNIT}"
 
 _RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
 
@@ -15,9 +20,23 @@ def parse_units(value: object, first: int = FIRST_UNIT, last: int = LAST_UNIT) -
     Raises:
         WrongValue: `value` is no unit set, names a unit twice, or one outside `first` to `last`.
     """
+    # Where unit 0 is allowed it means something special, and nobody who is wrong is helped by it.
+    return _parse(value, frozenset(range(first, last + 1)), f"outside {max(first, FIRST_UNIT)}-{last}")
+
+
+def parse_client_units(value: object) -> tuple[int, ...]:
+    """The same for units that clients of Modbus TCP may ask for: 255 is one, and none of 248-254.
+
+    Raises:
+        WrongValue: as parse_units.
+    """
+    return _parse(value, CLIENT_UNITS, NO_CLIENT_UNIT)
+
+
+def _parse(value: object, allowed: frozenset[int], otherwise: str) -> tuple[int, ...]:
     units: list[int] = []
     for part in value if isinstance(value, list) else [value]:
-        units += _parse_part(part, first, last)
+        units += _parse_part(part, allowed, otherwise)
     if not units:
         raise WrongValue("names no unit")
     seen: set[int] = set()
@@ -39,15 +58,15 @@ def show_units(units: Iterable[int]) -> str:
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
 
 
-def _parse_part(part: object, first: int, last: int) -> range:
+def _parse_part(part: object, allowed: frozenset[int], otherwise: str) -> range:
     low, high = _bounds(part)
     if low > high:
         raise WrongValue(f'"{part}" counts backwards', f'write "{high}-{low}"')
-    for unit in (low, high):
-        if not first <= unit <= last:
-            # Where unit 0 is allowed it means something special, and nobody who is wrong is helped by it.
-            raise WrongValue(f"unit {unit} is outside {max(first, FIRST_UNIT)}-{last}")
-    return range(low, high + 1)
+    units = range(low, high + 1)
+    for unit in (low, high, *units[: len(allowed)]):
+        if unit not in allowed:
+            raise WrongValue(f"unit {unit} is {otherwise}")
+    return units
 
 
 def _bounds(part: object) -> tuple[int, int]:

@@ -7,21 +7,21 @@ from functools import partial
 from ipaddress import IPv4Network, IPv6Network, ip_interface, ip_network
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import PlainValidator, Strict
+from pydantic import AfterValidator, PlainValidator, Strict
 
 from gateway.config.address import Address, parse_address
 from gateway.config.duration import (
     parse_duration,
     parse_duration_or_auto,
+    parse_duration_or_off_or_auto,
     parse_duration_or_zero,
     parse_duration_or_zero_or_auto,
     show_duration,
 )
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.ranges import parse_ranges
-from gateway.config.unitset import parse_units
+from gateway.config.unitset import CLIENT_UNITS, NO_CLIENT_UNIT, parse_client_units, parse_units
 from gateway.modbus.chartime import CharacterFormat
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.profiles.profile import Range
 
 #: What is spoken behind a device server, by the scheme of its address. A line's port is one of these, or a path.
@@ -99,9 +99,20 @@ def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
         return "refuse"
     if value == "broadcast":
         return "broadcast"
-    if isinstance(value, int) and not isinstance(value, bool) and FIRST_UNIT <= value <= LAST_UNIT:
+    if isinstance(value, int) and not isinstance(value, bool) and value in CLIENT_UNITS:
         return value
-    raise WrongValue(f'must be "refuse", "broadcast" or a unit {FIRST_UNIT} to {LAST_UNIT}')
+    raise WrongValue('must be "refuse", "broadcast" or a unit, 1-247 or 255')
+
+
+def check_client_unit(value: int) -> int:
+    """A unit that clients use.
+
+    Raises:
+        WrongValue: none can have this number.
+    """
+    if value not in CLIENT_UNITS:
+        raise WrongValue(f"{value} is {NO_CLIENT_UNIT}")
+    return value
 
 
 def parse_item(value: object) -> int:
@@ -149,7 +160,7 @@ def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
     Raises:
         WrongValue: it is neither.
     """
-    return "all" if value == "all" else parse_units(value)
+    return "all" if value == "all" else parse_client_units(value)
 
 
 def _function_number(text: str) -> int:
@@ -197,6 +208,9 @@ Name = Annotated[str, PlainValidator(parse_name), Kind("text")]
 Duration = Annotated[float, PlainValidator(parse_duration), _DURATION]
 DurationOrZero = Annotated[float, PlainValidator(parse_duration_or_zero), _DURATION]
 DurationOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_auto), _DURATION_OR_AUTO]
+DurationOrOffOrAuto = Annotated[
+    float | None, PlainValidator(parse_duration_or_off_or_auto), Kind('duration, `"auto"` or `"off"`', _in_quotes)
+]
 DurationOrZeroOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_zero_or_auto), _DURATION_OR_AUTO]
 Format = Annotated[CharacterFormat, PlainValidator(parse_format), Kind('text such as `"8E1"`')]
 SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address")]
@@ -206,6 +220,8 @@ Unit0 = Annotated[
     Kind('`"refuse"`, `"broadcast"` or a unit', '"{}"'.format),
 ]
 Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS]
+ClientUnit = Annotated[int, AfterValidator(check_client_unit)]
+ClientUnits = Annotated[tuple[int, ...], PlainValidator(parse_client_units), _UNITS]
 WireUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS]
 UpstreamUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0, last=255)), _UNITS]
 UnitsOrAll = Annotated[

@@ -3,15 +3,15 @@
 After three failures in a row a unit rests: its requests are answered 0B at once. A rest counts from the end of the
 last failure's late window. When it is over, the next client's request is the probe: the gateway sends nothing of its
 own. If the probe fails too, the next rest is twice as long. A rest is at least nine limits, so a dead unit takes at
-most a tenth of its line's time. Any valid answer of the unit, a late one and one that nobody awaits any more
-included, ends all of it.
+most a tenth of its line's time, unless somebody has set a longest rest that is shorter. Any valid answer of the unit,
+a late one and one that nobody awaits any more included, ends all of it.
 """
 
 from typing import Final
 
 #: Failures in a row after which a unit rests.
 FAILURES: Final = 3
-#: The first rest and the longest one, in seconds; both at least so many time limits.
+#: The first rest and by default the longest one, in seconds; both at least so many time limits.
 FIRST_REST: Final = 1.0
 LONGEST_REST: Final = 60.0
 LIMITS_PER_REST: Final = 9
@@ -37,13 +37,18 @@ class Breaker:
         """How much longer the unit rests, in seconds."""
         return self._until - now if self.rests(now) else 0.0
 
-    def failed(self, limit: float, window_end: float) -> bool:
-        """A request to the unit has failed after `limit` seconds; True when a rest begins with that."""
+    def failed(self, limit: float, window_end: float, longest: float | None = None) -> bool:
+        """A request to the unit has failed after `limit` seconds; True when a rest begins with that.
+
+        No rest is longer than `longest` seconds, 0 for none at all; None leaves it at what is usual.
+        """
         self.failures += 1
-        if self.failures < FAILURES:
+        if self.failures < FAILURES or longest == 0:
             return False
         least = LIMITS_PER_REST * limit
-        self.rest = max(FIRST_REST, least, min(2 * self.rest, LONGEST_REST))
+        if longest is None:
+            longest = max(LONGEST_REST, least)
+        self.rest = min(max(FIRST_REST, least, 2 * self.rest), longest)
         self._until = window_end + self.rest
         return True
 

@@ -26,6 +26,7 @@ class Turns:
         self._report = report
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._late = late
+        self._longest_rest = settings.rest
         self._resting: set[Addressee] = set()
         self._held_until = 0.0
         self.expired = self._queue.expired
@@ -113,7 +114,8 @@ class Turns:
         if any(frame.unit != unit for frame in self._hearing.late) or self._late.has_begun_in(heard, unit, now):
             return
         device = transaction.device
-        if device.breaker.failed(transaction.limit, self.window_end(transaction, now)):
+        window_end = self.window_end(transaction, now)
+        if device.breaker.failed(transaction.limit, window_end, self._longest_rest):
             self._resting.add(device)
             self._report.resting(device, now)
 

@@ -1,5 +1,6 @@
 """What clients of Modbus TCP speak: ADUs with a transaction identifier, so many requests may be under way at once."""
 
+from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import Connection, ListenSettings, Session
 from gateway.modbus import mbap
 from gateway.request import Request, Target
@@ -46,7 +47,7 @@ class MbapSession(Session):
         self._in_flight -= 1
         if self.gone:
             return
-        if pdu is not None:
+        if pdu is not None and not is_kept_back(request, self._on_failure):
             self._out.append(mbap.encode(request.transaction, request.unit, pdu))
         if not self._draining:
             self._flush()

@@ -9,6 +9,7 @@ from collections import deque
 from typing import Final
 
 from gateway.errors import NotModbus
+from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import Connection, ListenSettings, Session
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
@@ -33,12 +34,13 @@ class OverTcpSession(Session):
     """A client that speaks RTU or ASCII on a TCP connection.
 
     Requests that come together wait for one another, at most `in_flight` of them. What is no request is not answered,
-    nor is a request to unit 0, unless `unit0` names the unit that answers for it.
+    nor is a request to unit 0, unless `unit0` names the unit that answers for it. When one that fails gets no response
+    (`on_failure`), those that were sent together with it get none either: theirs would be taken for its own.
     """
 
     __slots__ = (
         "_answers_unit0", "_awaited", "_behind", "_buffer", "_framer", "_frames", "_heard_at", "_noise", "_stopped_at",
-        "_together_until", "_waiting",
+        "_together_until", "_unanswered", "_waiting",
     )  # fmt: skip
 
     def __init__(
@@ -62,6 +64,8 @@ class OverTcpSession(Session):
         self._frames: deque[Frame] = deque()
         self._waiting: deque[Request] = deque()
         self._awaited: Request | None = None
+        #: Whether one that was awaited has failed, and nothing was said.
+        self._unanswered = False
         #: When bytes have arrived; until when requests were sent together with the one before.
         self._heard_at = now
         self._together_until = now
@@ -99,7 +103,10 @@ class OverTcpSession(Session):
             self._connection.look()
         if request is self._awaited:
             self._awaited = None
-            if pdu is not None and not self.gone:
+            if is_kept_back(request, self._on_failure):
+                self._unanswered = True
+                self._drop_waiting()
+            elif pdu is not None and not self.gone:
                 self._out.append(self._framer.encode(request.unit, pdu))
         elif self._gets_response(request):
             return
@@ -150,18 +157,27 @@ class OverTcpSession(Session):
             self._noise = 0
 
     def _take(self, unit: int, pdu: bytes, now: float) -> None:
-        if self._awaited is not None and self._heard_at > self._together_until:
+        are_together = self._heard_at <= self._together_until
+        if self._awaited is not None and not are_together:
             self._give_up()
+        self._unanswered = self._unanswered and are_together
         self._together_until = max(self._together_until, self._heard_at + TOGETHER)
         self.last_asked = now
-        self._in_flight += 1
-        self._waiting.append(Request(unit, pdu, self, now))
+        request = Request(unit, pdu, self, now)
+        if not (self._unanswered and self._gets_response(request)):
+            self._in_flight += 1
+            self._waiting.append(request)
 
     def _give_up(self) -> None:
         """The client has had its time-out: it waits for no response any more."""
         self._awaited = None
+        self._in_flight -= 1
+        self._drop_waiting()
+
+    def _drop_waiting(self) -> None:
+        """Nothing that waits gets a response; broadcasts are still handed out."""
         broadcasts = [request for request in self._waiting if not self._gets_response(request)]
-        self._in_flight -= 1 + len(self._waiting) - len(broadcasts)
+        self._in_flight -= len(self._waiting) - len(broadcasts)
         self._waiting = deque(broadcasts)
 
     def _submit(self, now: float) -> None:

@@ -6,6 +6,7 @@ A datagram may be lost, repeated or forged, and there is no connection to close:
 from collections.abc import Callable
 
 from gateway.errors import Busy
+from gateway.listeners.failures import OnFailure, is_kept_back
 from gateway.modbus import mbap
 from gateway.request import Request, Target
 
@@ -13,15 +14,22 @@ from gateway.request import Request, Target
 class Peer:
     """A Modbus UDP client, known by its address and port: the Origin of its requests.
 
-    At most `in_flight` requests are under way; another one is answered 06. The same request again while it is under way
+    At most `in_flight` requests are under way; another one fails (06). The same request again while it is under way
     is the same request: the client has repeated its datagram, and there is one execution and one response. Another
     request with the same transaction identifier takes the place of the earlier one, whose response is dropped.
     """
 
-    __slots__ = ("_limit", "_router", "_send", "_under_way", "client", "gone", "host", "last_asked")
+    __slots__ = ("_limit", "_on_failure", "_router", "_send", "_under_way", "client", "gone", "host", "last_asked")
 
     def __init__(
-        self, client: str, *, host: str, router: Target, send: Callable[[bytes], None], in_flight: int
+        self,
+        client: str,
+        *,
+        host: str,
+        router: Target,
+        send: Callable[[bytes], None],
+        in_flight: int,
+        on_failure: OnFailure = "exception",
     ) -> None:
         """`client` names the peer in events, `host` is its address; `send` sends a datagram to it."""
         self.client = client
@@ -31,6 +39,7 @@ class Peer:
         self._router = router
         self._send = send
         self._limit = in_flight
+        self._on_failure = on_failure
         self._under_way: dict[int, Request] = {}
 
     @property
@@ -60,7 +69,7 @@ class Peer:
         if self._under_way.get(request.transaction) is not request:
             return
         del self._under_way[request.transaction]
-        if pdu is not None and not self.gone:
+        if pdu is not None and not self.gone and not is_kept_back(request, self._on_failure):
             self._send(mbap.encode(request.transaction, request.unit, pdu))
 
     def closed(self) -> None:

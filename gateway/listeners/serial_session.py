@@ -13,11 +13,11 @@ The machine knows no clock and no descriptor, as `lines.line`.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final
 
 from gateway import events
-from gateway.errors import ExceptionCode
 from gateway.lines.ear import ECHOES
+from gateway.listeners.failures import OnFailure, is_kept_back
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
@@ -32,14 +32,6 @@ _GLITCH: Final = 3
 #: each time so soon again.
 _HELD_BACK: Final = 0.1
 _ECHO_ADVICE: Final = 'if the adapter echoes, set echo = true; if the client has no wire, wire = "direct"'
-#: The exceptions that say that no answer of the unit has come.
-_FAILURES: Final = frozenset(
-    {
-        ExceptionCode.SERVER_DEVICE_BUSY,
-        ExceptionCode.GATEWAY_PATH_UNAVAILABLE,
-        ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND,
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +48,7 @@ class ServerSettings:
     idle_chars: float = 3.5
     gap: float | None = None
     echo: bool = False
-    on_failure: Literal["exception", "silent"] = "exception"
+    on_failure: OnFailure = "exception"
     answer_within: float = 1.0
     wire: Wire = "auto"
     source: str = field(default="", compare=False)
@@ -177,7 +169,7 @@ class SerialSession:
         """Take the answer to a request. It is put on the line when that is quiet, if the client still waits for it."""
         if request is not self._current:
             return
-        if pdu is None or self._is_kept_back(pdu):
+        if pdu is None or is_kept_back(request, self.settings.on_failure):
             self.counts.silent += 1
             self._drop()
             return
@@ -230,10 +222,6 @@ class SerialSession:
         """Whether somebody has begun to send since the request: most likely the client, which asks something else."""
         behind = self._framer.behind
         return behind > _GLITCH or (behind > 0 and self._heard_at > self._glitch_until)
-
-    def _is_kept_back(self, pdu: bytes) -> bool:
-        """Whether it says that no answer came, and the client is not to be told."""
-        return self.settings.on_failure == "silent" and pdu[0] >= EXCEPTION_BIT and pdu[1] in _FAILURES
 
     def _go_on(self, now: float) -> None:
         """Put the answer on the line if the client still waits for it and everybody else is silent."""

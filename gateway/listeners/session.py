@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus
+from gateway.listeners.failures import OnFailure
 from gateway.modbus.codes import READING_FUNCTIONS
 from gateway.request import Request, Target
 
@@ -27,6 +28,7 @@ class ListenSettings:
 
     `scheme` is what they speak: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
     `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
+    `on_failure` is what a client gets when nobody has answered.
     """
 
     name: str
@@ -39,6 +41,7 @@ class ListenSettings:
     source: str = field(default="", compare=False)
     scheme: str = "tcp"
     ipv6_only: bool = False
+    on_failure: OnFailure = "exception"
 
 
 @dataclass(slots=True)
@@ -106,8 +109,8 @@ class Session(ABC):
     """
 
     __slots__ = (
-        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_in_flight", "_limit", "_out",
-        "_paused", "_router", "_whole_at", "client", "gone", "host", "last_asked",
+        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_in_flight", "_limit",
+        "_on_failure", "_out", "_paused", "_router", "_whole_at", "client", "gone", "host", "last_asked",
     )  # fmt: skip
 
     def __init__(
@@ -128,6 +131,7 @@ class Session(ABC):
         self._router = router
         self._connection = connection
         self._limit = settings.in_flight
+        self._on_failure = settings.on_failure
         self._in_flight = 0
         self._out: list[bytes] = []
         self._draining = False

@@ -159,7 +159,14 @@ class UdpListener:
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
             return None
         send = partial(self._send, door, _from_where_it_was_asked(asked), address)
-        peer = Peer(client, host=host, router=self.router, send=send, in_flight=self.settings.in_flight)
+        peer = Peer(
+            client,
+            host=host,
+            router=self.router,
+            send=send,
+            in_flight=self.settings.in_flight,
+            on_failure=self.settings.on_failure,
+        )
         self._peers[key] = peer
         self.counts.accepted += 1
         self.emit(events.ClientConnected(self.settings.name, client))

@@ -62,3 +62,5 @@ MAX_ASCII_ADU: Final = 513
 BROADCAST_UNIT: Final = 0
 FIRST_UNIT: Final = 1
 LAST_UNIT: Final = 247
+#: What Modbus TCP clients send when they mean the server itself, not a unit behind it (T 4.4.1.2).
+SERVER_UNIT: Final = 255

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from gateway.config.duration import (
     parse_duration,
     parse_duration_or_auto,
+    parse_duration_or_off_or_auto,
     parse_duration_or_zero,
     parse_duration_or_zero_or_auto,
     show_duration,
@@ -28,6 +29,17 @@ from gateway.config.problem import WrongValue
 )
 def test_a_number_and_a_unit(text, seconds):
     assert parse_duration(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("auto", None), ("off", 0.0), ("90 s", 90.0)])
+def test_a_duration_may_be_off(text, seconds):
+    assert parse_duration_or_off_or_auto(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["0", "0 s", "never", False])
+def test_off_is_said_in_one_way(text):
+    with pytest.raises(WrongValue):
+        parse_duration_or_off_or_auto(text)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config.problem import WrongValue
-from gateway.config.unitset import parse_units, show_units
+from gateway.config.unitset import parse_client_units, parse_units, show_units
 
 
 @pytest.mark.parametrize(
@@ -54,6 +54,17 @@ def test_who_is_outside_is_not_told_of_the_special_unit_0():
 def test_other_bounds_can_be_asked_for():
     assert parse_units(0, first=0) == (0,)
     assert parse_units(255, last=255) == (255,)
+
+
+@pytest.mark.parametrize(("value", "units"), [(255, (255,)), (["246-247", 255], (246, 247, 255))])
+def test_clients_may_have_a_unit_255(value, units):
+    assert parse_client_units(value) == units
+
+
+@pytest.mark.parametrize("value", [0, 248, 254, "247-255", "1-255", [255, 255], "255-99999999999"])
+def test_clients_have_no_other_unit_behind_247(value):
+    with pytest.raises(WrongValue, match=r"unit \d+ is neither 1-247 nor 255|names unit 255 twice"):
+        parse_client_units(value)
 
 
 def test_neighbours_are_shown_as_a_range():

@@ -7,6 +7,7 @@ import pytest
 from gateway.config.address import Address
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.values import (
+    check_client_unit,
     parse_format,
     parse_item,
     parse_limits,
@@ -31,6 +32,9 @@ from gateway.modbus.chartime import CharacterFormat
         (parse_unit0, "refuse", "refuse"),
         (parse_unit0, "broadcast", "broadcast"),
         (parse_unit0, 5, 5),
+        (parse_unit0, 255, 255),
+        (check_client_unit, 247, 247),
+        (check_client_unit, 255, 255),
         (parse_item, 65535, 65535),
         (parse_item, True, 1),
         (parse_limits, {"3": 99}, {3: 99}),
@@ -38,6 +42,7 @@ from gateway.modbus.chartime import CharacterFormat
         (parse_networks, ["::ffff:10.2.0.0/120", "::/0"], (ip_network("10.2.0.0/24"), ip_network("::/0"))),
         (parse_units_or_all, "all", "all"),
         (parse_units_or_all, "1-2", (1, 2)),
+        (parse_units_or_all, ["1-2", 255], (1, 2, 255)),
     ],
 )
 def test_what_a_value_means(parse, value, meaning):
@@ -56,9 +61,12 @@ def test_what_a_value_means(parse, value, meaning):
         (parse_port, "/dev/x\0", "has characters that cannot be seen"),
         (parse_port, "/dev/x\x1b[2J", "has characters that cannot be seen"),
         (parse_port, "tcp://10.0.0.1:502", "tcp:// is not known here"),
-        (parse_unit0, "ignore", 'must be "refuse", "broadcast" or a unit 1 to 247'),
-        (parse_unit0, 0, 'must be "refuse", "broadcast" or a unit 1 to 247'),
-        (parse_unit0, True, 'must be "refuse", "broadcast" or a unit 1 to 247'),
+        (parse_unit0, "ignore", 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),
+        (check_client_unit, 0, "0 is neither 1-247 nor 255"),
+        (check_client_unit, 248, "248 is neither 1-247 nor 255"),
+        (parse_unit0, 254, 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),
+        (parse_unit0, 0, 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),
+        (parse_unit0, True, 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),
         (parse_item, 65536, "must be 0 to 65535, or for coils true or false"),
         (parse_item, -1, "must be 0 to 65535, or for coils true or false"),
         (parse_item, "1", "must be 0 to 65535, or for coils true or false"),

@@ -14,11 +14,11 @@ WINDOW = 2 * LIMIT
 REST = 9 * LIMIT
 
 
-def failing(*limits: float, window: float = 0.0) -> list[float]:
+def failing(*limits: float, window: float = 0.0, longest: float | None = None) -> list[float]:
     """How long the rests after failures with these limits are, each failure when the rest before it has ended."""
     breaker, now, rests = Breaker(), 0.0, []
     for limit in limits:
-        breaker.failed(limit, now + window)
+        breaker.failed(limit, now + window, longest)
         rests.append(breaker.rest)
         now += window + breaker.rest
         assert not breaker.rests(now)
@@ -45,6 +45,19 @@ def test_nine_limits_may_be_more_than_a_minute() -> None:
 
 def test_a_rest_is_never_less_than_nine_limits_of_the_request_that_failed() -> None:
     assert failing(0.05, 0.05, 0.05, 2.0)[2:] == [1, 18]
+
+
+def test_the_longest_rest_can_be_set_shorter_and_longer() -> None:
+    assert failing(*[0.05] * 6, longest=3.0)[2:] == [1, 2, 3, 3]
+    assert failing(*[1.0] * 4, longest=0.5)[2:] == [0.5, 0.5]
+    assert failing(*[0.05] * 10, longest=100.0)[-2:] == [64, 100]
+
+
+def test_without_rests_no_failure_begins_one() -> None:
+    breaker = Breaker()
+    assert not any(breaker.failed(1.0, 0.0, 0.0) for _ in range(10))
+    assert (breaker.failures, breaker.rest, breaker.rests(0.0)) == (10, 0.0, False)
+    assert not breaker.heard()
 
 
 def test_a_rest_counts_from_the_end_of_the_late_window() -> None:
@@ -100,6 +113,18 @@ def test_a_unit_that_rests_gets_0b_at_once_whatever_the_function(bench: Bench) -
     assert bench.counts.resting == 1
     event = bench.told(UnitResting)[0]
     assert (event.unit, event.device, event.rest_s) == (1, "unit-1", round(WINDOW + REST, 1))
+
+
+def test_a_line_can_be_told_how_long_rests_are_and_that_there_are_none() -> None:
+    bench = Bench(rest=0.5)
+    fail(bench)
+    bench.pass_time(WINDOW + 0.5 + 0.001)
+    fail(bench, 1)
+    assert [event.rest_s for event in bench.told(UnitResting)] == [round(WINDOW + 0.5, 1)] * 2
+    bench = Bench(rest=0.0)
+    fail(bench, 10)
+    assert bench.told(UnitResting) == []
+    assert not bench.devices[1].rests(bench.now)
 
 
 def test_other_units_do_not_notice(bench: Bench) -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
 from gateway.listeners.mbap import MbapSession
 from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, ListenSettings
 from gateway.modbus.mbap import encode
@@ -51,7 +52,7 @@ class Connection:
 class Client:
     """A session with a client in the test's hands; at most three requests under way."""
 
-    def __init__(self) -> None:
+    def __init__(self, **settings: str) -> None:
         self.target = Target()
         self.connection = Connection()
         self.session = MbapSession(
@@ -59,7 +60,7 @@ class Client:
             host="127.0.0.1",
             router=self.target,
             connection=self.connection,
-            settings=ListenSettings("scada", "::", 502, in_flight=3),
+            settings=ListenSettings("scada", "::", 502, in_flight=3, **settings),
             now=0.0,
         )
 
@@ -327,3 +328,28 @@ def test_a_client_that_takes_its_responses_late_is_not_complained_about(client: 
     assert watch(client, 36, 100) is None
     client.session.block(100.0)
     assert watch(client, 100, 200) == 100 + TAKING_DEADLINE
+
+
+# --- on_failure = "silent" ---
+
+
+@pytest.mark.parametrize("error", [ResponseTimeout(), LineDown(), QueueFull()])
+def test_nothing_is_said_of_a_failure_and_its_place_is_free_again(error: RequestError) -> None:
+    client = Client(on_failure="silent")
+    client.ask(1, 2, 3, 4)
+    client.target.requests[0].fail(error)
+    assert client.connection.log == ["pause", "resume"]
+    client.ask_again()
+    assert len(client.target.requests) == 4
+    client.target.requests[3].respond(RESPONSE)
+    assert client.connection.sent == [encode(4, 7, RESPONSE)]
+
+
+def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit() -> None:
+    client = Client(on_failure="silent")
+    client.ask(1, 2, 3)
+    client.target.requests[0].fail(AccessDenied())
+    client.target.requests[1].fail(IllegalDataValue())
+    client.target.requests[2].respond(bytes.fromhex("8306"))
+    said = [bytes.fromhex(pdu) for pdu in ("8301", "8303", "8306")]
+    assert client.connection.sent == [encode(number, 7, pdu) for number, pdu in enumerate(said, 1)]

@@ -5,6 +5,7 @@ from itertools import combinations
 
 import pytest
 
+from gateway.errors import IllegalDataValue, ResponseTimeout
 from gateway.listeners.over_tcp import MOST_NOISE, SILENCE, TOGETHER, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
@@ -73,7 +74,9 @@ class Connection:
 class Client:
     """A session with a client in the test's hands, which has a clock of its own."""
 
-    def __init__(self, scheme: str, *, in_flight: int = 16, unit0: str | int = "refuse") -> None:
+    def __init__(
+        self, scheme: str, *, in_flight: int = 16, unit0: str | int = "refuse", on_failure: str = "exception"
+    ) -> None:
         self.now = 100.0
         self.encode: Callable[[int, bytes], bytes] = ENCODE[scheme]
         self.target = Target()
@@ -83,7 +86,9 @@ class Client:
             host="127.0.0.1",
             router=self.target,
             connection=self.connection,
-            settings=ListenSettings("field", "::", 502, in_flight=in_flight, unit0=unit0, scheme=scheme),
+            settings=ListenSettings(
+                "field", "::", 502, in_flight=in_flight, unit0=unit0, on_failure=on_failure, scheme=scheme
+            ),
             now=self.now,
         )
 
@@ -111,6 +116,12 @@ class Client:
     def respond(self, at: int, pdu: bytes = RESPONSE) -> None:
         """Let the target answer one of its requests; then the connection has its turn."""
         self.target.requests[at].respond(pdu)
+        self._settle()
+        self.send(self.unsent)
+
+    def fail(self, at: int) -> None:
+        """The unit of one of the target's requests has not answered."""
+        self.target.requests[at].fail(ResponseTimeout())
         self._settle()
         self.send(self.unsent)
 
@@ -452,3 +463,79 @@ def test_a_client_that_takes_no_responses_is_asked_nothing_for(client: Client) -
 def test_its_repr_says_who_it_is(client: Client) -> None:
     client.ask(READ)
     assert repr(client.session) == "<OverTcpSession 10.0.0.9:49152 in_flight=1>"
+
+
+# --- on_failure = "silent" ---
+
+
+@pytest.fixture(params=ENCODE)
+def patient(request: pytest.FixtureRequest) -> Client:
+    """One that is told nothing of failures."""
+    return Client(request.param, in_flight=2, on_failure="silent")
+
+
+def test_nothing_is_said_of_a_failure_and_the_next_request_is_answered(patient: Client) -> None:
+    for number in range(5):
+        patient.ask(READ)
+        patient.fail(2 * number)
+        assert patient.session.is_idle
+        patient.wait(TIME_OUT)
+        patient.ask(OTHER_READ)
+        patient.respond(2 * number + 1, OTHER_RESPONSE)
+        assert patient.heard(OTHER_RESPONSE)
+
+
+def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit(patient: Client) -> None:
+    patient.ask(READ)
+    patient.target.requests[0].fail(IllegalDataValue())
+    patient.ask(READ)
+    patient.respond(1, bytes.fromhex("83 0B"))
+    assert patient.heard(bytes.fromhex("83 03"), bytes.fromhex("83 0B"))
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 200])
+def test_what_was_sent_together_with_a_failure_is_not_taken_for_its_answer(patient: Client, count: int) -> None:
+    """However many there are: those that wait, those that were read, and those that nobody has read yet."""
+    patient.ask(*[READ] * count)
+    patient.wait(0.01)
+    patient.fail(0)
+    while not patient.session.is_idle:
+        patient.respond(len(patient.target.requests) - 1)
+    assert patient.heard()
+    patient.wait(TIME_OUT)
+    patient.ask(OTHER_READ)
+    assert patient.target.asked == [READ, OTHER_READ]
+    patient.respond(1, OTHER_RESPONSE)
+    assert patient.heard(OTHER_RESPONSE)
+
+
+def test_a_request_behind_a_failure_that_nobody_has_read_yet_is_answered(patient: Client) -> None:
+    patient.ask(READ)
+    patient.wait(TIME_OUT)
+    patient.connection.look = lambda: patient.ask(OTHER_READ)
+    patient.fail(0)
+    patient.connection.look = lambda: None
+    patient.respond(1, OTHER_RESPONSE)
+    assert patient.heard(OTHER_RESPONSE)
+
+
+def test_a_broadcast_goes_out_though_what_was_sent_before_it_has_failed(patient: Client) -> None:
+    patient.send(patient.encode(7, READ) + patient.encode(0, WRITE) + patient.encode(7, READ))
+    patient.fail(0)
+    assert [request.unit for request in patient.target.requests] == [7, 0]
+    patient.target.requests[1].end()
+    assert patient.session.is_idle
+    assert patient.heard()
+
+
+def test_a_failure_at_once_is_a_failure(patient: Client) -> None:
+    """Before the target has returned."""
+
+    def submit(request: Request, now: float) -> None:
+        request.fail(ResponseTimeout())
+
+    patient.target.submit = submit
+    patient.ask(READ, READ, READ)
+    assert patient.heard()
+    assert patient.session.is_idle
+    assert not patient.connection.is_paused

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
 from gateway.listeners.peer import Peer
 from gateway.modbus.mbap import TcpFrame, encode
 from gateway.request import Request
@@ -23,10 +24,12 @@ class Target:
 class Client:
     """A peer with a client in the test's hands; at most three requests under way."""
 
-    def __init__(self) -> None:
+    def __init__(self, **settings: str) -> None:
         self.target = Target()
         self.sent: list[bytes] = []
-        self.peer = Peer("10.0.0.9:49152", host="127.0.0.1", router=self.target, send=self.sent.append, in_flight=3)
+        self.peer = Peer(
+            "10.0.0.9:49152", host="127.0.0.1", router=self.target, send=self.sent.append, in_flight=3, **settings
+        )
 
     def ask(self, transaction: int, pdu: bytes = READ, unit: int = 7) -> None:
         self.peer.received(TcpFrame(transaction, unit, pdu), 5.0)
@@ -113,3 +116,40 @@ def test_a_peer_that_is_forgotten_hears_nothing_and_wants_nothing(client: Client
     assert not client.peer.wants(client.target.requests[0])
     client.respond(0)
     assert client.sent == []
+
+
+# --- on_failure = "silent" ---
+
+
+@pytest.mark.parametrize("error", [ResponseTimeout(), LineDown(), QueueFull()])
+def test_nothing_is_said_of_a_failure_and_its_place_is_free_again(error: RequestError) -> None:
+    client = Client(on_failure="silent")
+    for transaction in range(3):
+        client.ask(transaction)
+    client.target.requests[0].fail(error)
+    assert client.sent == []
+    client.ask(3)
+    assert len(client.target.requests) == 4
+    client.respond(3)
+    assert client.sent == [encode(3, 7, RESPONSE)]
+
+
+def test_nothing_is_said_to_what_is_beyond_in_flight() -> None:
+    client = Client(on_failure="silent")
+    for transaction in range(4):
+        client.ask(transaction)
+    assert client.sent == []
+    assert len(client.target.requests) == 3
+
+
+def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit() -> None:
+    client = Client(on_failure="silent")
+    client.ask(1)
+    client.target.requests[0].fail(AccessDenied())
+    client.ask(2)
+    client.target.requests[1].fail(IllegalDataValue())
+    client.ask(3)
+    client.respond(2, BUSY)
+    assert client.sent == [
+        encode(1, 7, bytes.fromhex("8301")), encode(2, 7, bytes.fromhex("8303")), encode(3, 7, BUSY),
+    ]  # fmt: skip
