@@ -8,6 +8,7 @@ from typing import Final
 from gateway.config.address import Address
 from gateway.config.check_access import CONTROL, check_access
 from gateway.config.check_images import check_addresses, check_images
+from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_units import (
     check_device_rows,
     check_overlaps,
@@ -69,7 +70,8 @@ def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], 
     yield from check_access(config, failed)
     yield from check_device_rows(config)
     yield from check_overlaps(config)
-    yield from check_passing_through(config)
+    yield from check_passing_through(config, failed)
+    yield from check_line_listeners(config, failed)
     yield from check_references(config, failed)
     yield from check_images(config, failed)
     yield from check_addresses(config)

@@ -3,11 +3,13 @@
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from gateway.config.check_units import served_units
+from gateway.config.check_line_listeners import addresses_on
+from gateway.config.check_units import client_lines, served_units
 from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema import Access, Config, Listen
 from gateway.config.unitset import show_units
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.routing.access import LOOPBACK, Network
 
 #: What [[access]] calls the control socket.
@@ -27,7 +29,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             yield from _check_networks(row, config)
         if not failed & {"line", "image", "upstream"}:
             yield from _check_units(row, config)
-        yield from _check_order(row, config.access[:index])
+        yield from _check_order(row, config.access[:index], _for_one_line(config))
 
 
 def _defaults(config: Config) -> Iterator[Problem]:
@@ -69,6 +71,10 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
         elif name in cables and row.networks is not None:
             what = f'clients of "{name}" have no network, so a row with from never means them'
             yield warning(path, what, "name it in a row of its own, without from")
+    kinds = {name in _for_one_line(config) for name in row.listen or () if name in known}
+    if len(kinds) > 1:
+        what = "names listeners for one line and others: units are addresses on a wire there, and not elsewhere"
+        yield error((*row.path, "listen"), what, "write a row for each kind")
 
 
 def _listeners(config: Config) -> tuple[Listen, ...]:
@@ -99,14 +105,30 @@ def _why_nobody_comes(listen: Listen, network: Network, everyone: Iterable[Liste
     return f"{listen.label} takes IPv{version} clients only ({bind})"
 
 
+def _for_one_line(config: Config) -> frozenset[str]:
+    """The names of listeners for one line."""
+    return frozenset(listen.label for listen in config.listen if listen.line is not None)
+
+
 def _check_units(row: Access, config: Config) -> Iterator[Problem]:
-    if row.units != "all" and not served_units(config) & set(row.units):
+    if row.units != "all" and not _answered(row, config) & set(row.units):
         yield warning((*row.path, "units"), f"nobody answers for {show_units(row.units)}, so the row means nothing")
 
 
-def _check_order(row: Access, earlier: Iterable[Access]) -> Iterator[Problem]:
+def _answered(row: Access, config: Config) -> frozenset[int]:
+    """What a row can mean: units, or addresses where it names listeners for one line."""
+    named = {listen.line for listen in config.listen if listen.label in (row.listen or ())} - {None}
+    if named:
+        return frozenset().union(*(addresses_on(line) for line in client_lines(config) if line.label in named))
+    apart = any(map(config.is_apart, client_lines(config))) and row.listen is None
+    return served_units(config) | (frozenset(range(FIRST_UNIT, LAST_UNIT + 1)) if apart else frozenset())
+
+
+def _check_order(row: Access, earlier: Iterable[Access], for_one_line: frozenset[str]) -> Iterator[Problem]:
     """The first row that fits counts, so one that means less must stand before one that means more."""
-    first = next((other for other in earlier if _covers(other, row)), None)
+    by_address = not for_one_line.isdisjoint(row.listen or ())
+    comparable = (other for other in earlier if other.units == "all" or other.listen is not None or not by_address)
+    first = next((other for other in comparable if _covers(other, row)), None)
     if first is not None:
         what = f"never counts, because the row in {first.source} means all that it means"
         yield warning(row.path, what, "the first row that fits counts: put the special one before the general one")

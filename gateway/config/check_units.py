@@ -42,9 +42,10 @@ def claims(config: Config) -> Iterator[Claim]:
 
 def served_units(config: Config) -> frozenset[int]:
     """Every unit that somebody answers for."""
-    if any(line.devices is None for line in client_lines(config)):
-        return frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
-    return frozenset(unit for claim in claims(config) for unit in claim.units)
+    units = frozenset(unit for claim in claims(config) for unit in claim.units)
+    if any(line.devices is None and not config.is_apart(line) for line in client_lines(config)):
+        return units.union(range(FIRST_UNIT, LAST_UNIT + 1))
+    return units
 
 
 def check_overlaps(config: Config) -> Iterator[Problem]:
@@ -61,15 +62,16 @@ def check_overlaps(config: Config) -> Iterator[Problem]:
             yield error(claim.path, f"{show_units(units)} {verb} {owner}", claim.remedy)
 
 
-def check_passing_through(config: Config) -> Iterator[Problem]:
-    """A line without devices takes every unit, so it must be the only one."""
-    lines = client_lines(config)
-    for line in lines:
-        if line.devices is None and len(lines) > 1:
+def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """A line without devices takes every unit, so it must be the only one that is not apart. `failed` as in `check`."""
+    together = [line for line in client_lines(config) if not config.is_apart(line)]
+    for line in together:
+        if line.devices is None and len(together) > 1 and "listen" not in failed:
             yield error(
                 line.path,
                 "has no devices beside another client line: nobody knows which units are on it",
-                "name its devices, such as devices = [{ unit = 1 }]",
+                "name its devices, such as devices = [{ unit = 1 }], or give it a [[listen]] of its own, with "
+                f'line = "{line.label}"',
             )
         if line.devices == ():
             yield error((*line.path, "devices"), "is empty", "leave it out, and every unit 1-247 passes through")
@@ -90,7 +92,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
         return
     served = served_units(config)
     for listen in config.listen:
-        if isinstance(listen.unit0, int) and listen.unit0 not in served:
+        if listen.line is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
             yield error((*listen.path, "unit0"), f"nobody answers for unit {listen.unit0}")
     for line in config.line:
         unknown = set(line.serves or ()) - served

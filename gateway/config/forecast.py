@@ -78,7 +78,7 @@ def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]
     """For each unit that a server line serves: who answers, and the longest that one may take."""
     waits = {image.unit: (image.name, 0.0) for image in plan.images}
     for line in plan.lines:
-        waits |= {device.known_as: (device.name, longest_wait(line, device)) for device in line.devices}
+        waits |= {device.known_as: (device.name, longest_wait(line, device)) for device in line.shared}
     for upstream in plan.upstreams:
         waits |= {device.known_as: (device.name, longest_wait_behind(upstream)) for device in upstream.devices}
     devices = dict(waits.values())

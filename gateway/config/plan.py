@@ -50,6 +50,8 @@ class LinePlan:
     devices: tuple[DeviceSettings, ...]
     #: No device is named: every unit that nobody else answers for passes through.
     passes_through: bool = False
+    #: Units that only the listeners for this line lead to: for other clients somebody else has them, or nobody.
+    own_units: frozenset[int] = frozenset()
 
     @property
     def latency(self) -> float:
@@ -61,7 +63,18 @@ class LinePlan:
         """What makes it this line. A line that passes units through stays the same when others take some of them."""
         if not self.passes_through:
             return self
-        return replace(self, devices=tuple(replace(each, unit=0, known_as=0, name="") for each in self.devices[:1]))
+        devices = tuple(replace(each, unit=0, known_as=0, name="") for each in self.devices[:1])
+        return replace(self, devices=devices, own_units=frozenset())
+
+    @property
+    def shared(self) -> tuple[DeviceSettings, ...]:
+        """The devices that every listener leads to which is not for another line."""
+        return tuple(device for device in self.devices if device.known_as not in self.own_units)
+
+    @property
+    def addresses(self) -> frozenset[int]:
+        """The unit identifiers of a listener for this line."""
+        return frozenset(device.unit for device in self.devices) - {BROADCAST_UNIT}
 
     @property
     def broadcasts(self) -> frozenset[int]:
@@ -122,15 +135,14 @@ class Plan:
 def resolve(config: Config) -> Plan:
     """The settings that `config` asks for. The config must have passed its checks."""
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
-    elsewhere = {image.unit for image in config.image if image.of is None}
-    elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
-    lines = tuple(_line(line, profiles, elsewhere) for line in config.line if line.role == "client")
+    lines = tuple(_line(line, profiles, config) for line in config.line if line.role == "client")
     upstreams = tuple(_upstream(upstream) for upstream in config.upstream)
     owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
     devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(_image(image, profiles) for image in config.image if image.of is None)
     mirrors = tuple(_mirror(image, devices[image.of]) for image in config.image if image.of is not None)
-    behind = {device.known_as: device.profile for device in devices.values()}
+    behind = {device.known_as: device.profile for line in lines for device in line.shared}
+    behind |= {device.known_as: device.profile for upstream in upstreams for device in upstream.devices}
     behind |= {image.unit: image.profile for image in images} | {mirror.unit: mirror.profile for mirror in mirrors}
     return Plan(
         site=config.site,
@@ -144,6 +156,13 @@ def resolve(config: Config) -> Plan:
         log=_log(config.log),
         control=None if config.control is None else config.control.socket,
     )
+
+
+def passing_units(config: Config) -> list[int]:
+    """The units that pass through a line without devices: all that nobody else answers for. Mirrors may be of them."""
+    elsewhere = {image.unit for image in config.image if image.of is None}
+    elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
+    return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
 
 
 def profile_of(name: str, table: ProfileTable) -> Profile:
@@ -185,13 +204,24 @@ def _listener(listen: Listen, everyone: Iterable[Listen]) -> ListenSettings:
         source=listen.source,
         scheme=bind.scheme,
         ipv6_only=any(bind.takes_ipv4_of(other.bind) for other in everyone),
+        line=listen.line or "",
     )
 
 
-def _line(line: Line, profiles: dict[str, Profile], elsewhere: set[int]) -> LinePlan:
+def _line(line: Line, profiles: dict[str, Profile], config: Config) -> LinePlan:
     timing = line_timing(line)
-    devices = tuple(_devices(line, profiles, elsewhere))
-    return LinePlan(_port(line, timing), _line_settings(line, timing, devices), devices, line.devices is None)
+    passing = passing_units(config)
+    own = _own_units(line, config, passing)
+    devices = tuple(_devices(line, profiles, sorted({*passing, *own})))
+    return LinePlan(_port(line, timing), _line_settings(line, timing, devices), devices, line.devices is None, own)
+
+
+def _own_units(line: Line, config: Config, passing: list[int]) -> frozenset[int]:
+    """The units of a line without devices that only the listeners for it lead to."""
+    if line.devices is not None or not config.listeners_for(line):
+        return frozenset()
+    every_unit = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
+    return every_unit if config.is_apart(line) else every_unit.difference(passing)
 
 
 def _port(line: Line, timing: LineTiming) -> PortSettings:
@@ -254,10 +284,9 @@ def _turnaround(devices: Iterable[DeviceSettings]) -> float:
     return max([_SHORTEST_TURNAROUND, *times])
 
 
-def _devices(line: Line, profiles: dict[str, Profile], elsewhere: set[int]) -> Iterator[DeviceSettings]:
+def _devices(line: Line, profiles: dict[str, Profile], passing: list[int]) -> Iterator[DeviceSettings]:
     if line.devices is None:
-        rest = [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
-        row = Device.model_validate({"unit": rest}).placed(line.path, line.source)
+        row = Device.model_validate({"unit": passing}).placed(line.path, line.source)
         return _of_row(line, row, profiles)
     return (one for row in line.devices for one in _of_row(line, row, profiles))
 

@@ -109,6 +109,13 @@ class Listen(Table):
         "and ASCII over TCP, requests that were sent together with one that gets nothing get nothing either.",
     )
 
+    line: Name | None = Field(
+        None,
+        description="The name of a line makes it a listener for that line alone: unit identifiers 1-247 are addresses "
+        "on its wire, whatever `as` says, and nothing else can be reached. If the line has no `devices`, every address "
+        "passes through. `unit0`, and rows of `[[access]]` that name this listener, are about these addresses too.",
+    )
+
     @property
     def label(self) -> str:
         """Its name, or what it is called without one."""
@@ -240,7 +247,9 @@ class Line(Table):
     )
     broadcast: bool = Field(True, description="Whether broadcasts go to this line too.")
     devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
-        None, description="Its devices. Left out on the only client line, every unit 1-247 passes through."
+        None,
+        description="Its devices. Left out on the only client line, every unit 1-247 passes through. Beside other "
+        "client lines it can be left out if a `[[listen]]` names the line; only those that do so lead to it then.",
     )
     serves: Units | None = Field(None, description="Server lines: the units that we answer for; others get silence.")
     on_failure: Literal["exception", "silent"] = Field(
@@ -428,13 +437,14 @@ class Access(Table):
     listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
         None,
         description="Listeners that are meant, by name; server lines and `control` too. Default: all. A server line "
-        "keeps all rights until a row names it, and UDP clients write only by a row that names their listener.",
+        "keeps all rights until a row names it, and UDP clients write only by a row that names their listener. A row "
+        "names either listeners for one line, or others.",
     )
     role: str | None = Field(None, description="The role that a TLS client's certificate names.")
     units: UnitsOrAll = Field(
         "all",
-        description="Units that are meant, as clients call them, 1-247 and 255. A broadcast needs the right at every "
-        "unit.",
+        description="Units that are meant, as clients call them, 1-247 and 255; in a row that names a listener for one "
+        "line, addresses on its wire. A broadcast needs the right at every unit.",
     )
     allow: Annotated[tuple[Literal["read", "write"], ...], ListOf] | None = Field(
         None,
@@ -487,3 +497,12 @@ class Config(Table):
     web: Web | None = None
     control: Control | None = None
     log: Log = Log()
+
+    def listeners_for(self, line: Line) -> list[Listen]:
+        """The listeners that are for this line alone."""
+        return [listen for listen in self.listen if listen.line == line.label]
+
+    def is_apart(self, line: Line) -> bool:
+        """Whether no other listeners lead to a client line: it has no devices, and is not the only one."""
+        has_company = any(other.role == "client" and other is not line for other in self.line)
+        return line.devices is None and has_company and bool(self.listeners_for(line))

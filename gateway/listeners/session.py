@@ -28,7 +28,7 @@ class ListenSettings:
 
     `scheme` is what they speak: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
     `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
-    `on_failure` is what a client gets when nobody has answered.
+    `on_failure` is what a client gets when nobody has answered. `line` is the one line that it is for, if it is.
     """
 
     name: str
@@ -42,6 +42,7 @@ class ListenSettings:
     scheme: str = "tcp"
     ipv6_only: bool = False
     on_failure: OnFailure = "exception"
+    line: str = ""
 
 
 @dataclass(slots=True)

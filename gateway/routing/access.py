@@ -81,18 +81,30 @@ class Door:
     unit0: int | None = None
 
 
+#: For each unit identifier at a door, the units by which clients at other doors know who answers there; none if they
+#: do not. By these a row counts that names no listener. Unit 0 is there if it stands for somebody.
+KnownAs = tuple[tuple[int, ...], ...]
+
+_ALL_UNITS: Final = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
+
+#: Every unit is known by its own number, as at all doors but those of one line. Nobody is unit 255.
+AS_NUMBERED: Final[KnownAs] = tuple((unit,) if unit in _ALL_UNITS else () for unit in range(256))
+
+
 class Rights(dict[str, tuple[Right, ...]]):
     """The rights at one door: by the client's address, then by unit. They are found when a client first asks.
 
     "" is the address of a client that has none. An IPv4 address may look like an IPv6 one.
 
     Datagrams only read, except by a row that names their listener. Those on a cable do everything until a row names it.
-    A request to all units needs the right at each of them.
+    A request to all units needs the right at each of them. A row that names listeners counts by the unit identifiers
+    there, any other row by what these units are `known_as`.
     """
 
-    def __init__(self, rows: Iterable[Row], door: Door) -> None:
+    def __init__(self, rows: Iterable[Row], door: Door, known_as: KnownAs = AS_NUMBERED) -> None:
         super().__init__()
         self._door = door
+        self._known_as = known_as
         self._rows = tuple(_rows_at(door, tuple(rows)))
 
     def admits(self, host: str) -> bool:
@@ -103,7 +115,8 @@ class Rights(dict[str, tuple[Right, ...]]):
         if len(self) >= MOST_CLIENTS:
             self.clear()
         address = _address(host)
-        rights = self[host] = _by_unit(tuple(row for row in self._rows if row.means(address)), self._door.unit0)
+        rows = tuple(row for row in self._rows if row.means(address))
+        rights = self[host] = _by_unit(rows, self._known_as, self._door.unit0)
         return rights
 
 
@@ -122,15 +135,29 @@ def _reading_of(right: Right) -> Right:
 
 
 @lru_cache(maxsize=256)
-def _by_unit(rows: tuple[Row, ...], unit0: int | None) -> tuple[Right, ...]:
+def _by_unit(rows: tuple[Row, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
     """The right at each unit identifier, 0 to 255. Clients for whom the same rows are meant share it."""
-    rights = [NOTHING] * 256
-    for row in reversed(rows):
-        for unit in range(256) if row.units is None else row.units:
-            rights[unit] = row.right
-    everywhere = frozenset.intersection(*rights[FIRST_UNIT : LAST_UNIT + 1])
-    rights[BROADCAST_UNIT] = everywhere if unit0 is None else rights[unit0]
+    rights = [_right_at(identifier, units, rows) for identifier, units in enumerate(known_as)]
+    everybody = (right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at])
+    rights[BROADCAST_UNIT] = frozenset.intersection(*everybody) if unit0 is None else rights[unit0]
     return tuple(rights)
+
+
+def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[Row, ...]) -> Right:
+    """The right by the first row that fits. Whoever is known by several units may be asked what is allowed at each."""
+    right, *others = [
+        next((row.right for row in rows if _fits(row, identifier, unit)), NOTHING) for unit in known_as or (None,)
+    ]
+    return right.intersection(*others) if others else right
+
+
+def _fits(row: Row, identifier: int, unit: int | None) -> bool:
+    """Whether a row means whom clients here call `identifier` and others `unit`, or do not know at all."""
+    if row.units is None:
+        return True
+    if row.listeners is not None:
+        return identifier in row.units
+    return row.units >= _ALL_UNITS if unit is None else unit in row.units
 
 
 def _address(host: str) -> IPv4Address | IPv6Address | None:

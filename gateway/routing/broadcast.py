@@ -1,6 +1,6 @@
 """Requests to unit 0: they go once to every line and image, and nobody responds."""
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import NamedTuple
 
 from gateway.errors import IllegalFunction, RequestError
@@ -19,7 +19,7 @@ class Recipient(NamedTuple):
 class Broadcast:
     """A Target that copies a write to all recipients who know its function. It ends when they are done with it."""
 
-    def __init__(self, recipients: Sequence[Recipient]) -> None:
+    def __init__(self, recipients: Collection[Recipient]) -> None:
         self._recipients = recipients
 
     def submit(self, request: Request, now: float) -> None:

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.events import Emit
@@ -22,10 +22,11 @@ from gateway.listeners.udp import UdpListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import Opener
 from gateway.request import Target
-from gateway.routing.access import Door, Rights
+from gateway.routing.access import Door, KnownAs, Rights
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.service.reach import Reach, everything, one_line
 from gateway.service.state import Memory
 
 #: Where clients connect, whatever they speak.
@@ -36,11 +37,19 @@ Part = GatewayLine | GatewayUpstream | GatewayServer
 Driver = LineDriver | UpstreamDriver | SerialListener
 
 
+class Way(NamedTuple):
+    """Where a router leads, and by which units rows without listeners count there."""
+
+    router: Router
+    routes: Mapping[int, Target]
+    known_as: KnownAs
+
+
 @dataclass(frozen=True)
 class Gateway:
     """All parts of a gateway, in the order of the config: `lines` we ask on, and `servers`, lines we are asked on.
 
-    `routes` are where each router leads, and `devices` those of each line. They are in force once `route` was called.
+    `ways` are where each router leads, and `devices` those of each line. They are in force once `route` was called.
     """
 
     listeners: tuple[Listener, ...]
@@ -50,7 +59,7 @@ class Gateway:
     images: tuple[Image, ...]
     mirrors: tuple[MirrorDriver, ...]
     devices: tuple[dict[int, Device], ...]
-    routes: tuple[tuple[Router, Mapping[int, Target]], ...]
+    ways: tuple[Way, ...]
     plan: Plan
 
     @property
@@ -66,9 +75,9 @@ class Gateway:
         for image in self.images:
             if isinstance(image, PersistentImage):
                 image.start()
-        for router, routes in self.routes:
-            router.routes = routes
-            router.rights = Rights(self.plan.access, router.door)
+        for way in self.ways:
+            way.router.routes = way.routes
+            way.router.rights = Rights(self.plan.access, way.router.door, way.known_as)
         for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
             line.adopt(line_plan, devices)
         for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
@@ -103,23 +112,28 @@ def build(
     listeners = tuple(old.listener(one) or _listener(one, loop, emit) for one in plan.listeners)
     images = tuple(old.image(one) or _image(one, store, emit) for one in plan.images)
     on_lines = tuple(line.devices_of(one) for line, one in zip(lines, plan.lines, strict=True))
-    devices: dict[int, Device] = {}
-    for units in (*on_lines, *(one.devices for one in upstreams)):
-        devices |= units
-    named = {device.name: device for device in devices.values()}
+    devices = [device for units in (*on_lines, *(one.devices for one in upstreams)) for device in units.values()]
+    named = {device.name: device for device in devices}
     mirrors = tuple(
         old.mirror(one, named[one.of]) or MirrorDriver(one, named[one.of], loop, emit) for one in plan.mirrors
     )
     targets: dict[int, Target] = {image.settings.unit: image for image in images}
-    targets |= devices
+    for units, line_plan in zip(on_lines, plan.lines, strict=True):
+        targets |= {unit: device for unit, device in units.items() if unit not in line_plan.own_units}
+    for upstream in upstreams:
+        targets |= upstream.devices
     targets |= {driver.mirror.settings.unit: driver for driver in mirrors}
-    everyone = [Recipient(line.every_device, one.broadcasts) for line, one in zip(lines, plan.lines, strict=True)]
-    everyone += [_recipient(image) for image in images]
-    routes = (
-        *((one.router, _with_unit0(targets, one.settings, everyone)) for one in listeners),
-        *((one.router, _served(targets, one.plan, everyone)) for one in servers),
+    on_line = [Recipient(line.every_device, one.broadcasts) for line, one in zip(lines, plan.lines, strict=True)]
+    everyone = everything(targets, [*on_line, *map(_recipient, images)])
+    alone = {
+        one.line.name: one_line(units.values(), recipient, targets)
+        for one, units, recipient in zip(plan.lines, on_lines, on_line, strict=True)
+    }
+    ways = (
+        *(_way(one, alone[one.settings.line] if one.settings.line else everyone) for one in listeners),
+        *(Way(one.router, _served(everyone, one.plan), everyone.known_as) for one in servers),
     )
-    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, routes, plan)
+    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, ways, plan)
 
 
 class _Old:
@@ -181,18 +195,19 @@ def _recipient(image: Image) -> Recipient:
     return Recipient(image, image.settings.profile.broadcasts)
 
 
-def _served(routes: dict[int, Target], server: ServerPlan, everyone: list[Recipient]) -> dict[int, Target]:
+def _served(reach: Reach, server: ServerPlan) -> dict[int, Target]:
     """The routes of a server line: the units that it serves, and those who take its broadcasts as unit 0."""
-    served = {unit: routes[unit] for unit in server.line.serves}
+    served = {unit: reach.routes[unit] for unit in server.line.serves}
     images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
-    recipients = {"images": images, "all": everyone, "none": []}[server.broadcast_to]
+    recipients = {"images": images, "all": reach.recipients, "none": []}[server.broadcast_to]
     return {**served, BROADCAST_UNIT: Broadcast(recipients)}
 
 
-def _with_unit0(routes: dict[int, Target], settings: ListenSettings, everyone: list[Recipient]) -> dict[int, Target]:
-    """The routes of one listener: unit 0 leads nowhere, to everyone, or where another unit's requests go."""
-    if settings.unit0 == "refuse":
-        return routes
-    if settings.unit0 == "broadcast":
-        return {**routes, BROADCAST_UNIT: Broadcast(everyone)}
-    return {**routes, BROADCAST_UNIT: routes[settings.unit0]}
+def _way(listener: Listener, reach: Reach) -> Way:
+    """Where a listener leads: unit 0 nowhere, to all who take broadcasts, or where another unit's requests go."""
+    routes, unit0 = reach.routes, listener.settings.unit0
+    if unit0 == "broadcast":
+        routes = {**routes, BROADCAST_UNIT: Broadcast(reach.recipients)}
+    elif unit0 != "refuse":
+        routes = {**routes, BROADCAST_UNIT: routes[unit0]}
+    return Way(listener.router, routes, reach.known_as)

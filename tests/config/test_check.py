@@ -296,7 +296,8 @@ def test_a_line_without_devices_must_be_alone():
     assert problems(LINE + '[[line]]\nname = "b"\nport = "/dev/b"\n') == [
         (
             "error: line[1]: has no devices beside another client line: nobody knows which units are on it"
-            " | name its devices, such as devices = [{ unit = 1 }]"
+            " | name its devices, such as devices = [{ unit = 1 }], or give it a [[listen]] of its own,"
+            ' with line = "b"'
         )
     ]
 

@@ -1,0 +1,136 @@
+"""Listeners for one line: each rule with a file that breaks it, and what rows mean there."""
+
+import pytest
+
+from gateway.config.load import parse
+from gateway.config.problem import dotted
+
+LISTEN = '[[listen]]\nname = "{0}"\nbind = "tcp://127.0.0.1:{1}"\n'
+SHARED = LISTEN.format("all", 5020)
+A = LISTEN.format("port-a", 5021) + 'line = "a"\n'
+B = LISTEN.format("port-b", 5022) + 'line = "b"\n'
+LINE_A = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = "1-2", as = "41-42" }, { unit = 0, as = 50 }]\n'
+LINE_B = '[[line]]\nname = "b"\nport = "/dev/b"\n'
+LINE_C = '[[line]]\nname = "c"\nport = "/dev/c"\n'
+LONE = "unit 0 asks whoever is there"
+PANEL = '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\nserves = 41\n'
+
+
+def said(text):
+    found = parse(text, "gateway.toml", lambda _: None, str).problems
+    return [
+        f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "")
+        for one in found
+        if not one.what.startswith(LONE)
+    ]
+
+
+def test_a_listener_for_one_line_beside_one_for_all():
+    assert said(SHARED + A + LINE_A) == []
+
+
+@pytest.mark.parametrize("lines", [LINE_A + LINE_B, LINE_B + LINE_A, LINE_B])
+def test_a_line_that_has_a_listener_of_its_own_needs_no_devices(lines):
+    assert said(SHARED + B + lines) == []
+
+
+def test_two_lines_without_devices_need_a_listener_each():
+    assert said(B + LISTEN.format("port-c", 5023) + 'line = "c"\n' + LINE_B + LINE_C) == []
+
+
+def test_one_line_without_devices_can_do_without_a_listener_of_its_own():
+    """All that the listener for all leads to is on that line."""
+    assert said(SHARED + B + LINE_B + LINE_C) == []
+    (problem,) = said(SHARED + B + LINE_B + LINE_C + LINE_A)
+    assert problem.startswith("error: line[1]: has no devices beside another client line")
+
+
+def test_a_line_whose_listener_could_not_be_read_is_not_blamed():
+    (problem,) = said('[[listen]]\nbind = "nowhere"\nline = "b"\n' + LINE_B + LINE_C)
+    assert problem.startswith("error: listen[0].bind")
+
+
+def test_a_line_that_does_not_exist():
+    assert said(SHARED + A.replace('"a"', '"aa"') + LINE_A) == [
+        'error: listen[1].line: there is no line "aa" | did you mean "a"?'
+    ]
+
+
+def test_a_line_where_we_are_a_server():
+    assert said(SHARED + A.replace('"a"', '"panel"') + LINE_A + PANEL) == [
+        (
+            'error: listen[1].line: on line "panel" an outside client asks us'
+            " | leave line out: every listener leads to what we serve"
+        )
+    ]
+
+
+@pytest.mark.parametrize(("unit0", "is_there"), [(1, True), (2, True), (41, False), (3, False), (255, False)])
+def test_unit0_is_an_address_on_the_line(unit0, is_there):
+    problem = f'error: listen[1].unit0: {unit0} is no address on line "a" | its addresses: 1-2'
+    assert said(SHARED + A + f"unit0 = {unit0}\n" + LINE_A) == ([] if is_there else [problem])
+
+
+def test_every_address_is_on_a_line_without_devices():
+    assert said(B + "unit0 = 247\n" + LINE_B) == []
+
+
+def test_a_line_on_which_no_address_is_known():
+    text = A + '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 0, as = 50 }]\n'
+    assert said(text) == [
+        (
+            'error: listen[0].line: no device of line "a" has an address, so nothing can be asked'
+            " | name its address as unit, or leave line out"
+        )
+    ]
+
+
+def test_broadcasts_to_a_line_that_takes_none():
+    assert said(A + 'unit0 = "broadcast"\n' + LINE_A + "broadcast = false\n") == [
+        'warning: listen[0].unit0: line "a" takes no broadcasts | see its key broadcast'
+    ]
+
+
+@pytest.mark.parametrize("others", ["all", "panel", "control"])
+def test_a_row_names_listeners_of_one_kind(others):
+    row = f'[[access]]\nlisten = ["port-a", "{others}"]\nallow = ["read"]\n'
+    assert said(SHARED + A + LINE_A + PANEL + row) == [
+        (
+            "error: access[0].listen: names listeners for one line and others: units are addresses on a wire there, and"
+            " not elsewhere | write a row for each kind"
+        )
+    ]
+
+
+def test_a_row_names_any_number_of_listeners_for_one_line():
+    assert said(A + B + LINE_A + LINE_B + '[[access]]\nlisten = ["port-a", "port-b"]\nallow = ["read"]\n') == []
+
+
+@pytest.mark.parametrize(
+    ("row", "means"),
+    [
+        ('listen = ["port-a"]\nunits = 1\n', True),
+        ('listen = ["port-a"]\nunits = 41\n', False),
+        ('listen = ["all"]\nunits = 41\n', True),
+        ('listen = ["all"]\nunits = 1\n', False),
+        ("units = 41\n", True),
+        ("units = 1\n", False),
+    ],
+)
+def test_the_units_of_a_row_are_addresses_where_it_names_a_listener_for_one_line(row, means):
+    found = said(SHARED + A + LINE_A + f'[[access]]\n{row}allow = ["read"]\n')
+    assert [each.split(":")[1] for each in found] == ([] if means else [" access[0].units"])
+
+
+def test_a_line_apart_is_known_by_the_numbers_on_its_wire():
+    assert said(SHARED + B + LINE_A + LINE_B + '[[access]]\nunits = 7\nallow = ["read"]\n') == []
+
+
+def test_a_row_for_units_does_not_cover_one_for_addresses():
+    rows = '[[access]]\nunits = 41\nallow = ["read"]\n[[access]]\nlisten = ["port-a"]\nunits = {}\nallow = ["write"]\n'
+    text = SHARED + A + LINE_A.replace("41-42", "[2, 41]")
+    assert not any("never counts" in each for each in said(text + rows.format(1)))
+    every = '[[access]]\nallow = ["read"]\n[[access]]\nlisten = ["port-a"]\nunits = 1\nallow = ["write"]\n'
+    assert any("never counts" in each for each in said(text + every))
+    twice = '[[access]]\nlisten = ["port-a"]\nunits = "1-2"\nallow = ["read"]\n'
+    assert any("never counts" in each for each in said(text + twice + twice.replace("1-2", "1")))
