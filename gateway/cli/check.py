@@ -80,7 +80,7 @@ class _Unit:
 
 def _units(plan: LinePlan) -> list[_Unit]:
     if plan.passes_through and plan.devices:
-        units = show_units(device.known_as for device in plan.devices)
+        units = show_units(device.known_as for device in plan.shared or plan.devices)
         return [_unit(plan, plan.devices[0], units, "same")]
     return [_unit(plan, device, str(device.known_as), str(device.unit)) for device in plan.devices]
 
@@ -95,7 +95,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     if plan is None:
         return "\n".join([*parts, _verdict(loaded.problems)])
     parts += [_listeners(plan.listeners), rights_as_text(plan)]
-    parts += [_line(line) for line in plan.lines]
+    parts += [_line(line, plan) for line in plan.lines]
     parts += [_upstream(upstream) for upstream in plan.upstreams]
     parts += [_server(server, plan) for server in plan.servers]
     parts += images_as_text(plan)
@@ -116,8 +116,14 @@ def _counted(number: int, noun: str) -> str:
 
 
 def _listeners(listeners: tuple[ListenSettings, ...]) -> str:
-    rows = [(one.name, _address(one), str(one.clients), _idle(one), str(one.unit0)) for one in listeners]
-    return "Listeners\n" + aligned([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0"), *rows], "  ")
+    rows = [
+        (one.name, _address(one), str(one.clients), _idle(one), str(one.unit0), _leads_to(one)) for one in listeners
+    ]
+    return "Listeners\n" + aligned([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0", "LEADS TO"), *rows], "  ")
+
+
+def _leads_to(listener: ListenSettings) -> str:
+    return f"line {listener.line}" if listener.line else "all units"
 
 
 def _address(listener: ListenSettings) -> str:
@@ -128,7 +134,7 @@ def _idle(listener: ListenSettings) -> str:
     return show_duration(listener.idle) if listener.idle else "never"
 
 
-def _line(plan: LinePlan) -> str:
+def _line(plan: LinePlan, whole: Plan) -> str:
     timing, wire = plan.line.timing, foreseen(plan.line.wire, plan.port)
     units = _units(plan)
     return "\n".join(
@@ -136,9 +142,22 @@ def _line(plan: LinePlan) -> str:
             f"Line {plan.line.name}: {plan.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}, wire {wire}",
             aligned([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
+            *_ways_in(plan, whole),
             *_limits(units),
         ]
     )
+
+
+def _ways_in(plan: LinePlan, whole: Plan) -> Iterator[str]:
+    """By which numbers the listeners for this line lead to it."""
+    names = ", ".join(f'"{name}"' for name in _listeners_for(plan, whole))
+    if names:
+        others = "" if plan.shared else " and no other listener"
+        yield f"  Through {names}{others}: {show_units(plan.addresses)}, as on the wire."
+
+
+def _listeners_for(plan: LinePlan, whole: Plan) -> list[str]:
+    return [one.name for one in whole.listeners if one.line == plan.line.name]
 
 
 def _gap(plan: LinePlan) -> str:
@@ -257,11 +276,13 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
                 "idle_ms": milliseconds(one.idle),
                 "in_flight": one.in_flight,
                 "unit0": one.unit0,
+                "on_failure": one.on_failure,
+                "line": one.line or None,
             }
             for one in plan.listeners
         ]
         picture["rights"] = rights_as_json(plan)
-        picture["lines"] = [_line_as_json(line) for line in plan.lines]
+        picture["lines"] = [_line_as_json(line, plan) for line in plan.lines]
         picture["remembered"] = _remembered_as_json(plan)
         picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]
         picture["servers"] = [_server_as_json(server, plan) for server in plan.servers]
@@ -282,7 +303,7 @@ def _problem_as_json(problem: Problem) -> dict[str, Any]:
     }
 
 
-def _line_as_json(plan: LinePlan) -> dict[str, Any]:
+def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
     timing = plan.line.timing
     return {
         "name": plan.line.name,
@@ -295,6 +316,9 @@ def _line_as_json(plan: LinePlan) -> dict[str, Any]:
         "latency_ms": milliseconds(plan.latency),
         "wire": foreseen(plan.line.wire, plan.port),
         "passes_through": plan.passes_through,
+        "shared": bool(plan.shared),
+        "own_listeners": _listeners_for(plan, whole),
+        "addresses": show_units(plan.addresses),
         "units": [_unit_as_json(unit) for unit in _units(plan)],
     }
 

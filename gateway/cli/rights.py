@@ -13,7 +13,8 @@ _WORDS = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING:
 
 def rights_as_text(plan: Plan) -> str:
     """The table of rights, and what goes beyond it."""
-    rows = [("FROM", "THROUGH", "UNITS", "MAY"), *map(_shown, plan.access), *_rest(plan)]
+    shown = [_shown(row, plan) for row in plan.access]
+    rows = [("FROM", "THROUGH", "UNITS", "MAY"), *shown, *_rest(plan)]
     return "\n".join(["Rights: the first row that fits counts", aligned(rows, "  "), *_datagrams(plan)])
 
 
@@ -24,6 +25,7 @@ def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
             "from": None if row.networks is None else list(map(str, row.networks)),
             "listen": None if row.listeners is None else sorted(row.listeners),
             "units": None if row.units is None else sorted(row.units),
+            "by_address": _is_by_address(row, plan),
             "may": _may(row.right),
             "source": row.source,
         }
@@ -31,8 +33,16 @@ def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
     ]
 
 
-def _shown(row: Row) -> tuple[str, ...]:
-    return _clients(row), _through(row), "all" if row.units is None else show_units(row.units), _may(row.right)
+def _shown(row: Row, plan: Plan) -> tuple[str, ...]:
+    units = "all" if row.units is None else show_units(row.units)
+    if row.units is not None and _is_by_address(row, plan):
+        units += " on the wire"
+    return _clients(row), _through(row), units, _may(row.right)
+
+
+def _is_by_address(row: Row, plan: Plan) -> bool:
+    """Whether it names listeners for one line, whose units are addresses."""
+    return any(listener.line and listener.name in (row.listeners or ()) for listener in plan.listeners)
 
 
 def _clients(row: Row) -> str:

@@ -55,9 +55,9 @@ def test_the_picture_of_a_file(config, capsys):
     assert capsys.readouterr().out == dedent(
         """\
         Listeners
-          NAME   ADDRESS               CLIENTS  IDLE    UNIT 0
-          scada  tcp://127.0.0.1:1502  32       never   refuse
-          six    tcp://[::1]:1502      32       10 min  41
+          NAME   ADDRESS               CLIENTS  IDLE    UNIT 0  LEADS TO
+          scada  tcp://127.0.0.1:1502  32       never   refuse  all units
+          six    tcp://[::1]:1502      32       10 min  41      all units
 
         Rights: the first row that fits counts
           FROM          THROUGH       UNITS  MAY
@@ -108,6 +108,45 @@ def test_a_line_that_passes_through_is_one_row(config, capsys):
     assert "  1-247  same         (each)  generic  3.31 s" in said
     assert "  Time limits of generic, units 1-247" in said
     assert "  rtu 19200 8E1, gap 2.01 ms, latency 5 ms (USB: up to 20 ms), wire serial" in said
+
+
+OWN = """\
+[[listen]]
+name = "a"
+bind = "tcp://127.0.0.1:1503"
+line = "hall-a"
+[[listen]]
+name = "b"
+bind = "udp://127.0.0.1:1503"
+line = "yard"
+on_failure = "silent"
+[[line]]
+name = "yard"
+port = "/dev/zero"
+"""
+
+
+def test_listeners_for_one_line_say_where_they_lead(config, capsys):
+    assert main(["check", config(OWN + FILE)]) == 0
+    said = capsys.readouterr().out
+    assert "  a      tcp://127.0.0.1:1503  32       10 min  refuse  line hall-a\n" in said
+    assert '  Through "a": 1, 10-11, as on the wire.\n' in said
+    assert '  Through "b" and no other listener: 1-247, as on the wire.\n' in said
+
+
+def test_listeners_for_one_line_as_json(config, capsys):
+    main(["check", "--json", config(OWN + FILE)])
+    picture = json.loads(capsys.readouterr().out)
+    assert [(one["line"], one["on_failure"]) for one in picture["listeners"]] == [
+        ("hall-a", "exception"),
+        ("yard", "silent"),
+        (None, "exception"),
+        (None, "exception"),
+    ]
+    assert [(one["own_listeners"], one["shared"], one["addresses"]) for one in picture["lines"]] == [
+        (["b"], False, "1-247"),
+        (["a"], True, "1, 10-11"),
+    ]
 
 
 def test_what_images_answer_does_not_pass_through(config, capsys):
@@ -186,6 +225,8 @@ def test_the_picture_as_json(config, capsys):
         "idle_ms": 600000.0,
         "in_flight": 16,
         "unit0": 41,
+        "on_failure": "exception",
+        "line": None,
     }
     (line,) = picture["lines"]
     unit = line["units"][0]
@@ -202,6 +243,9 @@ def test_the_picture_as_json(config, capsys):
         "latency_ms": 5.0,
         "wire": "serial",
         "passes_through": False,
+        "shared": True,
+        "own_listeners": [],
+        "addresses": "1, 10-11",
     }
     assert unit == {
         "unit": "41",

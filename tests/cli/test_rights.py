@@ -103,7 +103,21 @@ def test_for_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         "from": ["10.2.0.0/24", "fd00::/8"],
         "listen": None,
         "units": [41, 42, 43, 46],
+        "by_address": False,
         "may": "read, write",
         "source": "gateway.toml:22",
     }
     assert (functions["from"], functions["listen"], functions["may"]) == (None, ["scada"], "functions 3, 16, 43")
+
+
+def test_units_of_a_listener_for_one_line_are_those_on_the_wire(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hall = '[[listen]]\nname = "hall"\nbind = "tcp://127.0.0.1:1503"\nline = "zero"\n[[line]]\nport = "/dev/zero"\n'
+    rows = '[[access]]\nlisten = ["hall"]\nunits = 1\nallow = ["read"]\n[[access]]\nlisten = ["hall"]\nallow = []\n'
+    assert rights(tmp_path, capsys, FILE + hall + rows).splitlines()[2:4] == [
+        "  anywhere  hall     1 on the wire  read",
+        "  anywhere  hall     all            nothing",
+    ]
+    main(["check", "--json", str(tmp_path / "gateway.toml")])
+    assert [row["by_address"] for row in json.loads(capsys.readouterr().out)["rights"]] == [True, True]
