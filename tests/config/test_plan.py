@@ -428,3 +428,41 @@ def test_what_is_allowed(allow, right):
 
 def test_nobody_has_written_rights():
     assert plan_of(LINE).access == DEFAULT_ROWS
+
+
+def test_a_listener_for_one_line_and_what_it_says_of_failures():
+    text = '[[listen]]\nname = "x"\nbind = "tcp://[::1]:1502"\nline = "a"\non_failure = "silent"\n' + LINE
+    (listener,) = plan_of(text).listeners
+    assert listener == ListenSettings("x", "::1", 1502, line="a", on_failure="silent")
+
+
+@pytest.mark.parametrize(
+    ("text", "rest"), [("", None), ('rest = "auto"', None), ('rest = "off"', 0.0), ('rest = "5 s"', 5.0)]
+)
+def test_the_longest_rest(text, rest):
+    assert only_line(LINE + text).line.rest == rest
+
+
+OWN = '[[listen]]\nbind = "tcp://[::1]:1502"\nline = "a"\n'
+OTHER = '[[line]]\nname = "b"\nport = "/dev/b"\ndevices = [{ unit = 7 }]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "addresses", "shared"),
+    [
+        (LINE, 246, 246),
+        (OWN + LINE, 247, 246),
+        (OWN + LINE + OTHER, 247, 0),
+        (OWN + LINE + 'devices = [{ unit = 0, as = 5 }, { unit = "1-3", as = "11-13" }]\n', 3, 4),
+    ],
+)
+def test_who_leads_to_a_line(text, addresses, shared):
+    line = plan_of(text + "[[image]]\nunit = 200\nholding = 1\n").lines[0]
+    assert (len(line.addresses), len(line.shared)) == (addresses, shared)
+    assert line.line.name == "a"
+
+
+def test_a_line_that_gets_a_listener_of_its_own_means_the_same():
+    without, own = (only_line(text + LINE + "[[image]]\nunit = 200\nholding = 1\n") for text in ("", OWN))
+    assert without != own
+    assert without.meaning == own.meaning

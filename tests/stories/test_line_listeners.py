@@ -6,7 +6,10 @@ from ipaddress import ip_address, ip_network
 
 import pytest
 
+from gateway.config.load import parse
+from gateway.config.plan import resolve
 from gateway.modbus import rtu
+from gateway.service.build import build
 from kit.house import House, house
 
 LISTEN = """
@@ -244,6 +247,20 @@ async def test_a_broadcast_needs_the_right_at_255_when_somebody_is_there() -> No
         assert not await may_write(home, "10.3.0.1", SCADA, 0)
     async with house(CONFIG.replace("unit    = 255", "unit    = 5") + rows) as home:
         assert await may_write(home, "10.3.0.1", SCADA, 0)
+
+
+async def test_other_units_for_clients_count_from_the_next_request_on() -> None:
+    """Also for a client that is connected: the listener stays."""
+    rows = '[[access]]\nunits = 41\nallow = ["write"]\n'
+    async with house(CONFIG + rows) as home:
+        Wires(home)
+        assert await may_write(home, "10.3.0.1", HALL, 1)
+        old = home.gateway
+        plan = resolve(parse(CONFIG.replace("as = 41", "as = 46") + rows, "", lambda _: None, str).config)
+        home.gateway = build(plan, asyncio.get_running_loop(), home._open, home.memory, home.events.append, running=old)
+        home.gateway.route()
+        assert home.gateway.listeners == old.listeners
+        assert not await may_write(home, "10.3.0.1", HALL, 1)
 
 
 # Whatever rows there are
