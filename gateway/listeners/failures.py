@@ -23,4 +23,4 @@ def is_kept_back(request: Request, on_failure: OnFailure) -> bool:
 
     An exception of the unit itself is its answer, whatever the code.
     """
-    return on_failure == "silent" and request.error is not None and request.error.code in _WITHOUT_ANSWER
+    return request.error is not None and on_failure == "silent" and request.error.code in _WITHOUT_ANSWER

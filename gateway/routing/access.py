@@ -138,7 +138,7 @@ def _reading_of(right: Right) -> Right:
 def _by_unit(rows: tuple[Row, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
     """The right at each unit identifier, 0 to 255. Clients for whom the same rows are meant share it."""
     rights = [_right_at(identifier, units, rows) for identifier, units in enumerate(known_as)]
-    everybody = (right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at])
+    everybody = [right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at]]
     rights[BROADCAST_UNIT] = frozenset.intersection(*everybody) if unit0 is None else rights[unit0]
     return tuple(rights)
 
