@@ -26,6 +26,9 @@ ONE_OBJECT: Final = 4
 _REFERENCE_TYPE: Final = 6
 #: Reference type, file, record and length.
 _RECORD_HEAD: Final = 7
+#: Byte counts of 20 and 21: from one record on, with a register if it is written (A 6.14, 6.15).
+_FILE_READ: Final = range(0x07, 0xF6)
+_FILE_WRITTEN: Final = range(0x09, 0xFC)
 #: Bytes of the event log's response before the first event, and the most events (A 6.10).
 _LOG_HEAD, MOST_EVENTS = 8, 64
 #: Bytes of a queue's response before its first register, and the most registers (A 6.18).
@@ -86,7 +89,7 @@ def _diagnostics(pdu: bytes) -> Expected:
 
 
 def _read_files(pdu: bytes) -> Expected:
-    _need_byte_count(pdu)
+    _need_byte_count(pdu, _FILE_READ)
     need(pdu[1] % _RECORD_HEAD == 0, pdu, f"the byte count must be {_RECORD_HEAD} for each record")
     counts = _counts_read(pdu)
     size = 2 + sum(2 + 2 * count for count in counts)
@@ -98,7 +101,7 @@ def _read_files(pdu: bytes) -> Expected:
 
 def _write_files(pdu: bytes) -> Expected:
     """The response is an echo (A 6.15)."""
-    _need_byte_count(pdu)
+    _need_byte_count(pdu, _FILE_WRITTEN)
     at, types, records = 2, b"", 0
     while at < len(pdu):
         count = int.from_bytes(pdu[at + 5 : at + _RECORD_HEAD], "big")
@@ -125,9 +128,9 @@ def _encapsulated(pdu: bytes) -> Expected:
     return Expected(pdu[:3], None, MAX_PDU)
 
 
-def _need_byte_count(pdu: bytes) -> None:
+def _need_byte_count(pdu: bytes, counts: range) -> None:
     need(len(pdu) >= 2, pdu, "the length must be 2 bytes and the records")
-    need(0x07 <= pdu[1] <= 0xF5, pdu, "the byte count must be 7 to 245")
+    need(pdu[1] in counts, pdu, f"the byte count must be {counts[0]} to {counts[-1]}")
     need(len(pdu) == 2 + pdu[1], pdu, f"the length must be {2 + pdu[1]} bytes")
 
 
