@@ -20,7 +20,7 @@ from gateway.errors import IllegalDataAddress, RequestError, StaleValue
 from gateway.events import Emit, RequestRefused
 from gateway.images.polling import Counts, MirroredDevice, Poller, Polling
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
-from gateway.modbus.codes import EXCEPTION_BIT, READING_FUNCTIONS
+from gateway.modbus.codes import EXCEPTION_BIT, only_reads
 from gateway.modbus.pdu import Span, parse_request
 from gateway.request import Request
 
@@ -72,7 +72,7 @@ class Mirror:
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """A client's request has been through to the device, with this response; None when it was not sent any more."""
-        if request.pdu[0] not in READING_FUNCTIONS and response is not None and not _had_no_effect(response):
+        if not only_reads(request.pdu) and response is not None and not _had_no_effect(response):
             self._polling.changed(parse_request(request.pdu).write, now)
         self._rows[request.origin.client].under_way -= 1
         if response is None:

@@ -24,7 +24,6 @@ from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Transaction
 from gateway.lines.turns import Turns, earliest
-from gateway.modbus.codes import READING_FUNCTIONS
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 
@@ -300,7 +299,7 @@ class Line:
 
     def _may_repeat(self, current: Transaction, now: float, at: float) -> bool:
         """Whether the request may be sent once more, `at` the earliest."""
-        if current.retries >= self.settings.retries or current.asked.function not in READING_FUNCTIONS:
+        if current.retries >= self.settings.retries or not current.asked.only_reads:
             return False
         if self._write is None or not current.is_wanted or current.device.breaker.rests(now):
             return False

@@ -18,22 +18,12 @@ from itertools import takewhile
 from typing import Final
 
 from gateway.lines.transaction import Addressee, Transaction
-from gateway.modbus.codes import FunctionCode
 from gateway.request import Request
 
 #: How many urgent transactions may go before a plain one that waits.
 OVERTAKES: Final = 4
 #: How many others may go while a mirror waits for its poll.
 YIELDS: Final = 16
-
-_READS: Final = frozenset(
-    {
-        FunctionCode.READ_COILS,
-        FunctionCode.READ_DISCRETE_INPUTS,
-        FunctionCode.READ_HOLDING_REGISTERS,
-        FunctionCode.READ_INPUT_REGISTERS,
-    }
-)
 
 #: Up to so many clients, a row is kept for the next request when it is empty.
 _EMPTY_ROWS: Final = 256
@@ -217,14 +207,14 @@ class WaitingQueue:
     def _ring_for(self, transaction: Transaction) -> deque[_Row]:
         if transaction.yields:
             return self._polls
-        urgent = transaction.device.is_urgent or transaction.asked.function not in _READS
+        urgent = transaction.device.is_urgent or not transaction.asked.only_reads
         return self._urgent if urgent else self._plain
 
     def _offer(self, transaction: Transaction) -> None:
         """Let others join a read; anything else is a border between the reads before it and those behind it."""
         if transaction.yields:
             return  # whoever joined it would wait as long as it does
-        if transaction.asked.function in _READS:
+        if transaction.asked.only_reads:
             self._reads[transaction.device, transaction.asked.data] = transaction
         else:
             self._reads.clear()

@@ -9,7 +9,7 @@ from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus
 from gateway.listeners.failures import OnFailure
-from gateway.modbus.codes import READING_FUNCTIONS
+from gateway.modbus.codes import only_reads
 from gateway.request import Request, Target
 
 #: How long a client may take to send one ADU, in seconds, however many bytes it sends meanwhile.
@@ -190,7 +190,7 @@ class Session(ABC):
         A client that sends no more may have left or may still read: it gets the answers to what it read, but a write
         that nobody may be waiting for is not sent any more.
         """
-        return not self.gone and (not self._at_end or request.pdu[0] in READING_FUNCTIONS)
+        return not self.gone and (not self._at_end or only_reads(request.pdu))
 
     def block(self, now: float) -> None:
         """The client does not take its responses: read no more requests until `unblock`."""

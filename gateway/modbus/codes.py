@@ -1,4 +1,4 @@
-"""Function codes, areas and sizes of the Modbus protocol."""
+"""Function codes, areas and sizes of the Modbus protocol; which requests change nothing."""
 
 from enum import IntEnum, StrEnum
 from typing import Final
@@ -64,3 +64,8 @@ FIRST_UNIT: Final = 1
 LAST_UNIT: Final = 247
 #: What Modbus TCP clients send when they mean the server itself, not a unit behind it (T 4.4.1.2).
 SERVER_UNIT: Final = 255
+
+
+def only_reads(pdu: bytes) -> bool:
+    """Whether a request is known to change nothing."""
+    return pdu[0] in READING_FUNCTIONS or pdu.startswith(READING_IDENTIFICATION)

@@ -30,7 +30,7 @@ from struct import Struct
 
 from gateway.errors import IllegalFunction
 from gateway.modbus import services
-from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area, FunctionCode
+from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area, FunctionCode, only_reads
 from gateway.modbus.structure import need
 
 COIL_ON = 0xFF00
@@ -61,7 +61,8 @@ class RequestPdu:
 
     `read` and `write` are the items it reads and changes; both are None for a function that has none or is not known
     here. `records` is the number of registers that it reads or writes in files or reads from a queue. `items` is the
-    larger of the two quantities, or the records; 0 for a function that counts nothing.
+    larger of the two quantities, or the records; 0 for a function that counts nothing. `only_reads` says that it is
+    known to change nothing.
     A normal response begins with `response_head` and has `response_size` bytes. Where that is None, the response's own
     first bytes tell its size, at most `response_limit`; if that is 0 too, only silence ends it. `longest_response` is
     the most bytes that a normal response can have; 0 when that is not known.
@@ -76,11 +77,13 @@ class RequestPdu:
     response_limit: int = 0
     records: int = 0
     items: int = field(init=False)
+    only_reads: bool = field(init=False)
     longest_response: int = field(init=False)
 
     def __post_init__(self) -> None:
         items = max(self.records, *(span.count if span else 0 for span in (self.read, self.write)))
         object.__setattr__(self, "items", items)
+        object.__setattr__(self, "only_reads", only_reads(self.data))
         longest = self.response_limit if self.response_size is None else self.response_size
         object.__setattr__(self, "longest_response", longest)
 

@@ -39,11 +39,6 @@ def right_to(functions: Iterable[int]) -> Right:
     return frozenset(each if each in READING_FUNCTIONS else bytes((each,)) for each in functions)
 
 
-def only_reads(pdu: bytes) -> bool:
-    """Whether a request is known to change nothing."""
-    return pdu[0] in READING_FUNCTIONS or pdu.startswith(READING_IDENTIFICATION)
-
-
 @dataclass(frozen=True, slots=True)
 class Row:
     """What clients from `networks` that come through `listeners` may do at `units`; None stands for all of them.

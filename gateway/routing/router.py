@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gateway import errors, events
+from gateway.modbus.codes import only_reads
 from gateway.request import Request, Target
-from gateway.routing.access import Door, Rights, only_reads
+from gateway.routing.access import Door, Rights
 from gateway.routing.audit import Audited
 from gateway.routing.broadcast import Broadcast
 

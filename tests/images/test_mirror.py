@@ -346,12 +346,16 @@ def test_a_malformed_write_is_refused_here(fresh):
     assert fresh.questions == []
 
 
-def test_other_questions_go_to_the_device(fresh):
+@pytest.mark.parametrize(
+    ("question", "answer"), [("11", "11 02 07 FF"), ("2B 0E 04 00", "2B 0E 04 01 00 00 01 00 01 41")]
+)
+def test_other_questions_go_to_the_device_and_change_nothing(fresh, question, answer):
     client = Client(fresh)
-    client.ask("11")
-    assert fresh.questions == ["11"]
-    fresh.answers("11 02 07 FF")
-    assert client.came() == ["11 02 07 FF"]
+    client.ask(question)
+    assert fresh.questions == [question]
+    fresh.answers(answer)
+    assert client.came() == [answer]
+    assert client.ask() == [FIVE]
 
 
 # --- order -----------------------------------------------------------------------------------------

@@ -531,6 +531,14 @@ def test_a_read_is_sent_again_at_once_after_a_broken_frame() -> None:
     assert bench.events == []
 
 
+def test_what_a_device_is_may_be_asked_again_too() -> None:
+    bench = Bench(retries=1)
+    bench.ask("2B 0E 01 00")
+    bench.hear(bench.frame(1, "2B 0E 01 81 00 00 00")[:-2] + "00")
+    bench.pass_time(0.4)
+    assert bench.written == [bench.frame(1, "2B 0E 01 00")] * 2
+
+
 def test_it_is_sent_again_so_many_times_and_no_more() -> None:
     bench = Bench(retries=2)
     bench.ask()

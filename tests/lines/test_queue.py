@@ -13,6 +13,10 @@ from kit.line_bench import Bench
 
 READ = "03 00 10 00 01"
 OTHER = "03 00 20 00 01"
+READS = [
+    *("01 00 10 00 01", "02 00 10 00 01", "03 00 10 00 01", "04 00 10 00 01", "07", "0B", "0C", "11"),
+    *("14 07 06 00 04 00 01 00 02", "18 04 DE", "2B 0E 01 00"),
+]
 WRITE = "06 00 01 00 05"
 
 
@@ -132,6 +136,13 @@ def test_writes_go_before_reads_of_other_clients(waiting: Waiting) -> None:
     waiting.put("B", WRITE, unit=2)
     waiting.put("C", "41 01", unit=3)
     assert waiting.take_all() == ["B2!", "C3!", "A1"]
+
+
+@pytest.mark.parametrize("pdu", READS)
+def test_no_read_goes_before_other_reads(waiting: Waiting, pdu: str) -> None:
+    waiting.put("A", unit=2)
+    waiting.put("B", pdu)
+    assert [waiting.take()[:2], waiting.take()[:2]] == ["A2", "B1"]
 
 
 def test_a_device_of_high_priority_goes_before_others(waiting: Waiting) -> None:
@@ -260,14 +271,14 @@ def test_equal_reads_of_several_clients_share_one_transaction(waiting: Waiting) 
     assert waiting.is_empty()
 
 
-@pytest.mark.parametrize("pdu", ["01 00 10 00 01", "02 00 10 00 01", "03 00 10 00 01", "04 00 10 00 01"])
+@pytest.mark.parametrize("pdu", READS)
 def test_every_function_that_only_reads_is_shared(waiting: Waiting, pdu: str) -> None:
     waiting.put("A", pdu)
     waiting.put("B", pdu)
     assert waiting.coalesced == 1
 
 
-@pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "07", "41 01"])
+@pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "08 00 0B 00 00", "2B 0D 01", "41 01"])
 def test_no_other_function_is_shared(waiting: Waiting, pdu: str) -> None:
     waiting.put("A", pdu)
     waiting.put("B", pdu)

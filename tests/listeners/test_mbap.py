@@ -174,13 +174,12 @@ def test_a_half_closed_client_gets_its_responses_first(client: Client) -> None:
 
 def test_of_a_half_closed_client_reads_are_still_sent_and_writes_are_not(client: Client) -> None:
     client.ask(1)
-    client.send(encode(2, 7, bytes.fromhex("06 00 01 00 05")))
-    read, write = client.target.requests
-    assert client.session.wants(read)
-    assert client.session.wants(write)
+    client.send(encode(2, 7, bytes.fromhex("2B 0E 01 00")))
+    client.send(encode(3, 7, bytes.fromhex("06 00 01 00 05")))
+    requests = client.target.requests
+    assert [client.session.wants(each) for each in requests] == [True, True, True]
     client.session.end_of_input()
-    assert client.session.wants(read)
-    assert not client.session.wants(write)
+    assert [client.session.wants(each) for each in requests] == [True, True, False]
 
 
 def test_a_half_closed_client_without_requests_is_closed(client: Client) -> None:

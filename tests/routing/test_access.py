@@ -5,6 +5,7 @@ from typing import Literal
 
 import pytest
 
+from gateway.modbus.codes import only_reads
 from gateway.routing.access import (
     DEFAULT_ROWS,
     EVERYTHING,
@@ -16,7 +17,6 @@ from gateway.routing.access import (
     Right,
     Rights,
     Row,
-    only_reads,
     right_to,
 )
 
