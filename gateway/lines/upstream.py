@@ -21,6 +21,7 @@ from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.report import Report
 from gateway.lines.transaction import Addressee, Transaction
+from gateway.modbus.codes import BROADCAST_UNIT, SERVER_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 
@@ -28,6 +29,8 @@ from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 MOST_OWED: Final = 4096
 
 _IDENTIFIERS: Final = 0x10000
+#: What servers call themselves that know only one unit, whichever was asked (T 4.4.1.2).
+_NO_UNIT: Final = (BROADCAST_UNIT, SERVER_UNIT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,13 +171,12 @@ class Upstream:
         """The transaction that `frame` answers in time, and its response; None when it is dropped."""
         asked = self._under_way.get(frame.transaction)
         late = self._owed.get(frame.transaction)
-        answer = Frame(frame.unit, frame.pdu)
-        if asked is not None and asked.accepts(answer):
+        if asked is not None and _answers(frame, asked):
             self._finish(frame.transaction, asked)
             asked.counts.responses += 1
             self._heard_from(asked.device)
-            return asked, answer.pdu
-        if late is not None and late.accepts(answer):
+            return asked, frame.pdu
+        if late is not None and _answers(frame, late):
             del self._owed[frame.transaction]
             self._report.late_response(late, now)
             self._heard_from(late.device)
@@ -183,7 +185,7 @@ class Upstream:
         if expected is None:
             self.unasked_frames += 1
         else:
-            self._report.foreign(answer, expected)
+            self._report.foreign(Frame(frame.unit, frame.pdu), expected)
         if asked is not None:
             self._instead.setdefault(frame.transaction, encode(*frame))
         return None
@@ -260,3 +262,8 @@ class Upstream:
     def __repr__(self) -> str:
         state = "down" if self._write is None else f"under way={self.under_way}"
         return f"<Upstream {self.settings.name} {state} waiting={self.waiting}>"
+
+
+def _answers(frame: TcpFrame, asked: Transaction) -> bool:
+    """Whether `frame`, which has the identifier of `asked`, is its answer."""
+    return (frame.unit == asked.unit or frame.unit in _NO_UNIT) and asked.asked.accepts(frame.pdu)

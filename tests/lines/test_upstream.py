@@ -237,6 +237,20 @@ def test_an_answer_that_does_not_fit_is_dropped_and_the_limit_keeps_running(pdu:
     assert bench.device(37).counts.last_error == "bad_frame"
 
 
+@pytest.mark.parametrize("unit", [0x00, 0xFF])
+def test_a_server_that_names_no_unit_is_believed_because_its_identifier_is_unique(unit: int) -> None:
+    bench = UpstreamBench()
+    bench.ask()
+    bench.respond("04 02 01 10", unit=unit)
+    assert bench.client.answers == []
+    bench.respond(unit=unit)
+    assert bench.client.answers == [RESPONSE]
+    bench.ask()
+    bench.pass_time(TIMEOUT)
+    bench.respond(unit=unit)
+    assert (bench.upstream.overdue, bench.counts.late_responses) == (0, 1)
+
+
 def test_the_right_answer_behind_a_wrong_one_counts() -> None:
     bench = UpstreamBench()
     bench.ask()

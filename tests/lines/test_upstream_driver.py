@@ -109,7 +109,7 @@ def defect(*_: object) -> None:
 
 
 @pytest.mark.interpreted
-@pytest.mark.parametrize("where", ["write", "cut", "accepts"])
+@pytest.mark.parametrize("where", ["write", "cut", "_answers"])
 async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driven: Driven, where: str, monkeypatch):
     clients = [Asker(f"10.0.0.{number}:1") for number in range(4)]
     for client in clients[:2]:
@@ -119,7 +119,7 @@ async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driv
     elif where == "cut":
         driven.upstream._framer = SimpleNamespace(cut=defect)
     else:
-        monkeypatch.setattr("gateway.lines.transaction.Transaction.accepts", defect)
+        monkeypatch.setattr("gateway.lines.upstream._answers", defect)
     driven.ask(client=clients[2])
     driven.driver.received(encode(1, 7, bytes.fromhex(RESPONSE)))
     driven.ask(client=clients[3])
