@@ -236,8 +236,9 @@ class WriteAudit(Event):
     """What became of a client's request that may have changed something: there is one for each of them.
 
     `address` and `count` are the coils or registers to write; None for a function that does not tell, and for a request
-    that is malformed. `result` is `ok`, `exception` (of the unit), `broadcast` (nobody answers), `unwanted` (its client
-    left before it was sent), or why the gateway refused it or could not get an answer, as in the counts of a unit.
+    that is malformed. `result` is `ok` (08/04, which has no answer, too), `exception` (of the unit), `broadcast`
+    (nobody answers), `unwanted` (its client left before it was sent), or why the gateway refused it or could not get an
+    answer, as in the counts of a unit.
     `code` is that of the exception that the client got, if it got one.
     """
 

@@ -52,7 +52,7 @@ class Request:
         self.origin.answer(self, exception_response(self.pdu[0], error.code))
 
     def end(self) -> None:
-        """Finish without a response: a broadcast, which nobody answers."""
+        """Finish without a response: nobody answers a broadcast, nor 08/04."""
         self.origin.answer(self, None)
 
     def __repr__(self) -> str:

@@ -20,7 +20,7 @@ class Counts:
     but the transaction is `sent` once.
     """
 
-    #: Answered by the unit; or sent to all units, and answered by none.
+    #: Answered by the unit, or sent and not to be answered (08/04); or sent to all units.
     ok: int = 0
     exception: int = 0
     broadcast: int = 0

@@ -239,25 +239,30 @@ class Line:
             return
         transaction.counts.sent += 1
         transaction.counts.retries += transaction.retries > 0
+        transaction.owed += not transaction.is_broadcast
         self._sent_at = now
         if not transaction.expects_answer:
-            self._broadcast(transaction, write, now)
+            self._send_unanswered(transaction, write, now)
             return
-        transaction.owed += 1
         self._fails_at = transaction.fails_at
         self._quiet_at = transaction.ends_at + self._gap
         self._deaf_until = transaction.ends_at if self._is_deaf_while_sending else 0.0
         write(self._hearing.begin(transaction, now, self._deaf_until))
 
-    def _broadcast(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
+    def _send_unanswered(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
+        """Send what nobody answers, and leave the devices time to act."""
         self._current = None
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         self.busy_seconds += self._quiet_at - now
-        transaction.counts.broadcast += 1
+        overdue: list[Transaction] = []
+        if transaction.owed:  # a unit that knows no listen-only mode answers all the same
+            framer = self._hearing.framer_for(transaction.answers_from, transaction.asked)
+            overdue = self._turns.await_late(transaction, framer, now)
         try:
             write(self._hearing.begin(transaction, now, 0.0))
         finally:
-            transaction.end()
+            transaction.finish_unanswered()
+            _fail_all(overdue, errors.AnswerOverdue())
 
     def _received_idle(self, data: bytes, now: float, *, is_late: bool) -> None:
         if not is_late:

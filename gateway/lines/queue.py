@@ -49,10 +49,10 @@ class _Row:
             return self.waiting[0]  # as nearly always
         held: list[Addressee] = []
         for transaction in self.waiting:
-            must_wait = held and (transaction.device in held or not transaction.expects_answer)
+            must_wait = held and (transaction.device in held or transaction.is_broadcast)
             if not must_wait and not is_held(transaction):
                 return transaction
-            if not transaction.expects_answer:
+            if transaction.is_broadcast:
                 return None
             held.append(transaction.device)
         return None
@@ -60,7 +60,7 @@ class _Row:
     def holds_back(self, transaction: Transaction) -> bool:
         """Whether `transaction`, which waits here, would overtake something whose order it keeps."""
         before = takewhile(lambda each: each is not transaction, self.waiting)
-        return any(older.device is transaction.device or not older.expects_answer for older in before)
+        return any(older.device is transaction.device or older.is_broadcast for older in before)
 
     def replace(self, old: Transaction, new: Transaction) -> None:
         """Let another transaction wait in the place of `old`."""
@@ -228,7 +228,7 @@ class WaitingQueue:
         row = self._rows.get(client)
         device = transaction.device
         older = row.waiting if row is not None else ()
-        if any(waiting.device is device or not waiting.expects_answer for waiting in older):
+        if any(waiting.device is device or waiting.is_broadcast for waiting in older):
             return None
         shared.counts.coalesced += 1
         shared.requests.append(request)

@@ -37,12 +37,12 @@ class Transaction:
     """
 
     __slots__ = (
-        "asked", "client", "counts", "device", "ends_at", "gives_up_at", "limit", "owed", "requests", "retries", "unit",
-        "yields",
+        "asked", "client", "counts", "device", "ends_at", "expects_answer", "gives_up_at", "limit", "owed", "requests",
+        "retries", "unit", "yields",
     )  # fmt: skip
 
-    #: Whether somebody answers: not to a broadcast (S 2.1).
-    expects_answer = True
+    #: Whether it is for all units.
+    is_broadcast = False
 
     def __init__(self, request: Request, asked: RequestPdu, device: Addressee) -> None:
         self.requests = [request]
@@ -50,6 +50,7 @@ class Transaction:
         self.asked = asked
         self.device = device
         self.counts = device.counts[asked.function]
+        self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
         #: It lets the requests of clients go first: a mirror's poll.
@@ -111,6 +112,11 @@ class Transaction:
         for request in self.requests:
             request.fail(error)
 
+    def finish_unanswered(self) -> None:
+        """It has been sent, and nobody answers: finish all requests."""
+        self.counts.ok += len(self.requests)
+        self.end()
+
     def end(self) -> None:
         """Finish all requests without a response."""
         for request in self.requests:
@@ -125,4 +131,13 @@ class BroadcastTransaction(Transaction):
 
     __slots__ = ()
 
-    expects_answer = False
+    is_broadcast = True
+
+    def __init__(self, request: Request, asked: RequestPdu, device: Addressee) -> None:
+        super().__init__(request, asked, device)
+        self.expects_answer = False
+
+    def finish_unanswered(self) -> None:
+        """See Transaction."""
+        self.counts.broadcast += len(self.requests)
+        self.end()

@@ -234,10 +234,15 @@ class Upstream:
         transaction.ends_at = now
         transaction.limit = self.settings.timeout
         identifier = self._free_identifier()
-        self._under_way[identifier] = transaction
-        self._asking.add((transaction.client, transaction.device))
         transaction.counts.sent += 1
+        if transaction.expects_answer:
+            self._under_way[identifier] = transaction
+            self._asking.add((transaction.client, transaction.device))
+        else:  # the server may answer all the same
+            self._owed[identifier] = transaction
         write(encode(identifier, transaction.unit, transaction.asked.data))
+        if not transaction.expects_answer:
+            transaction.finish_unanswered()
 
     def _free_identifier(self) -> int:
         """The next one that no answer can be on its way with."""

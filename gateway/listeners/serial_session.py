@@ -68,8 +68,8 @@ class ServerSettings:
 class Counts:
     """What has happened on a server line since it was built.
 
-    Each of the `requests` to our units gets a response (some are `exceptions`), or none: it was a failure that is kept
-    `silent`, the answer came `too_late`, or was `overtaken` by what was heard next.
+    Each of the `requests` to our units gets a response (some are `exceptions`), or none: it has none, or was a failure
+    that is kept `silent`, the answer came `too_late`, or was `overtaken` by what was heard next.
     """
 
     requests: int = 0

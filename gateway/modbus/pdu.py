@@ -11,7 +11,7 @@ refuse any other:
 | 05, 06, 21, 22         | the whole request              | as the request                  |
 | 15, 16                 | function, address, quantity    | 5                               |
 | 07                     | function                       | 2                               |
-| 08 (A 6.8.1)           | function, sub-function, echoes | as the request                  |
+| 08 (A 6.8.1)           | function, sub-function, echoes | as the request; 08/04 has none  |
 | 11                     | function                       | 5                               |
 | 12, 17, 24             | function                       | told by its byte count          |
 | 20                     | function, its sizes            | 2 + 2 for each record + 2n      |
@@ -62,7 +62,7 @@ class RequestPdu:
     `read` and `write` are the items it reads and changes; both are None for a function that has none or is not known
     here. `records` is the number of registers that it reads or writes in files or reads from a queue. `items` is the
     larger of the two quantities, or the records; 0 for a function that counts nothing. `only_reads` says that it is
-    known to change nothing.
+    known to change nothing, `is_answered` that a unit answers it.
     A normal response begins with `response_head` and has `response_size` bytes. Where that is None, the response's own
     first bytes tell its size, at most `response_limit`; if that is 0 too, only silence ends it. `longest_response` is
     the most bytes that a normal response can have; 0 when that is not known.
@@ -78,12 +78,14 @@ class RequestPdu:
     records: int = 0
     items: int = field(init=False)
     only_reads: bool = field(init=False)
+    is_answered: bool = field(init=False)
     longest_response: int = field(init=False)
 
     def __post_init__(self) -> None:
         items = max(self.records, *(span.count if span else 0 for span in (self.read, self.write)))
         object.__setattr__(self, "items", items)
         object.__setattr__(self, "only_reads", only_reads(self.data))
+        object.__setattr__(self, "is_answered", services.is_answered(self.data))
         longest = self.response_limit if self.response_size is None else self.response_size
         object.__setattr__(self, "longest_response", longest)
 

@@ -14,6 +14,7 @@ from gateway.modbus.structure import need
 #: Sub-functions of 08 (A 6.8.1). The counters are all that are known of 0B-12.
 RETURN_QUERY_DATA: Final = 0x00
 RETURN_DIAGNOSTIC_REGISTER: Final = 0x02
+FORCE_LISTEN_ONLY: Final = 0x04
 CLEAR_COUNTERS: Final = 0x0A
 COUNTERS: Final = range(0x0B, 0x13)
 CLEAR_OVERRUN_COUNTER: Final = 0x14
@@ -63,6 +64,11 @@ def fits(request: bytes, response: bytes) -> bool:
 def sub_function(pdu: bytes) -> int:
     """The sub-function of a request with function 08."""
     return int.from_bytes(pdu[1:3], "big")
+
+
+def is_answered(pdu: bytes) -> bool:
+    """Whether there is a response to a request: to all but the one that makes its unit listen only (A 6.8.1)."""
+    return pdu[0] != FunctionCode.DIAGNOSTICS or sub_function(pdu) != FORCE_LISTEN_ONLY
 
 
 def _bare(size: int | None, limit: int = 0) -> Callable[[bytes], Expected]:

@@ -12,18 +12,20 @@ from gateway.request import Origin, Request
 class Audited:
     """Stands between a write and its origin, and tells what the answer says before it is handed on.
 
-    `unanswered` is the result of a write that ends without an answer: `broadcast`, or `unwanted`. `clock` tells the
-    time, in the seconds of the request's `received_at`: an answer comes without one.
+    `is_broadcast` says that it goes to all units. `clock` tells the time, in the seconds of the request's
+    `received_at`: an answer comes without one.
     """
 
-    __slots__ = ("_clock", "_emit", "_listener", "_origin", "_unanswered", "client", "host")
+    __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "_origin", "client", "host")
 
-    def __init__(self, origin: Origin, listener: str, unanswered: str, clock: Callable[[], float], emit: Emit) -> None:
+    def __init__(
+        self, origin: Origin, listener: str, clock: Callable[[], float], emit: Emit, *, is_broadcast: bool
+    ) -> None:
         self.client = origin.client
         self.host = origin.host
         self._origin = origin
         self._listener = listener
-        self._unanswered = unanswered
+        self._is_broadcast = is_broadcast
         self._clock = clock
         self._emit = emit
 
@@ -52,9 +54,11 @@ class Audited:
     def _result(self, request: Request, pdu: bytes | None) -> str:
         if request.error is not None:
             return request.error.result
-        if pdu is None:
-            return self._unanswered
-        return "exception" if pdu[0] & EXCEPTION_BIT else "ok"
+        if pdu is not None:
+            return "exception" if pdu[0] & EXCEPTION_BIT else "ok"
+        if self._is_broadcast:
+            return "broadcast"
+        return "ok" if self._origin.wants(request) else "unwanted"  # nobody answers 08/04
 
 
 def _written(pdu: bytes) -> tuple[int, int] | tuple[None, None]:

@@ -48,8 +48,8 @@ class Router:
         """What is no read with a right and a route."""
         pdu = request.pdu
         if not only_reads(pdu):
-            unanswered = "broadcast" if isinstance(target, Broadcast) else "unwanted"
-            request.origin = Audited(request.origin, self.door.name, unanswered, self._clock, self._emit)
+            is_broadcast = isinstance(target, Broadcast)
+            request.origin = Audited(request.origin, self.door.name, self._clock, self._emit, is_broadcast=is_broadcast)
         if target is None:
             self.counts.no_route += 1
             refusal = errors.NoRoute("no such unit")

@@ -247,6 +247,41 @@ def test_an_answer_to_a_broadcast_is_dropped(bench: Bench) -> None:
     assert bench.client.answers == [None, RESPONSE]
 
 
+LISTEN_ONLY = "08 00 04 00 00"
+
+
+def test_listen_only_is_not_answered_and_a_turnaround_follows(bench: Bench) -> None:
+    bench.ask(LISTEN_ONLY)
+    bench.ask()
+    assert bench.client.answers == [None]
+    bench.pass_time(REQUEST_TIME + 0.1 - 1e-6)
+    assert bench.written == [frame(1, LISTEN_ONLY)]
+    bench.pass_time(2e-6)
+    assert bench.written[1:] == [READ_FRAME]
+    assert (bench.devices[1].counts[8], bench.events) == (Counts(ok=1, sent=1), [])
+
+
+def test_a_unit_that_is_made_to_listen_only_does_not_rest_for_it(bench: Bench) -> None:
+    for _ in range(10):
+        bench.ask(LISTEN_ONLY)
+        bench.pass_time(1.0)
+    assert bench.client.answers == [None] * 10
+    assert not bench.devices[1].rests(bench.now)
+
+
+@pytest.mark.parametrize("said", [LISTEN_ONLY, "88 01"])
+def test_a_unit_that_answers_listen_only_all_the_same_answers_no_other_question(bench: Bench, said: str) -> None:
+    bench.ask(LISTEN_ONLY)
+    bench.ask("08 00 00 12 34")
+    assert bench.client.answers == [None, "88 0B"]
+    bench.pass_time(0.2)
+    bench.respond(said)
+    bench.ask("08 00 00 12 34")
+    bench.pass_time(0.1)
+    bench.respond("08 00 00 12 34")
+    assert bench.client.answers == [None, "88 0B", "08 00 00 12 34"]
+
+
 def test_without_a_port_a_request_is_answered_0a_at_once(bench: Bench) -> None:
     bench.line.port_down(bench.now)
     bench.ask()

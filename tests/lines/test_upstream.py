@@ -251,6 +251,17 @@ def test_a_server_that_names_no_unit_is_believed_because_its_identifier_is_uniqu
     assert (bench.upstream.overdue, bench.counts.late_responses) == (0, 1)
 
 
+def test_nobody_waits_for_an_answer_to_listen_only_and_one_that_comes_is_dropped() -> None:
+    bench = UpstreamBench(in_flight=1)
+    bench.ask("08 00 04 00 00")
+    bench.ask()
+    assert [sent.pdu for sent in bench.sent] == ["08 00 04 00 00", READ]
+    bench.respond("88 01", to=0)
+    bench.respond(to=1)
+    assert bench.client.answers == [None, RESPONSE]
+    assert (bench.counts.ok, bench.counts.sent, bench.upstream.overdue) == (2, 2, 0)
+
+
 def test_the_right_answer_behind_a_wrong_one_counts() -> None:
     bench = UpstreamBench()
     bench.ask()

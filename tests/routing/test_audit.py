@@ -94,8 +94,15 @@ def test_why_there_is_no_answer_of_the_unit(bench: Bench, error: RequestError, r
 
 def test_a_write_whose_client_left_before_it_was_sent(bench: Bench) -> None:
     for unit in (7, 0):
-        bench.ask(WRITE, unit).end()
+        request = bench.ask(WRITE, unit)
+        bench.client.gone = True
+        request.end()
     assert [(told.unit, told.result, told.code) for told in bench.told()] == [(7, "unwanted", ""), (0, "unwanted", "")]
+
+
+def test_a_write_that_nobody_answers(bench: Bench) -> None:
+    bench.ask("08 00 04 00 00").end()
+    assert [(told.result, told.code) for told in bench.told()] == [("ok", "")]
 
 
 def test_a_broadcast_is_told_once_and_when_all_have_it(bench: Bench) -> None:
