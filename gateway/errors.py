@@ -24,6 +24,7 @@ GatewayError
 │       └── StaleValue           0B  not sent: a mirror's values are too old
 ├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or has been lost
+│   └── PortClosed               it was closed by its user
 ├── ListenError                  no clients can be accepted at an address
 ├── StateError                   what was remembered over a restart cannot be read
 └── DaemonError                  the running gateway cannot be asked
@@ -187,6 +188,13 @@ class NotModbus(GatewayError):
 
 class PortError(GatewayError):
     """A serial port cannot be opened or was lost; the message says why and what to do."""
+
+
+class PortClosed(PortError):
+    """A port was closed by its user."""
+
+    def __init__(self) -> None:
+        super().__init__("closed")
 
 
 class ListenError(GatewayError):

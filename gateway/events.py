@@ -275,6 +275,17 @@ class LineLost(Event):
 
 
 @dataclass(frozen=True)
+class ConnectionRenewed(Event):
+    """A line goes on with a new connection: nobody has answered since a request timed out.
+
+    The device server may hold that request back, and its answer would be taken for that to the next one.
+    """
+
+    line: str
+    source: str
+
+
+@dataclass(frozen=True)
 class LineReopened(Event):
     """A lost port is open again."""
 

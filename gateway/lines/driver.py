@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 from gateway.errors import PortError
-from gateway.events import Emit
+from gateway.events import ConnectionRenewed, Emit
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
 from gateway.lines.turns import earliest
@@ -29,6 +29,7 @@ class LineDriver:
         self.line = line
         self.wire: Wire = line.settings.wire
         self._rate_changed = rate_changed
+        self._emit = emit
         self._time = loop.time
         self._look_at: float | None = None
         name = f"line {line.settings.name}"
@@ -44,8 +45,8 @@ class LineDriver:
         """The port is open."""
         self._border.port = port
         self.wire = settled(self.line.settings.wire, virtual=port.virtual)
-        step = partial(self.line.port_up, virtual=self.wire == "direct")
-        self._border.run(step, port.write, port.latency, self._time())
+        port_up = partial(self.line.port_up, virtual=self.wire == "direct", has_arrived=port.has_arrived)
+        self._border.run(port_up, port.write, port.latency, self._time())
 
     def received(self, data: bytes) -> None:
         """These bytes became readable."""
@@ -85,6 +86,16 @@ class LineDriver:
     def _tick(self) -> None:
         self._look()
         self.line.tick(self._time())
+        if self.line.must_renew(self._time()):
+            self._renew()
+
+    def _renew(self) -> None:
+        """Close the connection; the keeper makes the next one."""
+        port, self._border.port = self._border.port, None
+        if port is not None:
+            self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))
+            self.line.renew(self._time())
+            port.close()
 
     def _look(self) -> None:
         """Take what has come, before anything is sent or given up."""

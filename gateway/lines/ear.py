@@ -10,6 +10,7 @@ Copies of our own request are an echo, or the request of another client who asks
 
 from collections import deque
 from collections.abc import Callable
+from math import inf, nextafter
 from typing import Final, NamedTuple
 
 from gateway.errors import RequestError
@@ -88,6 +89,11 @@ class Ear:
             self.doubts = []
         if self.strangers:
             self._forget(transaction.unit, now)
+
+    def deafen(self, now: float) -> float:
+        """Nothing that has come up to `now` is the answer. The moment after that."""
+        self._deaf_until = nextafter(now, inf)
+        return self._deaf_until
 
     def end(self) -> None:
         """The request is not awaited any more."""

@@ -111,6 +111,10 @@ class Hearing:
         self.damaged_at = now + self._silence if outcome is None and self._is_damaged() else None
         return outcome
 
+    def deafen(self, now: float) -> float:
+        """What has come up to `now` is no answer: the request has not arrived. From when on there can be one."""
+        return self._ear.deafen(now)
+
     def received_early(self, data: bytes) -> None:
         """Take bytes that came before all of the request can have left."""
         if len(self._early) < _SIZE:
@@ -155,7 +159,7 @@ class Hearing:
         self._instead = overheard(self._mode, self._all_heard(), self._sent, late)
         self._is_early = self._came_too_early(self._instead)
         if self._is_early:
-            self._early_answers += 1
+            self._early_answers += not self._is_virtual  # a connection may be slow, and says nothing about a wire
             self._report.too_early(self._current, proven=self._early_answers == EARLY_ANSWERS)
         self._notice_echo(self._instead.echo_at)
 

@@ -22,6 +22,7 @@ from gateway.lines.late import LateWindows, Overdue
 from gateway.lines.overheard import Verdict
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
+from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
 from gateway.lines.turns import Turns, earliest
 from gateway.modbus.frame import Frame
@@ -29,6 +30,8 @@ from gateway.timing.budget import Budget
 
 #: Silence after a device has answered that it changes its rate, in seconds: time for it, and for our own port.
 RATE_CHANGE_PAUSE: Final = 0.1
+#: How long requests wait for a connection that is made anew, in seconds.
+RENEWAL: Final = 1.0
 
 #: Is shown each transaction that was on the line, its answer or None, and when that was known.
 Observer = Callable[[Transaction, Frame | None, float], None]
@@ -48,6 +51,8 @@ class Line:
         self._hearing = Hearing(settings, self._windows, self._report)
         self._turns = Turns(settings, self._hearing, self._windows, self._report)
         self._write: Callable[[bytes], None] | None = None
+        self._has_arrived: HasArrived | None = None
+        self._renewed_until = 0.0
         self._is_virtual = True
         self._current: Transaction | None = None
         self._again: Transaction | None = None
@@ -67,21 +72,35 @@ class Line:
         """How many late answers are awaited."""
         return self._turns.late_windows(now)
 
-    def port_up(self, write: Callable[[bytes], None], latency: float, now: float, *, virtual: bool = True) -> None:
+    def port_up(
+        self,
+        write: Callable[[bytes], None],
+        latency: float,
+        now: float,
+        *,
+        virtual: bool = True,
+        has_arrived: HasArrived | None = None,
+    ) -> None:
         """The port is open: requests go out through `write`.
 
         `latency` is what it may add to an answer, in seconds. A `virtual` one carries bytes at once: an answer can come
-        before its request would have left a real line.
+        before its request would have left a real line. A connection tells whether all of it `has_arrived`.
         """
         self._is_virtual = virtual
+        self._has_arrived = has_arrived
         self._tune(latency)
         self._write = write
         self._quiet_at = now + self._gap
-        self._turns.end_rests()
+        self._turns.connected(has_arrived)
+        if now >= self._renewed_until:
+            self._turns.end_rests()
+        self._renewed_until = 0.0
 
     def port_down(self, now: float) -> None:
         """The port has gone: what was on the line may have been acted on (0B), what waited was not sent (0A)."""
-        self._write = None
+        if now < self._renewed_until:
+            return
+        self._disconnect()
         waiting = self._turns.clear()
         lost, self._again = self._current or self._again, None
         try:
@@ -89,6 +108,15 @@ class Line:
                 self._finish(lost, errors.LineLost(), now)
         finally:
             _fail_waiting(waiting)
+
+    def must_renew(self, now: float) -> bool:
+        """Whether the line goes on with a new connection only: this one may hold back what was asked."""
+        return not self.is_busy and self._turns.must_renew(now)
+
+    def renew(self, now: float) -> None:
+        """The connection is closed and made anew: what waits goes on waiting, for RENEWAL at most."""
+        self._disconnect()
+        self._renewed_until = now + RENEWAL
 
     @property
     def is_busy(self) -> bool:
@@ -101,7 +129,8 @@ class Line:
 
     def finish(self, now: float) -> None:
         """Take no more requests: what waits is not sent any more (0A), what is on the line may be answered."""
-        self._write = None
+        self._disconnect()
+        self._renewed_until = 0.0
         waiting = self._turns.clear()
         again, self._again = self._again, None
         try:
@@ -139,7 +168,8 @@ class Line:
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
-        refusal = errors.LineDown() if self._write is None else self._turns.put(transaction, now)
+        is_down = self._write is None and now >= self._renewed_until
+        refusal = errors.LineDown() if is_down else self._turns.put(transaction, now)
         if refusal is not None:
             transaction.fail(refusal)
         elif not self.is_busy:
@@ -147,6 +177,8 @@ class Line:
 
     def received(self, data: bytes, now: float) -> None:
         """Take bytes that became readable at `now`."""
+        if self._current is not None and self._has_arrived is not None and not self._has_arrived():
+            self._deaf_until = self._hearing.deafen(now)
         if self._again is not None:  # the line is not quiet: what comes may be the answer, so nothing is sent again
             given_up, self._again = self._again, None
             given_up.owed = max(1, given_up.owed)
@@ -173,6 +205,8 @@ class Line:
             return earliest(self._answer_deadline(), self._turns.next_alarm())
         if self._again is not None:
             return earliest(self._quiet_at, self._turns.next_alarm())
+        if self._renewed_until:
+            return earliest(self._renewed_until, self._turns.next_alarm())
         return self._turns.deadline(self._quiet_at)
 
     def look_at(self, now: float) -> float | None:
@@ -184,6 +218,9 @@ class Line:
     def tick(self, now: float) -> None:
         """Let time pass: a silence may have ended a response, a limit may have run out, the line may be quiet again."""
         self._turns.tick(now)
+        if self._renewed_until and now >= self._renewed_until:
+            self._renewed_until = 0.0
+            self.port_down(now)
         if self._current is not None:
             self._take(self._current, self._hearing.tick(now), now)
         if self._current is not None and now >= self._answer_deadline():
@@ -196,6 +233,10 @@ class Line:
         self._gap = self.settings.silence_before_request
         self._is_deaf_while_sending = not self._is_virtual and not self.settings.echo
         self._hearing.tune(self._budget, self.settings.frame_end + latency, virtual=self._is_virtual)
+
+    def _disconnect(self) -> None:
+        self._write = None
+        self._turns.connected(None)
 
     def _follow_rate(self, now: float) -> None:
         self._rate_has_changed = False
@@ -279,7 +320,7 @@ class Line:
         else:
             current.counts.responses += 1
             current.owed -= 1
-            self._turns.heard(current.device)
+            self._turns.answered(current)
         self._finish(current, outcome, now)
 
     def _give_up(self, current: Transaction, now: float) -> None:

@@ -11,6 +11,7 @@ from gateway.lines.late import WORTH_WAITING, LateResponse, LateWindows
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
+from gateway.lines.stall import HasArrived, Stall
 from gateway.lines.transaction import Addressee, Transaction
 from gateway.modbus.frame import Frame, ResponseFramer
 
@@ -26,6 +27,7 @@ class Turns:
         self._report = report
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._late = late
+        self._stall = Stall(None)
         self._longest_rest = settings.rest
         self._resting: set[Addressee] = set()
         self._held_until = 0.0
@@ -57,7 +59,12 @@ class Turns:
         return errors.QueueFull()
 
     def next(self, now: float) -> Transaction | None:
-        """Take out the transaction whose turn it is; None if there is none, or late windows hold all of them."""
+        """Take out the transaction whose turn it is; None if there is none, or late windows hold all of them.
+
+        Nothing is sent on a connection that is to be renewed.
+        """
+        if self._stall.is_over(now):
+            return None
         if not self._late.windows:
             return self._queue.take()
         transaction = self._queue.take(lambda waiting: self._late.forbid_until(waiting, now) is not None)
@@ -78,9 +85,8 @@ class Turns:
 
     def deadline(self, sends_at: float) -> float | None:
         """When the next one can be sent, on a line that is free at `sends_at`, or has waited too long."""
-        if not len(self._queue):
-            return self.next_alarm()
-        return earliest(max(sends_at, self._held_until), self.next_alarm())
+        alarm = earliest(self.next_alarm(), self._stall.ends_at)
+        return earliest(max(sends_at, self._held_until), alarm) if len(self._queue) else alarm
 
     def next_alarm(self) -> float | None:
         """When the next one has waited too long, or silence may have ended a late answer."""
@@ -94,9 +100,11 @@ class Turns:
         return self._came_late(self._late.received(data, now, self._hearing.listen()), now)
 
     def tick(self, now: float) -> None:
-        """Let time pass: a silence may have ended a late answer."""
+        """Let time pass: a silence may have ended a late answer, or a window has ended."""
         if self._late.windows:
             self._came_late(self._late.tick(now), now)
+        if self._stall.is_over(now):
+            self._await_arrival(now)
 
     def await_late(self, transaction: Transaction, framer: ResponseFramer, now: float) -> list[Transaction]:
         """The answers that `transaction` is owed may come late; `framer` looks for them.
@@ -110,6 +118,8 @@ class Turns:
 
     def failed(self, transaction: Transaction, heard: bytes, now: float) -> None:
         """No answer has come, but this was heard. If it is another unit's late answer, both may have spoken at once."""
+        if not heard:
+            self._stall.timed_out(transaction, self.window_end(transaction, now))
         unit = transaction.unit
         if any(frame.unit != unit for frame in self._hearing.late) or self._late.has_begun_in(heard, unit, now):
             return
@@ -118,6 +128,11 @@ class Turns:
         if device.breaker.failed(transaction.limit, window_end, self._longest_rest):
             self._resting.add(device)
             self._report.resting(device, now)
+
+    def answered(self, transaction: Transaction) -> None:
+        """A valid answer to it has come, in time or late."""
+        self._stall.answered(transaction)
+        self.heard(transaction.device)
 
     def heard(self, device: Addressee) -> None:
         """The unit has spoken: its rest is over."""
@@ -129,6 +144,14 @@ class Turns:
         """Something has come while nothing was asked, perhaps from a unit that rests."""
         for device in [each for each in self._resting if self._hearing.is_idle_from(each.unit)]:
             self.heard(device)
+
+    def connected(self, has_arrived: HasArrived | None) -> None:
+        """There is a port. A new connection holds nothing back."""
+        self._stall = Stall(has_arrived)
+
+    def must_renew(self, now: float) -> bool:
+        """Whether the connection may hold back what was asked, so that another one is needed."""
+        return self._stall.is_over(now)
 
     def end_rests(self) -> None:
         """The port was away: whoever failed before may be fine now."""
@@ -145,6 +168,14 @@ class Turns:
             return errors.EchoSuspected() if asked.accepts(asked.data) else None
         return None
 
+    def _await_arrival(self, now: float) -> None:
+        """Requests whose windows have ended may only have arrived at the server since: their limits begin now."""
+        for question in self._stall.take_underway(now):
+            framer = self._hearing.framer_for(question.answers_from, question.asked)
+            ends_at = self.window_end(question, now + question.limit)
+            self._late.open(question, framer, ends_at, 1)
+            self._stall.timed_out(question, ends_at)
+
     def _is_overdue(self, transaction: Transaction, now: float) -> bool:
         until = self._late.forbid_until(transaction, now)
         return until is not None and until - now > WORTH_WAITING
@@ -153,7 +184,7 @@ class Turns:
         for question, frame in responses:
             if isinstance(question, Transaction):
                 self._report.late_response(question, now)
-                self.heard(question.device)
+                self.answered(question)
                 question.device.finished(question, frame)
         return [frame for _, frame in responses]
 

@@ -60,7 +60,7 @@ def take_breaks_as_noise(descriptor: int) -> None:
 
 
 def bytes_to_send(descriptor: int) -> int:
-    """How many bytes wait in the driver to be sent."""
+    """How many bytes wait in the driver to be sent; of a connection, to be confirmed by the other end (SIOCOUTQ)."""
     count = array("i", [0])
     fcntl.ioctl(descriptor, TIOCOUTQ, count)
     return count[0]

@@ -4,7 +4,7 @@ import asyncio
 from contextlib import suppress
 from typing import Final, Protocol
 
-from gateway.errors import PortError
+from gateway.errors import PortClosed, PortError
 from gateway.events import Emit, LineLost, LineReopened, LineUp
 from gateway.ports.port import OpenPort, Port
 
@@ -85,7 +85,7 @@ class Keeper:
             self._is_up(port)
             self._is_lost(await holding.gone)
         finally:
-            holding.lost(PortError("closed"))
+            holding.lost(PortClosed())
             await _let_go(port)
 
     async def _open(self, holding: "_Holding") -> Port:
@@ -101,20 +101,21 @@ class Keeper:
 
     def _is_up(self, port: Port) -> None:
         self.error = None
-        self._told.clear()
         self._opened_at = _now()
         self._owner.port_up(port)
         if self._lost_at is None:
             self._emit(LineUp(self._name, self.port_path))
-        else:
+        elif self._told:
             self._emit(LineReopened(self._name, self.port_path, away_s=round(_now() - self._lost_at, 1)))
+        self._told.clear()
         self.tried.set()
 
     def _is_lost(self, error: PortError) -> None:
         """The port was open and is gone: that it cannot be found from now on is not news."""
         self.error = error
-        self._tell(error)
-        self._told.add(_ABSENT)
+        if not isinstance(error, PortClosed):  # who has closed it tells why
+            self._tell(error)
+            self._told.add(_ABSENT)
         self._lost_at = _now()
         # A port that opens and fails at once is as good as absent: only one that stayed renews the short pause.
         if self._lost_at - self._opened_at > LONGEST_PAUSE:

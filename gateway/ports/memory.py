@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
-from gateway.errors import PortError
+from gateway.errors import PortClosed, PortError
 from gateway.ports.port import Port, PortUser
 
 
@@ -12,14 +12,20 @@ class MemoryLine:
 
     Hand `open_port` to the gateway. What it writes is added to `written` at once, and handed to `on_write` in the
     loop's next turn, because no device answers inside a write. Nothing here takes time: a test's clock decides.
+    `has_arrived` makes it a connection: see Port.
     """
 
     def __init__(
-        self, name: str = "memory", latency: float = 0.0, on_write: Callable[[bytes], None] | None = None
+        self,
+        name: str = "memory",
+        latency: float = 0.0,
+        on_write: Callable[[bytes], None] | None = None,
+        has_arrived: Callable[[], bool] | None = None,
     ) -> None:
         self.name = name
         self.latency = latency
         self.on_write = on_write
+        self.has_arrived = has_arrived
         self.written = bytearray()
         self.openings = 0
         self.baud = 0
@@ -86,6 +92,7 @@ class MemoryPort:
     def __init__(self, line: MemoryLine, user: PortUser) -> None:
         self.latency = line.latency
         self.virtual = True
+        self.has_arrived = line.has_arrived
         self.user = user
         self._line: MemoryLine | None = line
         self._is_paused = False
@@ -123,7 +130,7 @@ class MemoryPort:
     def close(self) -> None:
         """Let go of the line; `lost` follows in the loop's next turn."""
         if self._detach():
-            asyncio.get_running_loop().call_soon(self.user.lost, PortError("closed"))
+            asyncio.get_running_loop().call_soon(self.user.lost, PortClosed())
 
     async def wait_closed(self) -> None:
         """Wait until `lost` has been called: one turn of the loop."""

@@ -16,6 +16,10 @@ class Port(Protocol):
     #: It carries bytes at once instead of at the line's rate: a pseudo-terminal, a TCP connection.
     virtual: bool
 
+    @property
+    def has_arrived(self) -> Callable[[], bool] | None:
+        """Tells whether all that was written has arrived at the other end. None: this port is no connection."""
+
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from serial_asyncio import SerialTransport
 
-from gateway.errors import PortError
+from gateway.errors import PortClosed, PortError
 from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
 from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
@@ -48,6 +48,8 @@ class SerialPort(SerialTransport):
 
     `latency` in seconds. `virtual`: a pseudo-terminal, which carries bytes at once instead of at the line's rate.
     """
+
+    has_arrived = None
 
     def __init__(self, loop: asyncio.AbstractEventLoop, device: OpenDevice, user: PortUser) -> None:
         super().__init__(loop, asyncio.Protocol(), device.serial)
@@ -154,7 +156,7 @@ class SerialPort(SerialTransport):
         user, self._user = self._user, None
         self._write_buffer.clear()
         self._close_in_thread(lost=exc is not None)
-        user.lost(exc if isinstance(exc, PortError) else PortError("closed"))
+        user.lost(exc if isinstance(exc, PortError) else PortClosed())
 
     def _close_in_thread(self, *, lost: bool) -> None:
         threads = ThreadOfItsOwn(f"close {self._device.port}")

@@ -7,7 +7,8 @@ import socket
 from contextlib import suppress
 from typing import Final, cast
 
-from gateway.errors import PortError
+from gateway.errors import PortClosed, PortError
+from gateway.ports.ioctls import bytes_to_send
 from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.lookup import AddressInfo, look_up
 from gateway.ports.port import Port, PortUser, TcpSettings
@@ -81,7 +82,7 @@ class TcpPort(asyncio.BufferedProtocol):
         self._name = settings.port
         self._buffer = memoryview(bytearray(READ_SIZE))
         self._user: PortUser | None = None
-        self._loss = PortError("closed")
+        self._loss: PortError = PortClosed()
         self._closed = asyncio.Event()
 
     async def settled(self) -> None:
@@ -129,6 +130,12 @@ class TcpPort(asyncio.BufferedProtocol):
     def change_baud(self, baud: int) -> None:
         """Say that this cannot be done from here: the rate of the line is a setting of the device server."""
         self._abort(PortError(f"{self._name}: the device server keeps its rate; set it to {baud} baud there"))
+
+    def has_arrived(self) -> bool:
+        """Whether the server has confirmed every byte that was written, and so has got it."""
+        if self._transport.get_write_buffer_size():
+            return False
+        return self._transport.is_closing() or bytes_to_send(self._descriptor) == 0
 
     def close(self) -> None:
         """Close once everything written has left, or after FLUSHING_DEADLINE."""

@@ -51,6 +51,7 @@ class Table:
     """A session, a router and a line on a table: it answers each request as soon as it is on the line."""
 
     virtual = True
+    has_arrived = None
     latency = 0.0
 
     def __init__(self, count: int) -> None:

@@ -9,7 +9,7 @@ from gateway.events import Event
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.memory import MemoryLine
-from gateway.ports.port import OpenPort, SerialSettings
+from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.service.build import Gateway, build
 from gateway.service.state import Memory
 from gateway.service.supervisor import keep_lines_open
@@ -86,7 +86,8 @@ class Client:
 class House:
     """A gateway that runs, and the other ends of everything.
 
-    `lines`, and how they were `opened`, go by port without /dev/.
+    `lines`, and how they were `opened`, go by port without /dev/. What is written to those in `holding_back` has not
+    arrived.
     """
 
     def __init__(self, config: str, memory: Memory | None = None) -> None:
@@ -95,6 +96,7 @@ class House:
         self.events: list[Event] = []
         self.lines: dict[str, MemoryLine] = {}
         self.opened: dict[str, SerialSettings] = {}
+        self.holding_back: set[str] = set()
         self.memory = memory or Memory()
         loop = asyncio.get_running_loop()
         self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append)
@@ -117,7 +119,8 @@ class House:
         latency = 0.005 if settings.latency is None else settings.latency
         name = settings.port.removeprefix("/dev/")
         self.opened[name] = settings
-        return self.lines.setdefault(name, MemoryLine(settings.port, latency)).open_port
+        has_arrived = (lambda: name not in self.holding_back) if isinstance(settings, TcpSettings) else None
+        return self.lines.setdefault(name, MemoryLine(settings.port, latency, has_arrived=has_arrived)).open_port
 
 
 @asynccontextmanager

@@ -34,11 +34,16 @@ E = TypeVar("E", bound=Event)
 
 
 class Bench:
-    """A Line with devices that have a time-out of 200 ms, its port open and quiet. `virtual` is the port's."""
+    """A Line with devices that have a time-out of 200 ms, its port open and quiet. `virtual` is the port's.
 
-    def __init__(self, *, virtual: bool = True, **settings: object) -> None:
+    A `connection` has what is written arrive at the other end, as long as `arrives` is true.
+    """
+
+    def __init__(self, *, virtual: bool = True, connection: bool = False, **settings: object) -> None:
         self.settings = replace(SETTINGS, **settings)
         self.virtual = virtual
+        self.has_arrived = (lambda: self.arrives) if connection else None
+        self.arrives = True
         self.events: list[Event] = []
         self.line = Line(self.settings, self.events.append)
         self.devices: dict[int, Device] = {}
@@ -50,7 +55,7 @@ class Bench:
         self.pass_time(1.0)
 
     def plug(self) -> None:
-        self.line.port_up(self._write, LATENCY, self.now, virtual=self.virtual)
+        self.line.port_up(self._write, LATENCY, self.now, virtual=self.virtual, has_arrived=self.has_arrived)
 
     def unplug(self) -> None:
         self.line.port_down(self.now)
@@ -93,11 +98,16 @@ class Bench:
         return frame(unit, pdu, ascii_framing.encode if self.settings.timing.mode == "ascii" else encode)
 
     def pass_time(self, seconds: float) -> None:
-        """Let time pass as the driver does: the line is woken at each of its deadlines."""
+        """Let time pass as the driver does: the line is woken at each of its deadlines.
+
+        It is left alone once it needs a new connection.
+        """
         end = self.now + seconds
         while (deadline := self.line.deadline()) is not None and deadline <= end:
             self.now = max(deadline, self.now)
             self.line.tick(self.now)
+            if self.line.must_renew(self.now):
+                break
         self.now = end
 
     @property

@@ -17,6 +17,7 @@ from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS,
 class FakePort:
     latency = 0.005
     virtual = True
+    has_arrived = None
 
     def __init__(self) -> None:
         self.written: list[str] = []

@@ -19,6 +19,7 @@ from kit.upstream_bench import READ, RESPONSE, UpstreamBench
 class FakePort:
     latency = 0.0
     virtual = True
+    has_arrived = None
 
     def __init__(self) -> None:
         self.written: list[bytes] = []

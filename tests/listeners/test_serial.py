@@ -18,6 +18,7 @@ RESPONSE = bytes.fromhex("03 04 45 9C 3D 51")
 class FakePort:
     latency = 0.005
     virtual = True
+    has_arrived = None
 
     def __init__(self) -> None:
         self.written: list[bytes] = []

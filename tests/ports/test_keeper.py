@@ -176,6 +176,20 @@ async def test_every_loss_is_told_even_for_the_same_reason(house):
     ]
 
 
+async def test_who_closes_the_port_tells_why_and_only_trouble_after_that_is_told(house):
+    async with house.kept():
+        house.owner.port.close()
+        await asyncio.sleep(2)
+        assert (house.line.openings, house.events) == (2, [LineUp("hall-a", "/dev/hall-a")])
+        house.owner.port.close()
+        await asyncio.sleep(0.01)
+        house.line.pull("absent")
+        await asyncio.sleep(2)
+        house.line.plug()
+        await asyncio.sleep(2)
+    assert [event.name for event in house.events] == ["line_up", "line_lost", "line_reopened"]
+
+
 async def test_an_unplugging_is_told_once_whatever_the_attempts_after_it_say(house):
     async with house.kept():
         house.line.pull(GONE)

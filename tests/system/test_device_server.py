@@ -3,6 +3,7 @@
 import asyncio
 import select
 import shutil
+import signal
 import socket
 import struct
 import subprocess
@@ -245,6 +246,28 @@ async def test_who_looks_hears_at_once_what_has_come(server, user):
         await until(lambda: user.heard == b"answer and more")
 
 
+async def test_it_knows_whether_what_was_written_has_arrived(user):
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)  # the system's least: some kilobytes
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        server.setblocking(False)
+        async with connected(server, user) as (port, far_end):
+            assert port.has_arrived()
+            port.write(b"ask")
+            await until(port.has_arrived)
+            port.write(bytes(WRITE_BOUND))
+            await asyncio.sleep(0.1)
+            assert not port.has_arrived()
+            far_end.send(b"late answer")
+            await until(lambda: user.heard)
+            assert not port.has_arrived()
+            missing = WRITE_BOUND + len(b"ask")
+            while missing:
+                missing -= len(await asyncio.get_running_loop().sock_recv(far_end, missing))
+            await until(port.has_arrived)
+
+
 # --- losing the connection ---
 
 
@@ -358,6 +381,13 @@ class Ser2Net:
         self._process.kill()
         self._process.wait()
 
+    def stop(self) -> None:
+        """Let it stall: its system takes what comes, and it does nothing."""
+        self._process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        self._process.send_signal(signal.SIGCONT)
+
 
 class Client:
     """A Modbus TCP client that reads the first register of unit 1."""
@@ -411,6 +441,38 @@ def test_a_line_behind_ser2net_is_asked_and_found_again(tmp_path: Path, mode: st
         assert gateway.stop() == 0
     assert gateway.rest == []
     assert not [event for event in gateway.log if event["event"] in {"part_failed", "foreign_frame", "bad_frame"}]
+
+
+def ask_for(client: Client, address: int) -> str:
+    """The response to a read of one register."""
+    client._socket.sendall(struct.pack(">HHHBBHH", address, 0, 6, 1, 3, address, 1))
+    return client._socket.recv(260)[7:].hex(" ")
+
+
+@needs_ser2net
+def test_a_request_that_a_stalled_server_held_back_never_answers_the_next_one(tmp_path: Path) -> None:
+    device, number = SimulatedDevice(1), free_number()
+    device.holding = [7, *range(1, 100)]
+    config = LINE.format(scheme="rtu", number=number).replace("1500 ms", "300 ms")
+    with (
+        VirtualPort(tmp_path / "line") as port,
+        SerialDevices({port: SimulatedLine("rtu", device)}),
+        Ser2Net(tmp_path, number, port.path) as server,
+        GatewayProcess(tmp_path, config) as gateway,
+        closing(Client(gateway)) as client,
+    ):
+        answers(client)
+        for stalls in (1.2, 1.6):
+            server.stop()
+            goes_on = threading.Timer(stalls, server.go_on)
+            goes_on.start()
+            address, heard = 8, ""
+            while goes_on.is_alive() or not heard.startswith("03"):
+                heard = ask_for(client, address)
+                assert heard in ("83 0a", "83 0b", f"03 02 00 {address:02x}"), address
+                address = address + 1 if address < 99 else 8
+                time.sleep(0.02)
+    assert [event for event in gateway.log if event["event"] == "connection_renewed"]
 
 
 @needs_ser2net
