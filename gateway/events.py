@@ -258,10 +258,14 @@ class WriteAudit(Event):
 
 @dataclass(frozen=True)
 class LineUp(Event):
-    """A line's port has been opened for the first time."""
+    """A line's port has been opened for the first time.
+
+    `baud` is the rate at which the port runs, as far as its driver tells; None where it is set elsewhere.
+    """
 
     line: str
     port: str
+    baud: int | None = None
 
 
 @dataclass(frozen=True)
@@ -287,11 +291,12 @@ class ConnectionRenewed(Event):
 
 @dataclass(frozen=True)
 class LineReopened(Event):
-    """A lost port is open again."""
+    """A lost port is open again; `baud` as in LineUp."""
 
     line: str
     port: str
     away_s: float
+    baud: int | None = None
 
 
 @dataclass(frozen=True)

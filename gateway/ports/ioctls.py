@@ -5,19 +5,11 @@ import os
 import struct
 import termios
 from array import array
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from serial.serialposix import (
-    SER_RS485_ENABLED,
-    SER_RS485_RTS_AFTER_SEND,
-    SER_RS485_RTS_ON_SEND,
-    SER_RS485_RX_DURING_TX,
-    TCGETS2,
-    TIOCGRS485,
-    TIOCOUTQ,
-    TIOCSRS485,
-)
+from serial.serialposix import TCGETS2, TIOCOUTQ
 
 from gateway.modbus.chartime import CharacterFormat
 
@@ -26,12 +18,19 @@ FORMAT_FLAGS: Final = termios.CSIZE | termios.PARENB | termios.PARODD | termios.
 
 #: `struct termios2`: four words of flags, the line discipline, 19 control characters, input and output rate.
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
-#: `struct serial_struct` begins with type, line, port, irq, flags; 128 bytes hold it on every architecture.
+#: `struct serial_struct` begins with these words; 128 bytes hold it on every architecture.
 _SERIAL_STRUCT_SIZE: Final = 128
+_SERIAL_TYPE: Final = 0
 _SERIAL_FLAGS: Final = 4
+_SERIAL_BAUD_BASE: Final = 7
 _ASYNC_LOW_LATENCY: Final = 1 << 13
-#: `struct serial_rs485` is 32 bytes and begins with its flags.
-_RS485_SIZE: Final = 32
+#: The UART is empty.
+_TIOCSER_TEMT: Final = 1
+#: What `setserial` sets with spd_hi, spd_vhi, spd_shi, spd_warp and spd_cust.
+_ASYNC_SPD_MASK: Final = 0x1030
+#: `PORT_16450`, `PORT_16550`, `PORT_16550A`, `PORT_16650`, `PORT_16650V2`, `PORT_16750` of the kernel's serial_core.h.
+#: Other UARTs can divide their clock by fractions too.
+_DIVIDE_BY_WHOLE_NUMBERS: Final = frozenset({2, 3, 4, 6, 7, 8})
 
 
 def flags_of(format_: CharacterFormat) -> int:
@@ -42,8 +41,28 @@ def flags_of(format_: CharacterFormat) -> int:
     return data | parity | stop
 
 
+def input_flags(before: int, *, checks_parity: bool) -> int:
+    """The input flags of a port that had `before`: a break or a damaged character reads as a NUL.
+
+    Left as they were (`stty sane`), a break could discard all that was received, and a damaged character could be left
+    out. docs/adr/0013-damaged-characters.md
+    """
+    flags = before & ~(termios.BRKINT | termios.IGNPAR | termios.PARMRK | termios.INPCK)
+    return flags | termios.INPCK if checks_parity else flags
+
+
+def set_input_flags(descriptor: int, *, checks_parity: bool) -> None:
+    """Set what `input_flags` says; without parity, damaged characters are taken as they come."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[0] = input_flags(attributes[0], checks_parity=checks_parity)
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+
+
 def actual_baud(descriptor: int) -> int | None:
-    """The rate that the driver has set, as far as it tells; None where the kernel cannot be asked."""
+    """The rate that the driver says it has set; None where the kernel cannot be asked.
+
+    One that cannot do the rate tells the nearest, or the one from before, or repeats it and runs at `divided_baud`.
+    """
     try:
         answer = fcntl.ioctl(descriptor, TCGETS2, bytes(_TERMIOS2.size))
     except OSError:
@@ -51,12 +70,26 @@ def actual_baud(descriptor: int) -> int | None:
     return int(_TERMIOS2.unpack(answer)[-1])
 
 
-def take_breaks_as_noise(descriptor: int) -> None:
-    """A break on the line reads as a zero byte. The setting before (`stty sane`) may discard all that was received."""
-    attributes = termios.tcgetattr(descriptor)
-    if attributes[0] & termios.BRKINT:
-        attributes[0] &= ~termios.BRKINT
-        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+def divided_baud(descriptor: int, baud: int) -> int | None:
+    """The rate at which a UART runs that is asked for `baud`, where it divides its clock by whole numbers.
+
+    None for all others, and for USB adapters: their drivers may pretend to be any UART.
+    """
+    state = _serial_struct(descriptor)
+    if state is None or state[_SERIAL_TYPE] not in _DIVIDE_BY_WHOLE_NUMBERS or is_usb(descriptor):
+        return None
+    return divided(state[_SERIAL_BAUD_BASE], baud)
+
+
+def has_redefined_38400(descriptor: int) -> bool:
+    """Whether somebody has told the driver to run at another rate when it is asked for 38400, with `setserial`."""
+    state = _serial_struct(descriptor)
+    return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_SPD_MASK)
+
+
+def divided(baud_base: int, baud: int) -> int | None:
+    """`baud_base` divided by the whole number that gets nearest to `baud`, rounded as the kernel does it."""
+    return round(baud_base / max(1, (2 * baud_base + baud) // (2 * baud))) if baud_base > 0 else None
 
 
 def bytes_to_send(descriptor: int) -> int:
@@ -66,31 +99,26 @@ def bytes_to_send(descriptor: int) -> int:
     return count[0]
 
 
-def switch_rs485_on(descriptor: int) -> bool:
-    """Have the driver switch the transmitter by RTS; False where it cannot. Delays stay as the device tree says."""
-    state = array("I", bytes(_RS485_SIZE))
+def is_sending(descriptor: int) -> bool:
+    """Whether bytes that have left the driver are still in the UART, as far as it tells."""
+    state = array("i", [0])
     try:
-        fcntl.ioctl(descriptor, TIOCGRS485, state)
-        state[0] &= ~(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX)
-        state[0] |= SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
-        fcntl.ioctl(descriptor, TIOCSRS485, state)
-        fcntl.ioctl(descriptor, TIOCGRS485, state)
+        fcntl.ioctl(descriptor, termios.TIOCSERGETLSR, state)
     except OSError:
         return False
-    return bool(state[0] & SER_RS485_ENABLED)
+    return not state[0] & _TIOCSER_TEMT
 
 
 def want_low_latency(descriptor: int) -> bool:
     """Have the driver hand over bytes at once; False where it cannot, or says yes and does not."""
-    state = array("i", bytes(_SERIAL_STRUCT_SIZE))
-    try:
-        fcntl.ioctl(descriptor, termios.TIOCGSERIAL, state)
-        state[_SERIAL_FLAGS] |= _ASYNC_LOW_LATENCY
-        fcntl.ioctl(descriptor, termios.TIOCSSERIAL, state)
-        fcntl.ioctl(descriptor, termios.TIOCGSERIAL, state)
-    except OSError:
+    state = _serial_struct(descriptor)
+    if state is None:
         return False
-    return bool(state[_SERIAL_FLAGS] & _ASYNC_LOW_LATENCY)
+    state[_SERIAL_FLAGS] |= _ASYNC_LOW_LATENCY
+    with suppress(OSError):
+        fcntl.ioctl(descriptor, termios.TIOCSSERIAL, state)
+    state = _serial_struct(descriptor)
+    return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_LOW_LATENCY)
 
 
 def is_usb(descriptor: int) -> bool:
@@ -98,3 +126,13 @@ def is_usb(descriptor: int) -> bool:
     device = os.fstat(descriptor).st_rdev
     subsystem = Path(f"/sys/dev/char/{os.major(device)}:{os.minor(device)}/device/subsystem").resolve()
     return subsystem.name in ("usb", "usb-serial")
+
+
+def _serial_struct(descriptor: int) -> "array[int] | None":
+    """What TIOCGSERIAL tells; None where the driver does not know it."""
+    state = array("i", bytes(_SERIAL_STRUCT_SIZE))
+    try:
+        fcntl.ioctl(descriptor, termios.TIOCGSERIAL, state)
+    except OSError:
+        return None
+    return state

@@ -104,9 +104,10 @@ class Keeper:
         self._opened_at = _now()
         self._owner.port_up(port)
         if self._lost_at is None:
-            self._emit(LineUp(self._name, self.port_path))
+            self._emit(LineUp(self._name, self.port_path, port.baud))
         elif self._told:
-            self._emit(LineReopened(self._name, self.port_path, away_s=round(_now() - self._lost_at, 1)))
+            away = round(_now() - self._lost_at, 1)
+            self._emit(LineReopened(self._name, self.port_path, away, port.baud))
         self._told.clear()
         self.tried.set()
 

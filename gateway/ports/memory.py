@@ -93,6 +93,7 @@ class MemoryPort:
         self.latency = line.latency
         self.virtual = True
         self.has_arrived = line.has_arrived
+        self.baud: int | None = None
         self.user = user
         self._line: MemoryLine | None = line
         self._is_paused = False

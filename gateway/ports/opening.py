@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from serial import Serial
+from serial import PARITY_NONE, Serial
 
 from gateway.errors import PortError
 from gateway.modbus.chartime import CharacterFormat
@@ -18,14 +18,17 @@ from gateway.ports.ioctls import (
     FORMAT_FLAGS,
     actual_baud,
     bytes_to_send,
+    divided_baud,
     flags_of,
+    has_redefined_38400,
+    is_sending,
     is_usb,
-    switch_rs485_on,
-    take_breaks_as_noise,
+    set_input_flags,
     want_low_latency,
 )
 from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import DriverError, why_lost, why_not_opened
+from gateway.ports.rs485 import put_back, switch_rs485
 from gateway.ports.wire import VIRTUAL_MAJORS
 
 #: What an adapter and its driver may add to an answer, in seconds; the second where a USB adapter gathers bytes
@@ -42,12 +45,17 @@ _VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
 
 @dataclass(frozen=True, slots=True)
 class OpenDevice:
-    """A serial device that is open and configured. `latency` in seconds; `virtual` carries bytes at once."""
+    """A serial device that is open and configured. `latency` in seconds; `virtual` carries bytes at once.
+
+    `baud` is the rate at which it runs, as far as its driver tells; `rs485` what the driver goes back to at the end.
+    """
 
     port: str
     serial: Serial
     virtual: bool
     latency: float
+    baud: int | None
+    rs485: bytes | None
 
 
 class ConfiguredOnce(Serial):
@@ -55,11 +63,14 @@ class ConfiguredOnce(Serial):
 
     pyserial configures anew with every setting that is assigned, and pyserial-asyncio assigns two when it takes a port
     over: in the event loop, where a USB adapter that hangs would stop everything for seconds.
+
+    Each time it leaves parity unchecked, which is set right here.
     """
 
     def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
-        if force_update:
+        if force_update and self.fd is not None:
             super()._reconfigure_port(force_update=True)  # type: ignore[misc]  # private, so not in the stubs
+            set_input_flags(self.fd, checks_parity=self.parity != PARITY_NONE)
 
 
 def open_device(settings: SerialSettings) -> OpenDevice:
@@ -73,11 +84,11 @@ def open_device(settings: SerialSettings) -> OpenDevice:
         serial = _configured(settings, _VIRTUAL_FORMAT if virtual else settings.format)
         on_error.callback(serial.close)
         try:
-            latency = _settled(serial.fileno(), settings, virtual=virtual)
+            device = _settled(serial, settings, virtual=virtual)
         except DriverError as error:
             raise PortError(why_not_opened(settings, error)) from error
         on_error.pop_all()
-    return OpenDevice(settings.port, serial, virtual, latency if settings.latency is None else settings.latency)
+    return device
 
 
 def change_baud(device: OpenDevice, baud: int) -> None:
@@ -103,6 +114,8 @@ def close_device(device: OpenDevice, *, lost: bool) -> None:
             termios.tcflush(descriptor, termios.TCIOFLUSH)
         if not device.virtual:
             fcntl.ioctl(descriptor, termios.TIOCNXCL)
+        if device.rs485 is not None:
+            put_back(descriptor, device.rs485)
     device.serial.close()
 
 
@@ -132,18 +145,30 @@ def _configured(settings: SerialSettings, format_: CharacterFormat) -> Serial:
         raise PortError(why_not_opened(settings, error)) from error
 
 
-def _settled(descriptor: int, settings: SerialSettings, *, virtual: bool) -> float:
-    """See to what pyserial does not: that the driver did as told, RS-485, and the least latency, which is returned."""
-    take_breaks_as_noise(descriptor)
+def _settled(serial: Serial, settings: SerialSettings, *, virtual: bool) -> OpenDevice:
+    """See to what pyserial does not: that the driver did as told, RS-485, and the least latency."""
+    descriptor = serial.fileno()
     if not virtual:
         _check_format(descriptor, settings)
-    _check_baud(descriptor, settings.port, settings.baud)
-    if settings.rs485 == "kernel" and not switch_rs485_on(descriptor):
-        raise PortError(f'{settings.port} has no RS-485 support in its driver; use rs485 = "adapter"')
-    latency = LATENCY if want_low_latency(descriptor) or not is_usb(descriptor) else GATHERING_LATENCY
+    has_low_latency = want_low_latency(descriptor)
+    latency = settings.latency
+    if latency is None:
+        latency = LATENCY if has_low_latency or not is_usb(descriptor) else GATHERING_LATENCY
+    baud = _check_baud(descriptor, settings.port, settings.baud)
     if not virtual:  # on a pseudo-terminal it would outlive us while a simulator holds the other end
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
-    return latency
+    return OpenDevice(settings.port, serial, virtual, latency, baud, _switch_rs485(descriptor, settings))
+
+
+def _switch_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
+    """Who switches the direction of the line; what is to be put back in the end."""
+    is_wanted = settings.rs485 == "kernel"
+    try:
+        return switch_rs485(descriptor, on=is_wanted)
+    except OSError as error:
+        if not is_wanted:
+            return None
+        raise PortError(f'{settings.port} has no RS-485 support in its driver; use rs485 = "adapter"') from error
 
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:
@@ -152,16 +177,25 @@ def _check_format(descriptor: int, settings: SerialSettings) -> None:
         raise PortError(f"{settings.port} cannot do {settings.format}: its driver set another format")
 
 
-def _check_baud(descriptor: int, port: str, baud: int) -> None:
-    actual = actual_baud(descriptor)
-    if actual is not None and abs(actual - baud) > BAUD_TOLERANCE * baud:
-        raise PortError(f"{port} cannot do {baud} baud: the nearest it can is {actual}")
+def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
+    """The rate at which the port runs, as far as it can be known; near enough to `baud`."""
+    if baud == 38400 and has_redefined_38400(descriptor):
+        raise PortError(f"{port}: 38400 baud was given another meaning; setserial {port} spd_normal undoes that")
+    told = actual_baud(descriptor)
+    if told is None:
+        return None
+    actual = divided_baud(descriptor, told) or told
+    if abs(actual - baud) > BAUD_TOLERANCE * baud:
+        nearest = divided_baud(descriptor, baud)
+        instead = f"its driver set {told} instead" if nearest is None else f"the nearest it can is {nearest}"
+        raise PortError(f"{port} cannot do {baud} baud: {instead}")
+    return actual
 
 
 def _drained(descriptor: int) -> bool:
     """Wait until all has been sent; False at the deadline. Not tcdrain: nothing ends that."""
     deadline = time.monotonic() + DRAINING_DEADLINE
-    while bytes_to_send(descriptor):
+    while bytes_to_send(descriptor) or is_sending(descriptor):
         if time.monotonic() > deadline:
             return False
         time.sleep(0.005)

@@ -15,6 +15,8 @@ class Port(Protocol):
     latency: float
     #: It carries bytes at once instead of at the line's rate: a pseudo-terminal, a TCP connection.
     virtual: bool
+    #: The rate at which it was opened and runs, as far as its driver tells; None where the rate is set elsewhere.
+    baud: int | None
 
     @property
     def has_arrived(self) -> Callable[[], bool] | None:

@@ -55,6 +55,7 @@ class SerialPort(SerialTransport):
         super().__init__(loop, asyncio.Protocol(), device.serial)
         self.latency = device.latency
         self.virtual = device.virtual
+        self.baud = device.baud
         self._device = device
         self._descriptor = device.serial.fileno()
         self._user: PortUser | None = user

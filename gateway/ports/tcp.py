@@ -76,6 +76,7 @@ class TcpPort(asyncio.BufferedProtocol):
     """One connection. `latency` in seconds; it carries bytes at once, so it is `virtual`."""
 
     virtual = True
+    baud: int | None = None
 
     def __init__(self, settings: TcpSettings) -> None:
         self.latency = settings.latency

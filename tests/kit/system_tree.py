@@ -18,22 +18,22 @@ RELEASE = "bookworm"
 PYTHON = (3, 11)
 
 
-def system_tree(release: str = RELEASE) -> Path:
-    """Where it is, or would be. One that is made differently has another name."""
+def system_tree(release: str = RELEASE, command: tuple[str, ...] = _MAKE) -> Path:
+    """Where it is, or would be. One that is made by another command has another name."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    key = hashlib.sha256(" ".join([*_MAKE, release]).encode()).hexdigest()[:12]
+    key = hashlib.sha256(" ".join([*command, release]).encode()).hexdigest()[:12]
     return cache / "modbus-gateway-tests" / f"{release}-{key}"
 
 
-def make(release: str = RELEASE) -> None:
+def make(release: str = RELEASE, command: tuple[str, ...] = _MAKE) -> None:
     """Make it, unless it is there."""
-    tree = system_tree(release)
+    tree = system_tree(release, command)
     if tree.exists():
         return
     tree.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=tree.parent) as folder:
         fresh = Path(folder, "root")
-        subprocess.run([*_MAKE, release, str(fresh)], check=True)
+        subprocess.run([*command, release, str(fresh)], check=True)
         fresh.rename(tree)
 
 

@@ -21,6 +21,7 @@ from gateway.modbus.chartime import CharacterFormat
 from gateway.ports import opening
 from gateway.ports import serial as serial_module
 from gateway.ports.holders import _by_lock, holder
+from gateway.ports.ioctls import divided
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import WRITE_BOUND, open_serial
@@ -203,6 +204,22 @@ async def test_a_break_discards_nothing_whatever_was_set_before(virtual, user):
             assert virtual.baud == 14400
 
 
+@pytest.mark.parametrize(("format_", "expected"), [("8E1", termios.INPCK), ("8N1", 0)])
+async def test_a_port_with_parity_checks_it_at_every_rate(virtual, user, monkeypatch, format_, expected):
+    """As far as a pseudo-terminal shows it; tests/soak/uart.py sees a UART."""
+    monkeypatch.setattr(opening, "VIRTUAL_MAJORS", ())
+    monkeypatch.setattr(opening, "_check_format", lambda *_: None)
+    with closing(Descriptor(virtual.path)) as beside:
+        flags = termios.tcgetattr(beside.number)
+        flags[0] |= termios.IGNPAR
+        termios.tcsetattr(beside.number, termios.TCSANOW, flags)
+        async with opened(virtual.path, user, format_=format_) as port:
+            for baud in (19200, 14400):
+                port.change_baud(baud)
+                await until(lambda baud=baud: virtual.baud == baud)
+                await until(lambda: termios.tcgetattr(beside.number)[0] & (termios.INPCK | termios.IGNPAR) == expected)
+
+
 async def test_a_virtual_port_says_so_and_has_the_least_latency(virtual, user):
     async with opened(virtual.path, user) as port:
         assert (port.virtual, port.latency) == (True, opening.LATENCY)
@@ -259,10 +276,42 @@ async def test_reasons_are_in_an_operators_words(virtual, user, monkeypatch, err
 
 async def test_an_adapter_that_sets_another_rate(virtual, user, monkeypatch):
     monkeypatch.setattr(opening, "actual_baud", lambda descriptor: 13982)
-    with pytest.raises(PortError, match="cannot do 14400 baud: the nearest it can is 13982"):
+    with pytest.raises(PortError, match="cannot do 14400 baud: its driver set 13982 instead"):
         await open_serial(settings(virtual.path, baud=14400), user)
-    async with opened(virtual.path, user, baud=14000):
+    async with opened(virtual.path, user, baud=14000) as port:
+        assert port.baud == 13982
+
+
+async def test_a_uart_that_divides_its_clock_by_whole_numbers(virtual, user, monkeypatch):
+    """Its driver repeats what it was asked for, or leaves the rate as it was."""
+    monkeypatch.setattr(opening, "divided_baud", lambda descriptor, baud: divided(115_200, baud))
+    async with opened(virtual.path, user, baud=5000) as port:
+        assert port.baud == 5009
+    with pytest.raises(PortError, match="cannot do 12345 baud: the nearest it can is 12800"):
+        await open_serial(settings(virtual.path, baud=12345), user)
+    monkeypatch.setattr(opening, "actual_baud", lambda descriptor: 9600)
+    with pytest.raises(PortError, match="cannot do 250000 baud: the nearest it can is 115200"):
+        await open_serial(settings(virtual.path, baud=250_000), user)
+
+
+async def test_a_rate_with_another_meaning(virtual, user, monkeypatch):
+    monkeypatch.setattr(opening, "has_redefined_38400", lambda descriptor: True)
+    with pytest.raises(PortError, match=r"38400 baud was given another meaning; setserial .* spd_normal undoes that"):
+        await open_serial(settings(virtual.path, baud=38400), user)
+    async with opened(virtual.path, user, baud=19200):
         pass
+
+
+async def test_what_a_driver_did_before_is_put_back_in_the_end(virtual, user, monkeypatch):
+    put_back = []
+    monkeypatch.setattr(opening, "switch_rs485", lambda descriptor, *, on: b"found" if on else None)
+    monkeypatch.setattr(opening, "put_back", lambda descriptor, found: put_back.append(found))
+    async with opened(virtual.path, user):
+        pass
+    assert put_back == []
+    async with opened(virtual.path, user, rs485="kernel"):
+        assert put_back == []
+    assert put_back == [b"found"]
 
 
 async def test_a_driver_that_passes_over_the_format(virtual, user, monkeypatch):
@@ -503,6 +552,7 @@ async def test_a_replugged_adapter_is_used_again_under_its_new_name(virtual):
         os.close(first)
         os.close(second)
     assert [type(event) for event in events] == [LineUp, LineLost, LineReopened]
+    assert (events[0].baud, events[2].baud) == (19200, 19200)
 
 
 async def test_fifty_losses_leave_no_descriptor_and_no_thread_behind(virtual, monkeypatch):

@@ -1,0 +1,147 @@
+"""What soak/uart.py runs in the machine: prints a line for each check, `ok` or what was seen instead."""
+
+import asyncio
+import fcntl
+import os
+import struct
+import sys
+import termios
+from array import array
+
+from serial.serialposix import SER_RS485_ENABLED, SER_RS485_RTS_ON_SEND, TIOCGRS485, TIOCSRS485
+
+from gateway.errors import PortError
+from gateway.modbus.chartime import CharacterFormat
+from gateway.ports.ioctls import FORMAT_FLAGS, flags_of
+from gateway.ports.port import SerialSettings
+from gateway.ports.serial import open_serial
+
+PARITY = termios.INPCK | termios.IGNPAR | termios.PARMRK | termios.BRKINT
+SPD_VHI, SPD_MASK = 0x20, 0x1030
+
+
+class User:
+    """Notes what the port hands over."""
+
+    def __init__(self):
+        self.heard = b""
+
+    def received(self, data):
+        self.heard += data
+
+    def lost(self, error):
+        self.heard += b""
+
+
+def check(what, seen, expected):
+    print(f"{'ok' if seen == expected else 'FAILED'}: {what}: {seen!r}, expected {expected!r}", flush=True)
+
+
+class Held:
+    """The port as the gateway holds it, and a descriptor beside it, as `stty -F` has one."""
+
+    def __init__(self, port, format_="8E1", baud=19200, rs485="adapter"):
+        self.settings = SerialSettings(port, baud, CharacterFormat.parse(format_), rs485)
+        self.user = User()
+
+    async def __aenter__(self):
+        self.port = await open_serial(self.settings, self.user)
+        return self
+
+    async def __aexit__(self, *_):
+        self.port.close()
+        await self.port.wait_closed()
+
+
+async def opening(port, **settings):
+    """What comes of it when the gateway opens the port."""
+    try:
+        async with Held(port, **settings) as held:
+            return f"opened, at {held.port.baud} baud"
+    except PortError as error:
+        return str(error)
+
+
+async def check_parity(port, beside):
+    for format_ in ("7E1", "8E1", "7O1", "8O1", "8N1", "8N2"):
+        flags = termios.tcgetattr(beside)
+        flags[0] |= termios.IGNPAR | termios.PARMRK | termios.BRKINT
+        termios.tcsetattr(beside, termios.TCSANOW, flags)
+        async with Held(port, format_) as held:
+            expected = 0 if "N" in format_ else termios.INPCK
+            check(f"input flags, {format_}", termios.tcgetattr(beside)[0] & PARITY, expected)
+            check(f"format, {format_}", termios.tcgetattr(beside)[2] & FORMAT_FLAGS, flags_of(held.settings.format))
+            held.port.change_baud(9600)
+            await asyncio.sleep(0.3)
+            check(f"input flags at another rate, {format_}", termios.tcgetattr(beside)[0] & PARITY, expected)
+
+
+async def check_rates(port):
+    for baud, actual in ((1200, 1200), (14400, 14400), (38400, 38400), (115200, 115200), (1000, 1002), (5000, 5009)):
+        check(f"rate, {baud}", await opening(port, baud=baud), f"opened, at {actual} baud")
+    for baud, nearest in ((12345, 12800), (33333, 38400), (76800, 57600), (100000, 115200), (250000, 115200)):
+        reason = f"{port} cannot do {baud} baud: the nearest it can is {nearest}"
+        check(f"rate, {baud}", await opening(port, baud=baud), reason)
+
+
+def set_serial_flags(descriptor, change):
+    state = array("i", bytes(128))
+    fcntl.ioctl(descriptor, termios.TIOCGSERIAL, state)
+    state[4] = change(state[4])
+    fcntl.ioctl(descriptor, termios.TIOCSSERIAL, state)
+
+
+async def check_setserial(port, beside):
+    set_serial_flags(beside, lambda flags: flags | SPD_VHI)
+    reason = f"{port}: 38400 baud was given another meaning; setserial {port} spd_normal undoes that"
+    check("38400 with spd_vhi", await opening(port, baud=38400), reason)
+    set_serial_flags(beside, lambda flags: flags & ~SPD_MASK)
+    check("38400 with spd_normal", await opening(port, baud=38400), "opened, at 38400 baud")
+
+
+async def check_break(port):
+    async with Held(port, "7E1") as held:
+        print("send a break", flush=True)
+        for _ in range(100):
+            await asyncio.sleep(0.1)
+            if held.user.heard.endswith(b"B"):
+                break
+        check("what is heard of A, a break, B", held.user.heard, b"A\0B")
+
+
+def rs485(descriptor, flags=None):
+    if flags is not None:
+        fcntl.ioctl(descriptor, TIOCSRS485, struct.pack("=I28x", flags))
+    return struct.unpack("=I28x", fcntl.ioctl(descriptor, TIOCGRS485, bytes(32)))[0]
+
+
+async def check_rs485(port, beside):
+    on = SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
+    check("RS-485 before", rs485(beside) & SER_RS485_ENABLED, 0)
+    async with Held(port, rs485="kernel"):
+        check("RS-485, kernel", rs485(beside) & on, on)
+    check("RS-485 after kernel", rs485(beside) & SER_RS485_ENABLED, 0)
+    found = rs485(beside, on)
+    async with Held(port):
+        check("RS-485, adapter", rs485(beside) & SER_RS485_ENABLED, 0)
+    check("RS-485 after adapter", rs485(beside), found)
+    async with Held(port, rs485="kernel"):
+        check("RS-485, kernel, found on", rs485(beside) & on, on)
+    check("RS-485 after kernel, found on", rs485(beside), found)
+
+
+async def main(port, kind):
+    beside = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    await check_parity(port, beside)
+    await check_break(port)
+    if kind == "8250":
+        await check_rates(port)
+        await check_setserial(port, beside)
+        reason = f'{port} has no RS-485 support in its driver; use rs485 = "adapter"'
+        check("RS-485, kernel", await opening(port, rs485="kernel"), reason)
+    else:
+        await check_rs485(port, beside)
+    print("done", flush=True)
+
+
+asyncio.run(main(*sys.argv[1:]))
