@@ -48,9 +48,9 @@ class LineDriver:
         port_up = partial(self.line.port_up, virtual=self.wire == "direct", has_arrived=port.has_arrived)
         self._border.run(port_up, port.write, port.latency, self._time())
 
-    def received(self, data: bytes) -> None:
+    def received(self, data: bytes, *, damaged: bool = False) -> None:
         """These bytes became readable."""
-        self._border.run(self._receive, data, self._time())
+        self._border.run(self._receive_damaged if damaged else self._receive, data, self._time())
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; requests fail at once until it is back."""
@@ -107,6 +107,9 @@ class LineDriver:
         self.line.received(data, now)
         look_at, port = self.line.look_at(now), self._border.port
         self._look_at = look_at if look_at is not None and port is not None and port.pause() else None
+
+    def _receive_damaged(self, data: bytes, now: float) -> None:
+        self.line.received(data, now, damaged=True)
 
     def _down(self) -> None:
         self._look_at = None

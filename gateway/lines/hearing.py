@@ -97,7 +97,7 @@ class Hearing:
             self._echo.expect(self._sent)
         return self._sent
 
-    def received(self, data: bytes, now: float) -> Outcome:
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> Outcome:
         """Take bytes that may belong to the answer."""
         if self._echo is not None:
             data = self._echo.strip(data)
@@ -107,7 +107,7 @@ class Hearing:
             self._came_first = len(data)
         if len(self._heard) < _SIZE:
             self._heard += data
-        outcome = self._judge(self._framer.received(data, now))
+        outcome = self._judge(self._framer.received(data, now, damaged=damaged))
         self.damaged_at = now + self._silence if outcome is None and self._is_damaged() else None
         return outcome
 

@@ -122,7 +122,7 @@ class LateWindows:
         """Whether `frame` is one of the late answers."""
         return any(window.question.accepts(frame) for window in self.windows)
 
-    def received(self, data: bytes, now: float, others: list[Frame]) -> list[LateResponse]:
+    def received(self, data: bytes, now: float, others: list[Frame], *, damaged: bool = False) -> list[LateResponse]:
         """Take bytes that the line delivers; responses that are complete with them. The last one closes its window.
 
         `others` are frames among them that answer other clients' requests. A frame is the answer to one question only:
@@ -133,7 +133,7 @@ class LateWindows:
         return [
             late
             for window in self.windows.copy()
-            for late in self._take(window, window.framer.received(data, now), taken)
+            for late in self._take(window, window.framer.received(data, now, damaged=damaged), taken)
         ]
 
     def tick(self, now: float) -> list[LateResponse]:

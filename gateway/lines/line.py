@@ -175,8 +175,8 @@ class Line:
         elif not self.is_busy:
             self._go_on(now)
 
-    def received(self, data: bytes, now: float) -> None:
-        """Take bytes that became readable at `now`."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
+        """Take bytes that became readable at `now`; no frame that `damaged` ones are part of is an answer."""
         if self._current is not None and self._has_arrived is not None and not self._has_arrived():
             self._deaf_until = self._hearing.deafen(now)
         if self._again is not None:  # the line is not quiet: what comes may be the answer, so nothing is sent again
@@ -185,7 +185,7 @@ class Line:
             self._quiet_at = max(self._quiet_at, now + self._gap)
             self._lose(given_up, now)
         self._hearing.hear(data, now)
-        late = self._turns.received(data, now) if self._windows.windows else []
+        late = self._turns.received(data, now, damaged=damaged) if self._windows.windows else []
         if self._current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
             self._received_idle(data, now, is_late=bool(late))
@@ -197,7 +197,7 @@ class Line:
             self._hearing.received_early(data)
             return
         self._quiet_at = now + self._gap
-        self._take(self._current, self._hearing.received(data, now), now)
+        self._take(self._current, self._hearing.received(data, now, damaged=damaged), now)
 
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None while there is nothing to wait for."""

@@ -94,10 +94,10 @@ class Turns:
             return self._queue.next_expiry()
         return earliest(self._queue.next_expiry(), self._late.deadline())
 
-    def received(self, data: bytes, now: float) -> list[Frame]:
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
         """Take bytes that the line delivers while late answers are awaited; those of them that are late answers."""
         self._held_until = 0.0
-        return self._came_late(self._late.received(data, now, self._hearing.listen()), now)
+        return self._came_late(self._late.received(data, now, damaged=damaged, others=self._hearing.listen()), now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence may have ended a late answer, or a window has ended."""

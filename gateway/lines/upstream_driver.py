@@ -35,7 +35,7 @@ class UpstreamDriver:
         self._border.port = port
         self._run(self.upstream.port_up, port.write)
 
-    def received(self, data: bytes) -> None:
+    def received(self, data: bytes, *, damaged: bool = False) -> None:  # noqa: ARG002 - a connection damages nothing
         """These bytes have come."""
         self._run(self.upstream.received, data, self._time())
 

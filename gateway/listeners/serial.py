@@ -40,9 +40,9 @@ class SerialListener:
         step = partial(self.session.port_up, virtual=self.wire == "direct")
         self._border.run(step, port.write, port.latency, self._time())
 
-    def received(self, data: bytes) -> None:
+    def received(self, data: bytes, *, damaged: bool = False) -> None:
         """These bytes became readable."""
-        self._border.run(self.session.received, data, self._time())
+        self._border.run(partial(self.session.received, damaged=damaged), data, self._time())
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; nobody is answered until it is back."""

@@ -139,11 +139,11 @@ class SerialSession:
         """Take no more requests; the one that is under way is still answered."""
         self._is_ending = True
 
-    def received(self, data: bytes, now: float) -> None:
-        """Take bytes that became readable at `now`."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
+        """Take bytes that became readable at `now`; no frame that `damaged` ones are part of is a request."""
         self._heard_at = now
         self._quiet_at = max(self._quiet_at, now + self.settings.silence_before_response)
-        self._hear(self._framer.received(data, now), now)
+        self._hear(self._framer.received(data, now, damaged=damaged), now)
         self._go_on(now)
 
     def deadline(self) -> float | None:

@@ -67,8 +67,13 @@ class AsciiFramer:
         self._head = _START + (bytes((unit or 0,)) + asked.response_head).hex().upper().encode()
         self._size = _characters((asked.response_size or 0) + 2) if is_foretold else 0
 
-    def received(self, data: bytes, now: float) -> list[Frame]:
-        """Take bytes that became readable at `now`; frames that are complete with them, in order."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
+        """Take bytes that became readable at `now`; frames that are complete with them, in order.
+
+        `damaged` ones are part of no frame.
+        """
+        if damaged:
+            data = bytes(len(data))  # NULs: neither digits nor the end of a frame
         if now - self._last > CHARACTER_GAP:
             self._drop(len(self._buffer))
         self._last = now

@@ -31,8 +31,11 @@ class ResponseFramer(Protocol):
     def expect(self, unit: int | None, asked: RequestPdu) -> None:
         """A request goes on the line: forget what was received, look for its response from `unit`, None from any."""
 
-    def received(self, data: bytes, now: float) -> list[Frame]:
-        """Take bytes that became readable at `now`; frames that are complete with them, in order."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
+        """Take bytes that became readable at `now`; frames that are complete with them, in order.
+
+        `damaged` ones are part of no frame, nor does a frame go on behind them (S 2.5.1.1, 2.5.2.1).
+        """
 
     @property
     def missing(self) -> int:
@@ -61,8 +64,11 @@ class RequestFramer(Protocol):
     def encode(self, unit: int, pdu: bytes) -> bytes:
         """The ADU as it goes on the line."""
 
-    def received(self, data: bytes, now: float) -> list[Frame]:
-        """Take bytes that became readable at `now`; frames that are complete with them, in order."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
+        """Take bytes that became readable at `now`; frames that are complete with them, in order.
+
+        `damaged` ones are part of no frame, nor does a frame go on behind them (S 2.5.1.1, 2.5.2.1).
+        """
 
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None."""

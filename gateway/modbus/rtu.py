@@ -58,6 +58,8 @@ class ResponseFramer:
         self._size = 0
         self._longest = 0
         self._deadline: float | None = None
+        #: What stands in the buffer before this place has damaged bytes in it.
+        self._sound_from = 0
         self.heard_noise = False
 
     encode = staticmethod(encode)
@@ -70,6 +72,7 @@ class ResponseFramer:
     def expect(self, unit: int | None, asked: RequestPdu) -> None:
         """A request goes on the line: forget what was received, look for its response from `unit`, None from any."""
         self._buffer.clear()
+        self._sound_from = 0
         self._deadline = None
         self.heard_noise = False
         known = b"" if unit is None else bytes((unit,))
@@ -79,17 +82,23 @@ class ResponseFramer:
         self._size = 0 if asked.response_size is None else asked.response_size + OVERHEAD
         self._longest = asked.longest_response + OVERHEAD if asked.longest_response else 0
 
-    def received(self, data: bytes, now: float) -> list[Frame]:
-        """Take bytes that became readable at `now`; what looks like the response, if it is complete with them."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
+        """Take bytes that became readable at `now`; what looks like the response, if it is complete with them.
+
+        `damaged` ones are part of none.
+        """
         buffer = self._buffer
         buffer += data
-        if len(buffer) == self._size and buffer.startswith(self._head, self._unknown):
+        if damaged:
+            self._sound_from = len(buffer)
+        if not self._sound_from and len(buffer) == self._size and buffer.startswith(self._head, self._unknown):
             adu = bytes(buffer)
             if crc_fits(adu):  # as nearly always
                 buffer.clear()
                 return [Frame(adu[0], adu[1:-2])]
         frames = self._take()
         if len(buffer) > MAX_RTU_ADU:  # the response begins later
+            self._sound_from = max(0, self._sound_from - len(buffer) + MAX_RTU_ADU)
             del buffer[:-MAX_RTU_ADU]
             self.heard_noise = True
         self._deadline = now + self._silence if self._is_undecided() else None
@@ -99,7 +108,7 @@ class ResponseFramer:
     def missing(self) -> int:
         """So many bytes must come before there can be a response; 0 when nothing has begun, or that is not known."""
         here = len(self._buffer)
-        if not (here and self._size):
+        if not (here and self._size) or self._sound_from:
             return 0
         if self._buffer.startswith(self._head, self._unknown):
             return max(0, self._size - here)
@@ -118,7 +127,7 @@ class ResponseFramer:
 
     def conclude(self) -> list[Frame]:
         """No more is awaited: well-formed frames of other units or functions that were passed over. Changes nothing."""
-        frames = responses_in(bytes(self._buffer))
+        frames = responses_in(bytes(self._buffer[self._sound_from :]))
         heard = sum(len(frame.pdu) + OVERHEAD for frame in frames)
         self.heard_noise = self.heard_noise or heard < len(self._buffer)
         return frames
@@ -152,7 +161,7 @@ class ResponseFramer:
     def _find_response(self, *, patient: bool) -> tuple[int, int, int | None]:
         """Place and size of the first normal response, -1 if there is none; where one begins that is still coming."""
         buffer = self._buffer
-        found = buffer.find(self._head, self._unknown)
+        found = buffer.find(self._head, self._sound_from + self._unknown)
         while found >= 0:
             at = found - self._unknown
             size = self._size_of(at, patient=patient)
@@ -185,7 +194,7 @@ class ResponseFramer:
     def _find_refusal(self, end: int | None) -> int:
         """Where the first exception begins whose head stands before `end`, or -1."""
         buffer = self._buffer
-        found = buffer.find(self._refusal, self._unknown, end)
+        found = buffer.find(self._refusal, self._sound_from + self._unknown, end)
         while found >= 0:
             at = found - self._unknown
             adu = bytes(buffer[at : at + _EXCEPTION_SIZE])
@@ -199,6 +208,7 @@ class ResponseFramer:
         adu = bytes(self._buffer[at : at + size])
         self.heard_noise = self.heard_noise or at > 0
         del self._buffer[: at + size]
+        self._sound_from = 0
         return Frame(adu[0], adu[1:-2])
 
 
@@ -232,9 +242,15 @@ class RequestFramer:
         """Bytes since the last frame."""
         return self._passed_over + len(self._buffer)
 
-    def received(self, data: bytes, now: float) -> list[Frame]:
-        """Take bytes that became readable at `now`; requests that are complete with them, in order."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
+        """Take bytes that became readable at `now`; requests that are complete with them, in order.
+
+        `damaged` ones are part of none.
+        """
         self._buffer += data
+        if damaged:
+            self._pass_over(len(self._buffer))
+            self._buffer.clear()
         frames = self._take_complete()
         while len(self._buffer) > MAX_RTU_ADU:  # no frame is so long: it begins with noise
             del self._buffer[0]
@@ -267,8 +283,8 @@ class RequestFramer:
                 at += 1
         return frames
 
-    def _pass_over(self) -> None:
-        self._passed_over += 1
+    def _pass_over(self, count: int = 1) -> None:
+        self._passed_over += count
         self.heard_noise = True
 
     def _take_complete(self) -> list[Frame]:

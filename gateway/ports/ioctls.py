@@ -42,13 +42,12 @@ def flags_of(format_: CharacterFormat) -> int:
 
 
 def input_flags(before: int, *, checks_parity: bool) -> int:
-    """The input flags of a port that had `before`: a break or a damaged character reads as a NUL.
+    """The input flags of a port that had `before`. Who checks parity has damaged characters marked (ports/marked.py).
 
-    Left as they were (`stty sane`), a break could discard all that was received, and a damaged character could be left
-    out. docs/adr/0013-damaged-characters.md
+    Left as they were (`stty sane`), a break could discard all that was received, and a damaged character be left out.
     """
     flags = before & ~(termios.BRKINT | termios.IGNPAR | termios.PARMRK | termios.INPCK)
-    return flags | termios.INPCK if checks_parity else flags
+    return flags | termios.INPCK | termios.PARMRK if checks_parity else flags
 
 
 def set_input_flags(descriptor: int, *, checks_parity: bool) -> None:

@@ -6,7 +6,7 @@ from typing import Final, Protocol
 
 from gateway.errors import PortClosed, PortError
 from gateway.events import Emit, LineLost, LineReopened, LineUp
-from gateway.ports.port import OpenPort, Port
+from gateway.ports.port import OpenPort, Port, Received
 
 #: Pause before the port is tried again; it doubles with every failure. The longest keeps a returned adapter waiting
 #: for less than 2 s and an absent one below 2 % of a processor.
@@ -28,8 +28,9 @@ class PortOwner(Protocol):
     def port_up(self, port: Port) -> None:
         """The port is open and may be written to at once."""
 
-    def received(self, data: bytes) -> None:
-        """These bytes became readable."""
+    @property
+    def received(self) -> Received:
+        """Takes what became readable."""
 
     def port_down(self, error: PortError) -> None:
         """The port that `port_up` brought is gone. Called once for each `port_up`."""

@@ -48,6 +48,7 @@ class OpenDevice:
     """A serial device that is open and configured. `latency` in seconds; `virtual` carries bytes at once.
 
     `baud` is the rate at which it runs, as far as its driver tells; `rs485` what the driver goes back to at the end.
+    What it reads is `marked` where parity is checked.
     """
 
     port: str
@@ -56,6 +57,7 @@ class OpenDevice:
     latency: float
     baud: int | None
     rs485: bytes | None
+    marked: bool
 
 
 class ConfiguredOnce(Serial):
@@ -70,7 +72,12 @@ class ConfiguredOnce(Serial):
     def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
         if force_update and self.fd is not None:
             super()._reconfigure_port(force_update=True)  # type: ignore[misc]  # private, so not in the stubs
-            set_input_flags(self.fd, checks_parity=self.parity != PARITY_NONE)
+            set_input_flags(self.fd, checks_parity=self.checks_parity)
+
+    @property
+    def checks_parity(self) -> bool:
+        """Whether characters have a parity bit."""
+        return bool(self.parity != PARITY_NONE)
 
 
 def open_device(settings: SerialSettings) -> OpenDevice:
@@ -129,7 +136,7 @@ def _is_virtual(settings: SerialSettings) -> bool:
     return os.major(status.st_rdev) in VIRTUAL_MAJORS
 
 
-def _configured(settings: SerialSettings, format_: CharacterFormat) -> Serial:
+def _configured(settings: SerialSettings, format_: CharacterFormat) -> ConfiguredOnce:
     try:
         return ConfiguredOnce(
             port=settings.port,
@@ -145,7 +152,7 @@ def _configured(settings: SerialSettings, format_: CharacterFormat) -> Serial:
         raise PortError(why_not_opened(settings, error)) from error
 
 
-def _settled(serial: Serial, settings: SerialSettings, *, virtual: bool) -> OpenDevice:
+def _settled(serial: ConfiguredOnce, settings: SerialSettings, *, virtual: bool) -> OpenDevice:
     """See to what pyserial does not: that the driver did as told, RS-485, and the least latency."""
     descriptor = serial.fileno()
     if not virtual:
@@ -157,7 +164,8 @@ def _settled(serial: Serial, settings: SerialSettings, *, virtual: bool) -> Open
     baud = _check_baud(descriptor, settings.port, settings.baud)
     if not virtual:  # on a pseudo-terminal it would outlive us while a simulator holds the other end
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
-    return OpenDevice(settings.port, serial, virtual, latency, baud, _switch_rs485(descriptor, settings))
+    rs485 = _switch_rs485(descriptor, settings)
+    return OpenDevice(settings.port, serial, virtual, latency, baud, rs485, serial.checks_parity)
 
 
 def _switch_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:

@@ -41,11 +41,19 @@ class Port(Protocol):
         """Wait until a port that was closed or lost is free again. The caller sets the deadline: a driver may hang."""
 
 
+class Received(Protocol):
+    """Who takes bytes."""
+
+    def __call__(self, data: bytes, *, damaged: bool = False) -> None:
+        """These bytes became readable. Of `damaged` ones the port knows that they are not what was sent."""
+
+
 class PortUser(Protocol):
     """Who is told what a port does."""
 
-    def received(self, data: bytes) -> None:
-        """These bytes became readable."""
+    @property
+    def received(self) -> Received:
+        """Takes what became readable."""
 
     def lost(self, error: PortError) -> None:
         """The port is gone; nothing more comes from it. Called once for every port that was opened."""

@@ -7,6 +7,7 @@ from typing import Final
 from serial_asyncio import SerialTransport
 
 from gateway.errors import PortClosed, PortError
+from gateway.ports.marked import MarkedInput
 from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
 from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
@@ -59,7 +60,7 @@ class SerialPort(SerialTransport):
         self._device = device
         self._descriptor = device.serial.fileno()
         self._user: PortUser | None = user
-        self._received = user.received
+        self._received = MarkedInput(user.received).received if device.marked else user.received
         self._closed = asyncio.Event()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:

@@ -168,3 +168,27 @@ def test_the_limit_does_not_wait_for_the_silence(bench: Bench) -> None:
     bench.pass_time(2e-4)
     assert bench.client.answers == ["83 0B"]
     assert bench.line.late_windows(bench.now) == 1
+
+
+def test_a_character_with_a_wrong_parity_bit_spoils_the_answer(bench: Bench) -> None:
+    """Also where the check sum fits; then it is known as quickly that this was the answer."""
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + 0.001)
+    frame = bytes.fromhex(bench.frame(1, RESPONSE))
+    bench.line.received(frame[:-3], bench.now)
+    bench.line.received(frame[-3:-2], bench.now, damaged=True)
+    bench.line.received(frame[-2:], bench.now)
+    bench.pass_time(silence(bench) + 1e-6)
+    assert bench.client.answers == ["83 0B"]
+    bench.ask(OTHER)
+    assert len(bench.written) == 2
+
+
+def test_a_late_answer_with_a_wrong_parity_bit_is_awaited_still(bench: Bench) -> None:
+    bench.ask()
+    bench.pass_time(LIMIT + 0.1)
+    assert bench.line.late_windows(bench.now) == 1
+    bench.line.received(bytes.fromhex(bench.frame(1, RESPONSE)), bench.now, damaged=True)
+    assert bench.line.late_windows(bench.now) == 1
+    bench.hear(bench.frame(1, RESPONSE))
+    assert bench.line.late_windows(bench.now) == 0

@@ -54,6 +54,12 @@ class Driven:
         self.requests.append(request)
 
 
+async def test_a_damaged_request_is_none() -> None:
+    driven = Driven()
+    driven.listener.received(READ, damaged=True)
+    assert driven.requests == []
+
+
 async def test_it_waits_for_the_silence_and_answers() -> None:
     driven = Driven()
     driven.listener.received(READ)

@@ -54,6 +54,16 @@ class TestOnBothKindsOfLine:
         bench.pass_time(2.0)
         assert (bench.asked, bench.take_written(), bench.counts.noise) == ([], [], 1)
 
+    def test_a_request_with_a_wrong_parity_bit_gets_silence(self, timing: LineTiming) -> None:
+        bench = ServerBench(timing)
+        frame = bench.frame(41, WRITE)
+        bench.hear(frame[:-3])
+        bench.session.received(frame[-3:-2], bench.now, damaged=True)
+        bench.hear(frame[-2:])
+        bench.pass_time(2.0)
+        assert (bench.asked, bench.take_written()) == ([], [])
+        assert bench.counts.noise
+
     def test_the_request_behind_a_broken_frame_is_answered(self, timing: LineTiming) -> None:
         bench = ServerBench(timing)
         bench.hear(bench.frame(41, READ)[:-2])

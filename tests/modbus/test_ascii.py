@@ -183,3 +183,25 @@ def test_clean_is_what_was_handed_over_and_nothing_else():
         framer = AsciiFramer()
         hear(framer, heard)
         assert framer.is_clean == is_clean
+
+
+@pytest.mark.parametrize("at", range(len(GOOD)))
+@pytest.mark.parametrize("character", [b"", b"0", b"\r", b"\n", b":"])
+def test_no_frame_is_made_of_damaged_characters(at, character):
+    """Neither when they are what was sent, nor when something else was read in their place, nor beside the place."""
+    framer, damaged = AsciiFramer(), character or GOOD[at : at + 1]
+    frames = framer.received(GOOD[:at], 0.0) + framer.received(damaged, 0.0, damaged=True)
+    assert frames + framer.received(GOOD[at + 1 :], 0.0) == []
+    assert not framer.is_clean
+
+
+@pytest.mark.parametrize("at", range(1, len(GOOD)))
+def test_a_nul_between_characters_spoils_the_frame(at):
+    assert hear(AsciiFramer(), GOOD[:at] + b"\0" + GOOD[at:]) == []
+
+
+def test_the_frame_behind_damaged_characters_is_found():
+    framer = AsciiFramer()
+    framer.received(GOOD[:-1], 0.0, damaged=True)
+    assert framer.received(GOOD, 0.0) == [(UNIT, ANSWER)]
+    assert framer.heard_noise

@@ -186,3 +186,18 @@ def test_a_request_of_a_wrong_size_ends_by_silence(pdu):
 def test_garbage_raises_nothing(chunks):
     for frame in hear(RequestFramer(SILENCE), *chunks):
         assert 1 <= len(frame.pdu) <= 253
+
+
+@pytest.mark.parametrize("at", range(8))
+def test_no_request_is_made_of_damaged_bytes(at):
+    framer, good = RequestFramer(SILENCE), encode(UNIT, READ)
+    assert framer.received(good[:at], 0.0) == framer.received(good[at : at + 1], 0.0, damaged=True) == []
+    assert hear(framer, good[at + 1 :]) == []
+    assert framer.heard_noise
+    assert framer.behind == len(good)
+
+
+def test_the_request_behind_damaged_bytes_is_found():
+    framer = RequestFramer(SILENCE)
+    framer.received(bytes(300), 0.0, damaged=True)
+    assert framer.received(encode(UNIT, READ), 0.0) == [(UNIT, READ)]

@@ -410,3 +410,41 @@ def test_clean_is_what_was_handed_over_and_nothing_else():
         framer = asked()
         framer.received(heard, 0.0)
         assert framer.is_clean == is_clean
+
+
+class TestDamaged:
+    """Bytes that came with a wrong parity bit are part of no frame, whatever the CRC says."""
+
+    @pytest.mark.parametrize("at", range(len(GOOD)))
+    @pytest.mark.parametrize("question", [QUESTION, UNKNOWN])
+    def test_no_frame_is_made_of_them(self, question, at):
+        framer = asked(question)
+        good = GOOD if question is QUESTION else encode(UNIT, UNKNOWN)
+        frames = framer.received(good[:at], 0.0) + framer.received(good[at : at + 1], 0.0, damaged=True)
+        frames += hear(framer, good[at + 1 :])
+        assert frames == framer.conclude() == []
+        assert not framer.is_clean
+
+    @pytest.mark.parametrize("at", range(5))
+    def test_nor_an_exception(self, at):
+        framer = asked()
+        good = encode(UNIT, exception_response(QUESTION[0], 2))
+        frames = framer.received(good[:at], 0.0) + framer.received(good[at : at + 1], 0.0, damaged=True)
+        assert frames + hear(framer, good[at + 1 :]) == []
+
+    @pytest.mark.parametrize("question", [QUESTION, UNKNOWN])
+    @pytest.mark.parametrize("before", [b"\0", bytes(300), encode(UNIT, ANSWER)])
+    def test_the_frame_behind_them_is_found(self, question, before):
+        framer = asked(question)
+        answer = ANSWER if question is QUESTION else UNKNOWN
+        assert framer.received(before, 0.0, damaged=True) == []
+        assert framer.missing == 0
+        assert hear(framer, encode(UNIT, answer)) == [(UNIT, answer)]
+        assert framer.heard_noise
+
+    def test_the_next_request_knows_nothing_of_them(self):
+        framer = asked()
+        framer.received(b"\0", 0.0, damaged=True)
+        framer.expect(UNIT, parse_request(QUESTION))
+        assert hear(framer, GOOD) == [(UNIT, ANSWER)]
+        assert framer.is_clean

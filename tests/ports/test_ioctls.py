@@ -19,7 +19,7 @@ def terminal():
 @pytest.mark.parametrize("before", [0, SANE, termios.INPCK | SANE])
 def test_a_port_with_parity_checks_it_whatever_was_set_before(before):
     flags = input_flags(before, checks_parity=True)
-    assert flags & (SANE | termios.INPCK) == before & termios.ICRNL | termios.INPCK
+    assert flags & (SANE | termios.INPCK) == before & termios.ICRNL | termios.INPCK | termios.PARMRK
 
 
 @pytest.mark.parametrize("before", [0, SANE, termios.INPCK | SANE])

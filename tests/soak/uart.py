@@ -148,7 +148,9 @@ def watch(console: socket.socket, line: socket.socket) -> bool:
         print(text, flush=True)
         went_well = went_well and not text.startswith(("FAILED", "Traceback"))
         if text == "send a break":
-            line.sendall(b"A\x01bB")  # how a multiplexed character device of qemu is told
+            for each in (b"A", b"\x01b", b"B"):  # how a multiplexed character device of qemu is told
+                line.sendall(each)
+                time.sleep(0.5)  # its 8250 has one flag for all characters that it holds
         elif text == "done":
             return went_well
     return False

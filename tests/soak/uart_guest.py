@@ -26,8 +26,8 @@ class User:
     def __init__(self):
         self.heard = b""
 
-    def received(self, data):
-        self.heard += data
+    def received(self, data, *, damaged=False):
+        self.heard += b"<damaged>" if damaged else data
 
     def lost(self, error):
         self.heard += b""
@@ -68,7 +68,7 @@ async def check_parity(port, beside):
         flags[0] |= termios.IGNPAR | termios.PARMRK | termios.BRKINT
         termios.tcsetattr(beside, termios.TCSANOW, flags)
         async with Held(port, format_) as held:
-            expected = 0 if "N" in format_ else termios.INPCK
+            expected = 0 if "N" in format_ else termios.INPCK | termios.PARMRK
             check(f"input flags, {format_}", termios.tcgetattr(beside)[0] & PARITY, expected)
             check(f"format, {format_}", termios.tcgetattr(beside)[2] & FORMAT_FLAGS, flags_of(held.settings.format))
             held.port.change_baud(9600)
@@ -106,7 +106,7 @@ async def check_break(port):
             await asyncio.sleep(0.1)
             if held.user.heard.endswith(b"B"):
                 break
-        check("what is heard of A, a break, B", held.user.heard, b"A\0B")
+        check("what is heard of A, a break, B", held.user.heard, b"A<damaged>B")
 
 
 def rs485(descriptor, flags=None):
