@@ -176,7 +176,7 @@ class Line:
             self._go_on(now)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
-        """Take bytes that became readable at `now`; no frame that `damaged` ones are part of is an answer."""
+        """Take bytes that became readable at `now`. No frame with all of `damaged` ones in it is an answer."""
         if self._current is not None and self._has_arrived is not None and not self._has_arrived():
             self._deaf_until = self._hearing.deafen(now)
         if self._again is not None:  # the line is not quiet: what comes may be the answer, so nothing is sent again

@@ -140,7 +140,7 @@ class SerialSession:
         self._is_ending = True
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
-        """Take bytes that became readable at `now`; no frame that `damaged` ones are part of is a request."""
+        """Take bytes that became readable at `now`. No frame with all of `damaged` ones in it is a request."""
         self._heard_at = now
         self._quiet_at = max(self._quiet_at, now + self.settings.silence_before_response)
         self._hear(self._framer.received(data, now, damaged=damaged), now)

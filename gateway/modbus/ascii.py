@@ -70,10 +70,10 @@ class AsciiFramer:
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
         """Take bytes that became readable at `now`; frames that are complete with them, in order.
 
-        `damaged` ones are part of no frame.
+        No frame has all of `damaged` ones in it.
         """
         if damaged:
-            data = bytes(len(data))  # NULs: neither digits nor the end of a frame
+            return self._received_damaged(data[:-1], data[-1:], now)
         if now - self._last > CHARACTER_GAP:
             self._drop(len(self._buffer))
         self._last = now
@@ -107,6 +107,13 @@ class AsciiFramer:
         """No more is awaited: an unfinished frame is noise so far, and no frame was held back. Changes nothing."""
         self.heard_noise = self.heard_noise or bool(self._buffer)
         return []
+
+    def _received_damaged(self, data: bytes, last: bytes, now: float) -> list[Frame]:
+        """A frame may end before the last of them, or begin behind the first."""
+        frames = self.received(data, now) if data else []
+        if len(self._buffer) >= len(data):
+            self._drop(len(self._buffer))
+        return frames + self.received(last if data else b"\0", now)
 
     def _decode(self, text: bytes) -> Frame | None:
         before, start, digits = text.rpartition(_START)

@@ -58,7 +58,7 @@ class ResponseFramer:
         self._size = 0
         self._longest = 0
         self._deadline: float | None = None
-        #: What stands in the buffer before this place has damaged bytes in it.
+        #: No response begins before this place in the buffer: it would have all of some damaged bytes in it.
         self._sound_from = 0
         self.heard_noise = False
 
@@ -85,12 +85,12 @@ class ResponseFramer:
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
         """Take bytes that became readable at `now`; what looks like the response, if it is complete with them.
 
-        `damaged` ones are part of none.
+        None has all of `damaged` ones in it.
         """
+        if damaged:
+            return self._received_damaged(data[:-1], data[-1:], now)
         buffer = self._buffer
         buffer += data
-        if damaged:
-            self._sound_from = len(buffer)
         if not self._sound_from and len(buffer) == self._size and buffer.startswith(self._head, self._unknown):
             adu = bytes(buffer)
             if crc_fits(adu):  # as nearly always
@@ -131,6 +131,12 @@ class ResponseFramer:
         heard = sum(len(frame.pdu) + OVERHEAD for frame in frames)
         self.heard_noise = self.heard_noise or heard < len(self._buffer)
         return frames
+
+    def _received_damaged(self, data: bytes, last: bytes, now: float) -> list[Frame]:
+        """A response may end before the last of them, or begin behind the first."""
+        frames = self.received(data, now)
+        self._sound_from = max(self._sound_from, len(self._buffer) - len(data) + 1)
+        return frames + self.received(last, now)
 
     def _is_undecided(self) -> bool:
         """Whether silence will show more: there is a response of unknown size, or something behind a beginning."""
@@ -245,12 +251,11 @@ class RequestFramer:
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
         """Take bytes that became readable at `now`; requests that are complete with them, in order.
 
-        `damaged` ones are part of none.
+        None has all of `damaged` ones in it.
         """
-        self._buffer += data
         if damaged:
-            self._pass_over(len(self._buffer))
-            self._buffer.clear()
+            return self._received_damaged(data[:-1], data[-1:], now)
+        self._buffer += data
         frames = self._take_complete()
         while len(self._buffer) > MAX_RTU_ADU:  # no frame is so long: it begins with noise
             del self._buffer[0]
@@ -282,6 +287,16 @@ class RequestFramer:
                 self._pass_over()
                 at += 1
         return frames
+
+    def _received_damaged(self, data: bytes, last: bytes, now: float) -> list[Frame]:
+        """A request may end before the last of them, or begin behind the first."""
+        frames = self.received(data, now)
+        self._buffer += last
+        begun = len(self._buffer) - len(data)
+        if begun > 0:
+            self._pass_over(begun)
+            del self._buffer[:begun]
+        return frames + self.received(b"", now)
 
     def _pass_over(self, count: int = 1) -> None:
         self._passed_over += count

@@ -45,7 +45,7 @@ class Received(Protocol):
     """Who takes bytes."""
 
     def __call__(self, data: bytes, *, damaged: bool = False) -> None:
-        """These bytes became readable. Of `damaged` ones the port knows that they are not what was sent."""
+        """These bytes became readable; `damaged`: at least one of them is not what was sent."""
 
 
 class PortUser(Protocol):

@@ -1,3 +1,5 @@
+from itertools import combinations
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -185,23 +187,35 @@ def test_clean_is_what_was_handed_over_and_nothing_else():
         assert framer.is_clean == is_clean
 
 
-@pytest.mark.parametrize("at", range(len(GOOD)))
-@pytest.mark.parametrize("character", [b"", b"0", b"\r", b"\n", b":"])
-def test_no_frame_is_made_of_damaged_characters(at, character):
-    """Neither when they are what was sent, nor when something else was read in their place, nor beside the place."""
-    framer, damaged = AsciiFramer(), character or GOOD[at : at + 1]
-    frames = framer.received(GOOD[:at], 0.0) + framer.received(damaged, 0.0, damaged=True)
-    assert frames + framer.received(GOOD[at + 1 :], 0.0) == []
-    assert not framer.is_clean
+class TestDamaged:
+    """At least one of some characters is not what was sent, whatever the LRC says."""
+
+    @staticmethod
+    def hear(framer: AsciiFramer, data: bytes, start: int, end: int) -> list[Frame]:
+        frames = framer.received(data[:start], 0.0) + framer.received(data[start:end], 0.0, damaged=True)
+        return frames + framer.received(data[end:], 0.0)
+
+    def test_no_frame_has_all_of_them_in_it(self):
+        for start, end in combinations(range(len(GOOD) + 1), 2):
+            framer = AsciiFramer()
+            assert self.hear(framer, GOOD, start, end) == []
+            assert not framer.is_clean
+
+    @pytest.mark.parametrize("end", range(1, len(GOOD) + 1))
+    def test_it_may_have_been_the_glitch_before_a_frame(self, end):
+        assert self.hear(AsciiFramer(), b"\x7f" + GOOD, 0, end) == [(UNIT, ANSWER)]
+
+    @pytest.mark.parametrize("start", range(len(GOOD)))
+    def test_it_may_have_been_the_glitch_behind_a_frame(self, start):
+        assert self.hear(AsciiFramer(), GOOD + b"\x7f", start, len(GOOD) + 1) == [(UNIT, ANSWER)]
+
+    def test_the_frame_behind_them_is_found(self):
+        framer = AsciiFramer()
+        framer.received(GOOD[:-1], 0.0, damaged=True)
+        assert framer.received(GOOD, 0.0) == [(UNIT, ANSWER)]
+        assert framer.heard_noise
 
 
 @pytest.mark.parametrize("at", range(1, len(GOOD)))
 def test_a_nul_between_characters_spoils_the_frame(at):
     assert hear(AsciiFramer(), GOOD[:at] + b"\0" + GOOD[at:]) == []
-
-
-def test_the_frame_behind_damaged_characters_is_found():
-    framer = AsciiFramer()
-    framer.received(GOOD[:-1], 0.0, damaged=True)
-    assert framer.received(GOOD, 0.0) == [(UNIT, ANSWER)]
-    assert framer.heard_noise

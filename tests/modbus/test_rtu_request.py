@@ -1,6 +1,6 @@
 """The request framer: what a server hears on an RTU line that it may share with others."""
 
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import pytest
 from hypothesis import given
@@ -188,16 +188,29 @@ def test_garbage_raises_nothing(chunks):
         assert 1 <= len(frame.pdu) <= 253
 
 
-@pytest.mark.parametrize("at", range(8))
-def test_no_request_is_made_of_damaged_bytes(at):
-    framer, good = RequestFramer(SILENCE), encode(UNIT, READ)
-    assert framer.received(good[:at], 0.0) == framer.received(good[at : at + 1], 0.0, damaged=True) == []
-    assert hear(framer, good[at + 1 :]) == []
-    assert framer.heard_noise
-    assert framer.behind == len(good)
+class TestDamaged:
+    """At least one of some bytes is not what was sent, whatever the CRC says."""
 
+    GOOD = encode(UNIT, READ)
 
-def test_the_request_behind_damaged_bytes_is_found():
-    framer = RequestFramer(SILENCE)
-    framer.received(bytes(300), 0.0, damaged=True)
-    assert framer.received(encode(UNIT, READ), 0.0) == [(UNIT, READ)]
+    @staticmethod
+    def hear(framer: RequestFramer, data: bytes, start: int, end: int) -> list[Frame]:
+        frames = framer.received(data[:start], 0.0) + framer.received(data[start:end], 0.0, damaged=True)
+        return frames + hear(framer, data[end:])
+
+    def test_no_request_has_all_of_them_in_it(self):
+        for start, end in combinations(range(len(self.GOOD) + 1), 2):
+            framer = RequestFramer(SILENCE)
+            assert self.hear(framer, self.GOOD, start, end) == []
+            assert framer.heard_noise
+            assert framer.behind == len(self.GOOD)
+
+    @pytest.mark.parametrize("end", range(1, 10))
+    def test_it_may_have_been_the_glitch_before_a_request(self, end):
+        assert self.hear(RequestFramer(SILENCE), b"\xff" + self.GOOD, 0, end) == [(UNIT, READ)]
+
+    @pytest.mark.parametrize("start", range(8))
+    def test_it_may_have_been_the_glitch_behind_a_request(self, start):
+        framer = RequestFramer(SILENCE)
+        assert self.hear(framer, self.GOOD + b"\xff", start, 9) == [(UNIT, READ)]
+        assert framer.behind == 1

@@ -1,6 +1,6 @@
 """The response framer: what a client hears on an RTU line after its request."""
 
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import pytest
 from hypothesis import given
@@ -413,27 +413,34 @@ def test_clean_is_what_was_handed_over_and_nothing_else():
 
 
 class TestDamaged:
-    """Bytes that came with a wrong parity bit are part of no frame, whatever the CRC says."""
+    """At least one of some bytes is not what was sent, whatever the CRC says."""
 
-    @pytest.mark.parametrize("at", range(len(GOOD)))
+    @staticmethod
+    def hear(framer: ResponseFramer, data: bytes, start: int, end: int) -> list[Frame]:
+        frames = framer.received(data[:start], 0.0) + framer.received(data[start:end], 0.0, damaged=True)
+        return frames + hear(framer, data[end:])
+
+    @pytest.mark.parametrize("answer", [ANSWER, exception_response(QUESTION[0], 2), UNKNOWN])
+    def test_no_frame_has_all_of_them_in_it(self, answer):
+        good = encode(UNIT, answer)
+        for start, end in combinations(range(len(good) + 1), 2):
+            framer = asked(UNKNOWN if answer is UNKNOWN else QUESTION)
+            assert self.hear(framer, good, start, end) == framer.conclude() == []
+            assert not framer.is_clean
+
+    @pytest.mark.parametrize("end", range(1, len(GOOD) + 1))
+    @pytest.mark.parametrize("answer", [ANSWER, UNKNOWN])
+    def test_it_may_have_been_the_glitch_before_a_frame(self, answer, end):
+        """An adapter marks all that came in one packet."""
+        framer = asked(UNKNOWN if answer is UNKNOWN else QUESTION)
+        assert self.hear(framer, b"\xff" + encode(UNIT, answer), 0, end) == [(UNIT, answer)]
+
+    @pytest.mark.parametrize("start", range(len(GOOD)))
+    def test_it_may_have_been_the_glitch_behind_a_frame(self, start):
+        assert self.hear(asked(), GOOD + b"\xff", start, len(GOOD) + 1) == [(UNIT, ANSWER)]
+
     @pytest.mark.parametrize("question", [QUESTION, UNKNOWN])
-    def test_no_frame_is_made_of_them(self, question, at):
-        framer = asked(question)
-        good = GOOD if question is QUESTION else encode(UNIT, UNKNOWN)
-        frames = framer.received(good[:at], 0.0) + framer.received(good[at : at + 1], 0.0, damaged=True)
-        frames += hear(framer, good[at + 1 :])
-        assert frames == framer.conclude() == []
-        assert not framer.is_clean
-
-    @pytest.mark.parametrize("at", range(5))
-    def test_nor_an_exception(self, at):
-        framer = asked()
-        good = encode(UNIT, exception_response(QUESTION[0], 2))
-        frames = framer.received(good[:at], 0.0) + framer.received(good[at : at + 1], 0.0, damaged=True)
-        assert frames + hear(framer, good[at + 1 :]) == []
-
-    @pytest.mark.parametrize("question", [QUESTION, UNKNOWN])
-    @pytest.mark.parametrize("before", [b"\0", bytes(300), encode(UNIT, ANSWER)])
+    @pytest.mark.parametrize("before", [b"\0", bytes(300), GOOD[:-1]])
     def test_the_frame_behind_them_is_found(self, question, before):
         framer = asked(question)
         answer = ANSWER if question is QUESTION else UNKNOWN
