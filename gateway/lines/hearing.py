@@ -100,7 +100,9 @@ class Hearing:
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> Outcome:
         """Take bytes that may belong to the answer."""
         if self._echo is not None:
-            data = self._echo.strip(data)
+            rest = self._echo.strip(data)
+            damaged = damaged and rest == data  # else it may be the echo that was damaged
+            data = rest
             self._early[:] = self._echo.before
         if not self._heard:
             self._first_at = now

@@ -67,7 +67,7 @@ class RequestFramer(Protocol):
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
         """Take bytes that became readable at `now`; frames that are complete with them, in order.
 
-        `damaged` ones are part of no frame, nor does a frame go on behind them (S 2.5.1.1, 2.5.2.1).
+        At least one of `damaged` ones is not what was sent: no frame has all of them in it.
         """
 
     def deadline(self) -> float | None:

@@ -117,7 +117,7 @@ def close_device(device: OpenDevice, *, lost: bool) -> None:
     """Close the port. What was written to one that is not lost is sent first, within DRAINING_DEADLINE."""
     descriptor = device.serial.fileno()
     with suppress(*DriverError):  # a device that is gone has nothing to send and nothing to give back
-        if lost or not _drained(descriptor):
+        if lost or not _drained(device):
             termios.tcflush(descriptor, termios.TCIOFLUSH)
         if not device.virtual:
             fcntl.ioctl(descriptor, termios.TIOCNXCL)
@@ -200,10 +200,13 @@ def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
     return actual
 
 
-def _drained(descriptor: int) -> bool:
-    """Wait until all has been sent; False at the deadline. Not tcdrain: nothing ends that."""
-    deadline = time.monotonic() + DRAINING_DEADLINE
-    while bytes_to_send(descriptor) or is_sending(descriptor):
+def _drained(device: OpenDevice) -> bool:
+    """Wait until all has been sent; False at the deadline. Not tcdrain: nothing ends that.
+
+    Where RS-485 is put back then, which may switch the transmitter off, the last bit must have left the UART too.
+    """
+    descriptor, deadline = device.serial.fileno(), time.monotonic() + DRAINING_DEADLINE
+    while bytes_to_send(descriptor) or (device.rs485 is not None and is_sending(descriptor)):
         if time.monotonic() > deadline:
             return False
         time.sleep(0.005)

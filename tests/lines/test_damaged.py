@@ -192,3 +192,11 @@ def test_a_late_answer_with_a_wrong_parity_bit_is_awaited_still(bench: Bench) ->
     assert bench.line.late_windows(bench.now) == 1
     bench.hear(bench.frame(1, RESPONSE))
     assert bench.line.late_windows(bench.now) == 0
+
+
+def test_a_damaged_echo_costs_no_answer(bench: Bench) -> None:
+    bench = Bench(timing=bench.settings.timing, echo=True)
+    bench.ask()
+    bench.line.received(bytes.fromhex(bench.written[-1]), bench.now, damaged=True)
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]

@@ -313,9 +313,12 @@ async def test_what_a_driver_did_before_is_put_back_in_the_end(virtual, user, mo
     async with opened(virtual.path, user):
         pass
     assert put_back == []
+    sending = iter((True, True, False))
+    monkeypatch.setattr(opening, "is_sending", lambda descriptor: next(sending))
     async with opened(virtual.path, user, rs485="kernel"):
         assert put_back == []
     assert put_back == [b"found"]
+    assert list(sending) == []
 
 
 async def test_a_driver_that_passes_over_the_format(virtual, user, monkeypatch):
