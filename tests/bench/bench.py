@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from measure import FAULTS, Figures, run, together
-from programs import BenchError, compile_into
+from programs import BenchError, compile_gateway, compile_into
 from scenarios import SCENARIOS, Scenario
 
 #: Title, and how the cell is made of the gateway's figures and the relay's.
@@ -51,6 +51,7 @@ def main() -> int:
         for name, scenario in SCENARIOS.items():
             print(f"{name:14}{scenario.what}")
         return 0
+    compile_gateway()
     _allow_many_descriptors()
     failures = 0
     with tempfile.TemporaryDirectory(prefix="bench.") as name:

@@ -1,6 +1,6 @@
 """What the pieces of a request's way cost without a kernel, each beside an empty call of Python in the same run.
 
-    .venv/bin/python tests/bench/micro.py
+    ./deploy/go compile && .venv/bin/python tests/bench/micro.py
 
 The best of several repetitions: other work on the machine can only make a piece slower. `whole way` is a request from
 the client's bytes to the line's and back, with everything but sockets, ports and the loop.

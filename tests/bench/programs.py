@@ -32,6 +32,12 @@ class BenchError(Exception):
     """A run has not come to its end; the message says why."""
 
 
+def compile_gateway() -> None:
+    """See that the installed gateway is that of the checkout, and compiled. Nothing of one that PYTHONPATH leads to."""
+    if "PYTHONPATH" not in os.environ:
+        subprocess.run([HERE.parents[1] / "deploy/go", "compile"], check=False)  # it says why not
+
+
 def compile_into(folder: Path) -> None:
     """Build the programs in C."""
     for name in ("devices", "load", "relay"):

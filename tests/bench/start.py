@@ -19,7 +19,7 @@ from statistics import median
 from threading import Timer
 from typing import NamedTuple
 
-from programs import GATEWAY, PATIENCE, config
+from programs import GATEWAY, PATIENCE, compile_gateway, config
 from scenarios import Scenario
 
 LINES = Scenario(what="", clients=1, lines=8)
@@ -99,6 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=7, help="how often each is started")
     rounds = parser.parse_args().rounds
+    compile_gateway()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench.")))
         ttys = [_virtual_port(stack) for _ in range(LINES.lines)]

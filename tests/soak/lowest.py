@@ -1,0 +1,46 @@
+"""The gateway with the oldest libraries that pyproject.toml allows: those tests that meet them must pass.
+
+    .venv/bin/python tests/soak/lowest.py
+
+It makes an environment of its own, with this Python, and leaves nothing behind. Arguments go to pytest, in place of
+the tests that are chosen here.
+"""
+
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+#: Whatever imports a library, and the whole gateway once.
+TESTS = ("tests/cli", "tests/config", "tests/modbus", "tests/observe", "tests/oracle", "tests/ports")
+REAL_TIME = ("tests/system/test_demo.py", "tests/system/test_serial_pty.py")
+
+
+def lowest(text: str) -> str:
+    """The lowest version that a requirement allows: `pyserial==3.5` for `pyserial>=3.5`."""
+    library = Requirement(text)
+    (version,) = (one.version for one in library.specifier if one.operator in {">=", "=="})
+    return f"{library.name}=={version}"
+
+
+def main(tests: list[str]) -> int:
+    """Install them, and run the tests; pytest's exit code."""
+    declared = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    wanted = list(map(lowest, declared))
+    print("with", *wanted, flush=True)
+    with tempfile.TemporaryDirectory(prefix="lowest.") as folder:
+        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+        python = f"{folder}/bin/python"
+        pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
+        subprocess.run([*pip, "--requirement", CHECKOUT / "deploy/requirements-dev.txt"], check=True)
+        subprocess.run([*pip, *wanted], check=True)
+        pytest = [python, "-m", "pytest", "--quiet", *(tests or (*TESTS, *REAL_TIME))]
+        return subprocess.run(pytest, cwd=CHECKOUT, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
