@@ -65,7 +65,7 @@ LINES: Final = (
     DemoLine(
         "motion",
         ("mint", "--unit", "2,3", "--silent-unit", "3"),
-        'mode = "ascii"\nbaud = 19200\nformat = "7E1"\nlatency = "20 ms"\n'
+        'mode = "ascii"\nbaud = 19200\nformat = "7E1"\nlatency = "100 ms"\n'
         'devices = [{ unit = 2, as = 52, name = "axis-1", profile = "mint" },\n'
         '           { unit = 3, as = 53, name = "axis-2", profile = "mint" }]',
     ),

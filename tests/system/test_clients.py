@@ -52,6 +52,7 @@ name    = "press"
 port    = "{press}"
 mode    = "ascii"
 baud    = 19200
+latency = "5 s"
 devices = [{{ unit = 2, as = 52, profile = "mint" }}]
 
 [[image]]

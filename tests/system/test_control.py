@@ -6,7 +6,7 @@ import socket
 import stat
 import threading
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -152,7 +152,8 @@ def test_nonsense_gets_an_answer(tmp_path: Path, config: str, line: bytes, answe
         client.connect(str(tmp_path / "control.sock"))
         client.sendall(line)
         assert json.loads(client.makefile().readline()) == {"ok": False, "error": answer}
-        client.sendall(b"x" * 100_000)
-        assert client.recv(100) == b""
+        with suppress(ConnectionError):  # it closes without having read all of it
+            client.sendall(b"x" * 100_000)
+            assert client.recv(100) == b""
         assert gateway.stop() == 0
         assert not gateway.rest

@@ -11,6 +11,18 @@ import pytest
 from kit.process import PATIENCE
 
 GO = Path(__file__).parents[2] / "deploy/go"
+#: As Python and pip are called: `python -m venv FOLDER`, `pip install ... -r FILE`.
+PYTHON = f"""#!/bin/sh
+[ "$2" = venv ] || exec {sys.executable} "$@"
+echo "venv ${{3##*/}}" >> "$CALLS"
+{sys.executable} -m venv --without-pip "$3"
+cat > "$3/bin/pip" << 'END'
+#!/bin/sh
+for last; do :; done
+echo "pip ${{last##*/}}" >> "$CALLS"
+END
+chmod +x "$3/bin/pip"
+"""
 #: As uv is called: `uv venv ... FOLDER`, `uv pip install ... -r FILE`.
 UV = f"""#!/bin/sh
 for last; do :; done
@@ -165,10 +177,10 @@ def test_what_could_not_be_compiled_runs_all_the_same(checkout: Checkout, end: s
 
 def test_without_uv_it_is_pip_that_installs(checkout: Checkout) -> None:
     (checkout.programs / "uv").unlink()
-    checkout.program("python3.12", f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    checkout.program("python3.12", PYTHON)
     assert checkout.go()[:2] == (0, "1 []\n")
     assert checkout.go("compile")[0] == 0
-    assert checkout.calls() == []
+    assert checkout.calls() == [*SET_UP, *TOOLS]
 
 
 def test_without_any_python_it_names_the_package_to_install(checkout: Checkout) -> None:

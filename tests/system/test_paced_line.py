@@ -20,6 +20,7 @@ from gateway.ports.port import SerialSettings
 from gateway.ports.serial import open_serial
 from kit.asker import Asker
 from kit.line_bench import Bench
+from kit.process import PATIENCE
 from kit.pty import VirtualPort
 
 READ_TEN = "03 00 10 00 0A"
@@ -91,7 +92,7 @@ class PacedLine:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE):
         while not condition():  # noqa: ASYNC110 - what is waited for happens at the far end
             await asyncio.sleep(0.001)
 
@@ -100,7 +101,7 @@ async def until(condition: Callable[[], bool]) -> None:
 async def paced(port: VirtualPort, baud: int = 9600, says: bytes = TEN):
     line = PacedLine(port, baud, says)
     keeping = asyncio.create_task(line.keeper.run())
-    await asyncio.wait_for(line.keeper.tried.wait(), 5)
+    await asyncio.wait_for(line.keeper.tried.wait(), PATIENCE)
     line.far_end.start()
     try:
         yield line

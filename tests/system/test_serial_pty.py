@@ -25,9 +25,12 @@ from gateway.ports.ioctls import divided
 from gateway.ports.keeper import Keeper
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import WRITE_BOUND, open_serial
+from kit.process import PATIENCE
 from kit.pty import VirtualPort
 
 PARITY_FLAGS = termios.INPCK | termios.IGNPAR | termios.PARMRK
+#: What happens by itself takes less, in seconds, on a busy machine too.
+AT_ONCE = 1.0
 
 
 class User:
@@ -87,10 +90,10 @@ async def opened(path, user, **kwargs):
         yield port
     finally:
         port.close()
-        await asyncio.wait_for(port.wait_closed(), 5)
+        await asyncio.wait_for(port.wait_closed(), PATIENCE)
 
 
-async def until(condition, within=5.0):
+async def until(condition, within=PATIENCE):
     """Wait for a condition; how long that took."""
     started = time.monotonic()
     while not condition():
@@ -101,7 +104,7 @@ async def until(condition, within=5.0):
 
 def arrived(port, size):
     """Wait, while the loop stands still, until so much can be read."""
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + PATIENCE
     while port.serial.in_waiting < size:
         assert time.monotonic() < deadline, "not within the time"
         time.sleep(0.001)
@@ -184,7 +187,7 @@ async def test_the_loss_of_a_paused_port_is_noticed_when_somebody_looks(virtual,
     port.look()
     await until(lambda: user.losses)
     port.look()
-    await asyncio.wait_for(port.wait_closed(), 5)
+    await asyncio.wait_for(port.wait_closed(), PATIENCE)
     assert len(user.losses) == 1
 
 
@@ -341,11 +344,11 @@ async def test_the_program_that_holds_a_port_is_named(virtual):
     other = await asyncio.create_subprocess_exec(
         sys.executable, "-c", script, virtual.path, stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
-    await asyncio.wait_for(other.stdout.readline(), 10)
+    await asyncio.wait_for(other.stdout.readline(), PATIENCE)
     name = Path(f"/proc/{other.pid}/comm").read_text().strip()  # noqa: ASYNC240 - procfs does not block
     assert holder(virtual.device) == f"{name} (pid {other.pid})"
     assert list(_by_lock(Path(virtual.device))) == [other.pid]
-    await asyncio.wait_for(other.communicate(b"\n"), 10)
+    await asyncio.wait_for(other.communicate(b"\n"), PATIENCE)
     assert holder(virtual.device) is None
 
 
@@ -426,7 +429,7 @@ async def test_what_was_written_is_sent_before_the_port_closes(virtual, user):
     while not received.endswith(b"the end"):
         await asyncio.sleep(0.001)
         received += virtual.read(65536, timeout=0)
-    await asyncio.wait_for(port.wait_closed(), 5)
+    await asyncio.wait_for(port.wait_closed(), PATIENCE)
     assert user.losses == ["closed"]
 
 
@@ -436,7 +439,7 @@ async def test_a_port_that_takes_nothing_closes_all_the_same(virtual, user, monk
     while not port.get_write_buffer_size():
         port.write(bytes(1000))
     port.close()
-    await asyncio.wait_for(port.wait_closed(), 5)
+    await asyncio.wait_for(port.wait_closed(), PATIENCE)
     assert user.losses == [f"{virtual.path} takes no more data"]
 
 
@@ -448,7 +451,7 @@ async def test_unplugging_is_told_once_and_at_once(virtual, user):
         unplugged_at = time.monotonic()
         virtual.unplug()
         await until(lambda: user.losses)
-        assert user.lost_at - unplugged_at < 0.25
+        assert user.lost_at - unplugged_at < AT_ONCE
         port.write(b"into the void")
         port.close()
         await port.wait_closed()
@@ -509,7 +512,7 @@ async def test_an_idle_port_is_not_taken_for_one_that_hung_up(virtual, user):
 
 async def test_a_driver_that_closes_slowly_does_not_block_the_loop(virtual, user, monkeypatch):
     def close_slowly(device, *, lost):
-        time.sleep(0.3)
+        time.sleep(2 * AT_ONCE)
         opening.close_device(device, lost=lost)
 
     monkeypatch.setattr(serial_module, "close_device", close_slowly)
@@ -520,7 +523,7 @@ async def test_a_driver_that_closes_slowly_does_not_block_the_loop(virtual, user
     while not port._closed.is_set():
         await asyncio.sleep(0.001)
         longest, turn = max(longest, loop.time() - turn), loop.time()
-    assert longest < 0.2
+    assert longest < AT_ONCE
     assert user.losses == ["closed"]
 
 
@@ -535,7 +538,7 @@ async def kept(virtual):
     )
     task = asyncio.create_task(keeper.run(), name="keeper")
     try:
-        await asyncio.wait_for(keeper.tried.wait(), 5)
+        await asyncio.wait_for(keeper.tried.wait(), PATIENCE)
         yield owner, events
     finally:
         task.cancel()
@@ -545,19 +548,18 @@ async def kept(virtual):
 async def test_a_replugged_adapter_is_used_again_under_its_new_name(virtual):
     async with kept(virtual) as (owner, events):
         before = virtual.device
+        kept_name = os.open(before, os.O_RDWR | os.O_NOCTTY)
         virtual.unplug()
-        assert await until(lambda: owner.downs == 1) < 0.25
+        assert await until(lambda: owner.downs == 1) < AT_ONCE
         await asyncio.sleep(1.5)
-        first, second = os.openpty()  # takes the old name
         virtual.plug()
         assert virtual.device != before
-        assert await until(lambda: owner.port) < 2
+        assert await until(lambda: owner.port) < 5
         owner.port.write(b"ask")
         assert virtual.read(3) == b"ask"
         virtual.write(b"answer")
         await until(lambda: owner.heard == b"answer")
-        os.close(first)
-        os.close(second)
+        os.close(kept_name)
     assert [type(event) for event in events] == [LineUp, LineLost, LineReopened]
     assert (events[0].baud, events[2].baud) == (19200, 19200)
 
