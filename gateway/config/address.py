@@ -29,12 +29,16 @@ class Address:
         ip = _ip(self.host)
         return ip is not None and ip.is_unspecified
 
+    def has_port_of(self, other: "Address") -> bool:
+        """Whether both have the same port. Port 0 is another one each time, and those of UDP are not those of TCP."""
+        return self.port != 0 and (self.scheme == "udp", self.port) == (other.scheme == "udp", other.port)
+
     def collides_with(self, other: "Address") -> bool:
         """Whether nobody can listen at both: they are the same, or one is a wildcard that stands for the other too.
 
         IPv4 and IPv6 have ports of their own: 0.0.0.0 and [::] go together.
         """
-        if not self._has_port_of(other):
+        if not self.has_port_of(other):
             return False
         mine, others = _ip(self.host), _ip(other.host)
         if mine is None or others is None:
@@ -52,7 +56,7 @@ class Address:
     def takes_ipv4_of(self, other: "Address") -> bool:
         """Whether it is [::], which takes IPv4 clients too, and `other` an IPv4 address with the same port."""
         mine, others = _ip(self.host), _ip(other.host)
-        if mine is None or others is None or not self._has_port_of(other):
+        if mine is None or others is None or not self.has_port_of(other):
             return False
         return mine.is_unspecified and (mine.version, others.version) == (6, 4)
 
@@ -67,10 +71,6 @@ class Address:
         """Whether only programs on this machine can reach it."""
         ip = _ip(self.host)
         return ip is not None and ip.is_loopback
-
-    def _has_port_of(self, other: "Address") -> bool:
-        """Port 0 is another one each time, and those of UDP are not those of TCP."""
-        return self.port != 0 and (self.scheme == "udp", self.port) == (other.scheme == "udp", other.port)
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host

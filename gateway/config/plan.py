@@ -205,6 +205,7 @@ def _listener(listen: Listen, everyone: Iterable[Listen]) -> ListenSettings:
         scheme=bind.scheme,
         ipv6_only=any(bind.takes_ipv4_of(other.bind) for other in everyone),
         line=listen.line or "",
+        shares_port=any(bind.has_port_of(other.bind) for other in everyone if other is not listen),
     )
 
 

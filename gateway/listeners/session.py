@@ -19,6 +19,7 @@ TAKING_DEADLINE: Final = 30.0
 
 #: Why a client is sent away before a byte of it is read.
 NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
+NOT_MEANT: Final = "it came to another address than the listener's, through a socket of systemd that takes more"
 NO_ROOM: Final = "too many clients, and all of them have requests under way"
 
 
@@ -29,6 +30,7 @@ class ListenSettings:
     `scheme` is what they speak: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
     `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
     `on_failure` is what a client gets when nobody has answered. `line` is the one line that it is for, if it is.
+    `shares_port`: another listener has this port at another address.
     """
 
     name: str
@@ -43,6 +45,7 @@ class ListenSettings:
     ipv6_only: bool = False
     on_failure: OnFailure = "exception"
     line: str = ""
+    shares_port: bool = False
 
 
 @dataclass(slots=True)

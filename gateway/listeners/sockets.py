@@ -38,6 +38,7 @@ _NO_RIGHT: Final = (
 )
 _TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change it there to {}"
 _EVERY_ADDRESS: Final = "::"
+_EVERY_IPV4_ADDRESS: Final = "0.0.0.0"  # noqa: S104 - nothing is bound by it here
 _IPV4_MAPPED: Final = "::ffff:"
 
 
@@ -60,6 +61,13 @@ class OpenSockets:
         leaving = (sock for sock in self._leaving if _is_ipv6_only(sock) == ipv6_only)
         for sock in (*self.all, *leaving):
             if (sock.type, sock.getsockname()[:2]) == (kind, address[:2]):
+                return sock.dup()
+        return None
+
+    def take_wider(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
+        """A copy of one of systemd's that takes connections to this address among others: see `is_meant`."""
+        for sock in self.all:
+            if kind == sock.type == socket.SOCK_STREAM and _covers(sock, address):
                 return sock.dup()
         return None
 
@@ -126,21 +134,32 @@ def doors(
 ) -> list[socket.socket]:
     """A socket for each of a listener's addresses, through which nobody can come yet. `::` takes IPv4 clients as well.
 
-    Sockets that are `ready` are used instead of new ones.
+    Sockets that are `ready` are used instead of new ones. Who comes through them is not always meant: see `is_meant`.
 
     Raises:
         ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
     """
     ready = ready or OpenSockets()
     try:
-        return _bound(addresses, ready, ipv6_only=settings.ipv6_only)
+        return _bound(addresses, ready, settings)
     except OSError as error:
         raise cannot_listen(settings, error, ready) from error
+
+
+def is_meant(client: socket.socket, door: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
+    """Whether a listener at these addresses is for `client`. One that came through a wider `door` may want another."""
+    ours = {address[0] for *_, address in addresses}
+    if door.getsockname()[0] in ours:
+        return True
+    asked = plain(client.getsockname()[0])
+    return asked in ours or (_EVERY_IPV4_ADDRESS in ours and ":" not in asked)
 
 
 def door_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
     """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, the configured one when there is none."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)
+    if host in {_EVERY_ADDRESS, _EVERY_IPV4_ADDRESS}:  # perhaps of a wider door
+        host = settings.host
     return url(settings.scheme, host, port)
 
 
@@ -199,12 +218,14 @@ def _address(sock: socket.socket) -> str:
     return url("udp" if sock.type == socket.SOCK_DGRAM else "tcp", *sock.getsockname()[:2])
 
 
-def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, *, ipv6_only: bool) -> list[socket.socket]:
+def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, settings: ListenSettings) -> list[socket.socket]:
     with ExitStack() as on_error:
         sockets = []
         for family, kind, protocol, _, address in addresses:
-            without_ipv4 = family == socket.AF_INET6 and (ipv6_only or address[0] != _EVERY_ADDRESS)
+            without_ipv4 = family == socket.AF_INET6 and (settings.ipv6_only or address[0] != _EVERY_ADDRESS)
             taken = ready.take(kind, address, ipv6_only=without_ipv4)
+            if taken is None and not settings.shares_port:
+                taken = ready.take_wider(kind, address)
             sock = on_error.enter_context(taken or socket.socket(family, kind, protocol))
             _set_options(sock)
             if taken is None:
@@ -224,6 +245,14 @@ def _set_scope(sock: socket.socket, *, ipv6_only: bool) -> None:
 
 def _is_ipv6_only(sock: socket.socket) -> bool:
     return sock.family == socket.AF_INET6 and bool(sock.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY))
+
+
+def _covers(sock: socket.socket, address: tuple[Any, ...]) -> bool:
+    """Whether `sock` takes connections to every address of a kind, and this is one of them."""
+    host, port = sock.getsockname()[:2]
+    is_ipv6 = ":" in address[0]
+    every = host == _EVERY_ADDRESS if is_ipv6 or sock.family == socket.AF_INET6 else host == _EVERY_IPV4_ADDRESS
+    return port == address[1] and every and (is_ipv6 or not _is_ipv6_only(sock))
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from gateway import events
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.reserve import Reserve
 from gateway.listeners.room import MADE_ROOM, refusal
-from gateway.listeners.session import Counts, ListenSettings
+from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.sockets import (
     BACKLOG,
     OpenSockets,
@@ -16,6 +16,7 @@ from gateway.listeners.sockets import (
     cannot_listen,
     door_address,
     doors,
+    is_meant,
     plain,
     why,
     written,
@@ -156,14 +157,17 @@ class TcpListener:
             except OSError as error:
                 await self._refuse(door, why(error))
             else:
-                await self._welcome(sock, *address[:2])
+                await self._welcome(sock, door, *address[:2])
             await asyncio.sleep(0)
 
-    async def _welcome(self, sock: socket.socket, host: str, port: int) -> None:
+    async def _welcome(self, sock: socket.socket, door: socket.socket, host: str, port: int) -> None:
         host, client = plain(host), written(host, port)
         loop = asyncio.get_running_loop()
         try:
-            why_not = refusal(host, self.router.rights, self.connections, self.settings.clients, self._dismiss)
+            if not is_meant(sock, door, self._addresses):
+                why_not = NOT_MEANT
+            else:
+                why_not = refusal(host, self.router.rights, self.connections, self.settings.clients, self._dismiss)
             if not why_not:
                 await loop.connect_accepted_socket(lambda: TcpConnection(self, host, client, loop.time), sock)
             else:

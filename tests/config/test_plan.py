@@ -255,6 +255,7 @@ def test_what_listeners_speak():
 def test_the_wildcard_of_ipv6_takes_ipv4_clients_unless_somebody_else_does(other, ipv6_only):
     text = f'[[listen]]\nbind = "tcp://[::]:502"\n[[listen]]\nbind = "{other}"\n'
     assert [one.ipv6_only for one in plan_of(LINE + text).listeners] == [ipv6_only, False]
+    assert [one.shares_port for one in plan_of(LINE + text).listeners] == [ipv6_only, ipv6_only]
 
 
 PLC_AND_MORE = LINE + 'devices = [{ unit = 6, profile = "v80" }, { unit = 7, profile = "weigher" }]\n'

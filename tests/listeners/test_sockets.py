@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
-from gateway.listeners.sockets import OpenSockets, cannot_listen, plain, why, written
+from gateway.listeners.sockets import OpenSockets, cannot_listen, door_address, doors, plain, why, written
+from kit.ipv6 import needs_ipv6
 
 
 @pytest.mark.parametrize(
@@ -79,3 +81,41 @@ def test_a_port_that_takes_rights_can_be_opened_by_systemd(scheme: str, host: st
 def test_a_port_of_another_program_is_no_matter_of_systemd(ours: socket.socket) -> None:
     told = cannot_listen(ListenSettings("scada", "::", 503), OSError(errno.EADDRINUSE, ""), OpenSockets([ours]))
     assert "another program has this port" in str(told)
+
+
+@pytest.fixture
+def everywhere() -> Iterator[socket.socket]:
+    """A socket of systemd that takes IPv6 and IPv4, as that of the shipped unit does."""
+    with socket.create_server(("::", 0), family=socket.AF_INET6, dualstack_ipv6=True) as sock:
+        yield sock
+
+
+def opened(ready: socket.socket, host: str, *, shares_port: bool = False) -> str:
+    """What a listener at `host` is called with this socket of systemd, and no right to open one of its own there."""
+    port = ready.getsockname()[1]
+    settings = ListenSettings("scada", host, port, shares_port=shares_port)
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
+    (door,) = doors(settings, found, OpenSockets([ready]))
+    with door:
+        assert door.getsockname() == ready.getsockname()
+        return door_address(settings, [door])
+
+
+@needs_ipv6
+@pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1", "::", "::1"])
+def test_a_socket_at_every_address_serves_a_listener_at_one_of_them(everywhere: socket.socket, host: str) -> None:
+    assert opened(everywhere, host) == f"tcp://{written(host, everywhere.getsockname()[1])}"
+
+
+@needs_ipv6
+@pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])
+def test_a_socket_of_ipv6_serves_no_listener_of_ipv4(host: str) -> None:
+    with socket.create_server(("::", 0), family=socket.AF_INET6) as ipv6:
+        port = ipv6.getsockname()[1]
+        assert OpenSockets([ipv6]).take_wider(socket.SOCK_STREAM, (host, port)) is None
+
+
+@needs_ipv6
+def test_of_two_listeners_on_one_port_none_takes_what_is_for_both(everywhere: socket.socket) -> None:
+    with pytest.raises(ListenError, match="has this port, by modbus-gateway"):
+        opened(everywhere, "127.0.0.1", shares_port=True)

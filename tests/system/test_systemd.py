@@ -91,6 +91,17 @@ def test_active_means_that_every_address_is_bound_and_every_line_was_tried(syste
             assert asked(client) == RIGHT
 
 
+def test_for_ipv4_clients_only_it_takes_the_same_socket(system: BootedSystem) -> None:
+    system.write(FILE, CONFIG.replace("[::]", "0.0.0.0"))
+    start(system)
+    assert system.wait_for("ready")["MODBUS_LISTENERS"] == "tcp://0.0.0.0:502"
+    with system.connect("::1") as other, system.connect() as client:
+        assert other.recv(260) == b""
+        assert asked(client) == RIGHT
+    assert system.wait_for("client_rejected")["MODBUS_CLIENT_ADDRESS"] == "::1"
+    assert (system.show("ActiveState"), system.show("NRestarts")) == ("active", "0")
+
+
 def test_it_is_not_active_while_a_line_is_still_being_tried(system: BootedSystem) -> None:
     with system.open_socket() as full, system.open_socket() as first:
         full.bind(("127.0.0.1", 4001))

@@ -777,6 +777,32 @@ def test_a_socket_that_is_bound_already_is_used_and_one_that_nobody_names_is_tol
         assert "systemd has opened tcp://{}:{}, which no [[listen]] names".format(*stray.getsockname()) in both.stderr
 
 
+@needs_ipv6
+@pytest.mark.parametrize(("bind", "served"), [("0.0.0.0", ("127.0.0.1", "127.0.0.2")), ("127.0.0.1", ("127.0.0.1",))])
+def test_a_socket_that_takes_more_than_the_listener_serves_nobody_else(
+    tmp_path: Path, bind: str, served: tuple[str, ...]
+) -> None:
+    with socket.create_server(("::", 0), family=socket.AF_INET6, dualstack_ipv6=True) as door:
+        port = door.getsockname()[1]
+        config = tmp_path / "gateway.toml"
+        config.write_text(f'[[listen]]\nbind = "tcp://{bind}:{port}"\n[[image]]\nunit = 1\nholding = 1\n')
+        run = [*COMMAND, "run", "--control", str(tmp_path / "control.sock"), str(config)]
+        with subprocess.Popen(
+            _activated(run, door), pass_fds=[door.fileno()], stderr=subprocess.PIPE, text=True
+        ) as gateway:
+            for host in ("::1", "127.0.0.2", "127.0.0.1"):
+                with socket.create_connection((host, port), timeout=PATIENCE) as client:
+                    if host in served:
+                        client.sendall(bytes.fromhex("0001 0000 0006 01 03 0000 0001"))
+                        assert client.recv(260) == bytes.fromhex("0001 0000 0005 01 03 02 0000")
+                    else:
+                        assert client.recv(260) == b""
+            gateway.terminate()
+            log = gateway.communicate(timeout=PATIENCE)[1]
+        assert f"tcp://{bind}:{port}" in log
+        assert log.count("it came to another address") == 3 - len(served)
+
+
 def _activated(words: list[str], *sockets: socket.socket) -> list[str]:
     """The command, with these sockets as descriptors 3, 4, ..."""
     moves = " ".join(f"{3 + at}<&{sock.fileno()}" for at, sock in enumerate(sockets))
