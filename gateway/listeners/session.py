@@ -45,7 +45,7 @@ class ListenSettings:
     ipv6_only: bool = False
     on_failure: OnFailure = "exception"
     line: str = ""
-    shares_port: bool = False
+    shares_port: bool = field(default=False, compare=False)
 
 
 @dataclass(slots=True)
