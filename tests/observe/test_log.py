@@ -28,6 +28,11 @@ TIMEOUT = RequestTimeout("hall-a", 1, "silo-1", 3, 1009.3, 1009.0, "gateway.toml
 PATIENCE = 20.0
 
 
+@pytest.fixture(autouse=True)
+def _all_of_it_is_written_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.observe.writer.CLOSING_PATIENCE", PATIENCE)
+
+
 class SlowStream(io.StringIO):
     """Nobody reads it until it is `released`. `asked` once something is to be written."""
 
