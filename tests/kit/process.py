@@ -11,7 +11,7 @@ from queue import Empty, Queue
 from typing import Any, Self
 
 #: How long a process may take for anything, in seconds. Real machines are slow at times.
-PATIENCE = 20.0
+PATIENCE = 60.0
 
 COMMAND = [sys.executable, "-P", "-m", "gateway.cli.main"]
 
