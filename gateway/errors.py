@@ -9,7 +9,8 @@ GatewayError
 │   ├── ServerDeviceFailure      04  the unit failed while it acted
 │   ├── Busy                     06  nothing was sent
 │   │   ├── QueueFull            06  too many requests wait for the line
-│   │   └── WaitedTooLong        06  the request waited longer than `max_wait`
+│   │   ├── WaitedTooLong        06  the request waited longer than `max_wait`
+│   │   └── Unwanted             06  a write whose client sends no more; whatever a client asked that has left
 │   ├── PathUnavailable          0A  nothing was sent
 │   │   ├── NoRoute              0A  no such unit
 │   │   └── LineDown             0A  the unit's line has no port
@@ -108,6 +109,12 @@ class WaitedTooLong(Busy):
     """The request waited longer than the line's `max_wait`."""
 
     result = "expired"
+
+
+class Unwanted(Busy):
+    """Not sent: its client has left, or sends no more and may have left, so that nobody may be waiting for a write."""
+
+    result = "unwanted"
 
 
 class PathUnavailable(RequestError):

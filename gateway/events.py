@@ -343,7 +343,7 @@ class ForeignFrame(Event):
 
 @dataclass(frozen=True)
 class QueueFull(Event):
-    """So many requests wait for a line that another one was answered 06."""
+    """So many requests wait for a line that one was answered 06: the newest of `client`, who had most waiting."""
 
     level = Level.WARNING
     line: str

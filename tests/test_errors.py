@@ -14,6 +14,7 @@ CODES = {
     "Busy": 0x06,
     "QueueFull": 0x06,
     "WaitedTooLong": 0x06,
+    "Unwanted": 0x06,
     "PathUnavailable": 0x0A,
     "NoRoute": 0x0A,
     "LineDown": 0x0A,

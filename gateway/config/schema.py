@@ -221,7 +221,9 @@ class Line(Table):
         "of that function.",
     )
     queue: Count = Field(
-        64, description="Requests that may wait; beyond it exception 06. Those that share a transaction count each."
+        64,
+        description="Requests that may wait; beyond it the client that has most waiting, by connection, then by "
+        "address, gets exception 06 for its newest. Those that share a transaction count each.",
     )
     max_wait: Duration = Field(2.0, description="A request that waited longer is answered 06 and never sent.")
     retries: Annotated[int, Field(ge=0)] = Field(

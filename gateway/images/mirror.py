@@ -66,12 +66,12 @@ class Mirror:
         self._go_on(client, row, now)
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
-        """A poll is over; None when it was not sent any more."""
+        """A poll is over; None when it has no response."""
         self._polling.polled(poll, response, now)
         self._settle(now)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
-        """A client's request has been through to the device, with this response; None when it was not sent any more."""
+        """A client's request has been through to the device, with this response; None when it has none."""
         if not only_reads(request.pdu) and response is not None and not _had_no_effect(response):
             self._polling.changed(parse_request(request.pdu).write, now)
         self._rows[request.origin.client].under_way -= 1

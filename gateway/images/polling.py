@@ -86,7 +86,7 @@ class Polling:
             polled.changed(now, self.writes)
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
-        """A poll is over; None when it was not sent any more."""
+        """A poll is over; None when it has no response."""
         polled = self._polls.pop(poll)
         if response is None or response[0] & EXCEPTION_BIT:
             self._failed(polled, response, now)

@@ -7,18 +7,21 @@
   busy line.
 - **Order.** A client's requests to one device keep their order. Its broadcasts keep theirs to all that it asks before
   and behind them. What must not be sent yet lets others pass, but not those.
+- **When it is full** the connection that has most waiting gives up its newest request; among equal ones, that of the
+  address that has most. So who asks one thing at a time is not shut out by those who ask much.
 - **Equal reads share one transaction** as long as it waits, and as long as nothing but reads has come since. It waits
   in the row of each of its clients and goes when the first of them has its turn: nobody waits longer for sharing. A
   read that is on the line already is never shared: every answer is newer than its question.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from itertools import takewhile
 from typing import Final
 
+from gateway.errors import Unwanted
 from gateway.lines.transaction import Addressee, Transaction
-from gateway.request import Request
+from gateway.request import Origin, Request
 
 #: How many urgent transactions may go before a plain one that waits.
 OVERTAKES: Final = 4
@@ -35,10 +38,11 @@ Held = Callable[[Transaction], bool]
 class _Row:
     """The waiting transactions of one client, oldest first. An empty row does not take turns."""
 
-    __slots__ = ("client", "ring", "waiting")
+    __slots__ = ("address", "client", "ring", "waiting")
 
-    def __init__(self, client: str, ring: "deque[_Row]") -> None:
-        self.client = client
+    def __init__(self, origin: Origin, ring: "deque[_Row]") -> None:
+        self.client = origin.client
+        self.address = _address(origin)
         self.waiting: deque[Transaction] = deque()
         #: Where the row takes its turns.
         self.ring = ring
@@ -92,21 +96,23 @@ class WaitingQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put(self, transaction: Transaction, now: float) -> bool:
-        """Let a transaction with its one request wait from `now` on; False when the queue is full."""
-        if len(self._waiting) >= self._size:
-            self._drop_unwanted()
-            if len(self._waiting) >= self._size:
-                return False
+    def put(self, transaction: Transaction, now: float) -> Transaction | None:
+        """Let a transaction with its one request wait from `now` on.
+
+        Returns what has to be refused for want of room: this one, or another one that waits no more.
+        """
+        refused = self._make_room(transaction) if len(self._waiting) >= self._size else None
+        if refused is transaction:
+            return refused
         request = transaction.requests[0]
         shared = self._join(transaction, request) if self._reads else None
         if shared is None:
-            self._append(transaction, transaction.client)
+            self._append(transaction, request.origin)
             if self._coalesce:
                 self._offer(transaction)
         self._waiting[request] = shared or transaction
         self._expiries.append((now + self._max_wait, request))
-        return True
+        return refused
 
     def put_back(self, transaction: Transaction) -> None:
         """Let a transaction that was sent wait for its next sending, before all else of its clients.
@@ -116,7 +122,7 @@ class WaitingQueue:
         requests = transaction.requests
         self._expiries = deque(each for each in self._expiries if each[1] not in requests)
         for request in requests:
-            self._put_first(transaction, request.origin.client)
+            self._put_first(transaction, request.origin)
             self._waiting[request] = transaction
         self._repeats.append(transaction)
 
@@ -186,18 +192,18 @@ class WaitingQueue:
             return self._plain, self._urgent, self._polls
         return self._urgent, self._plain, self._polls
 
-    def _append(self, transaction: Transaction, client: str) -> None:
-        row = self._rows.get(client)
+    def _append(self, transaction: Transaction, origin: Origin) -> None:
+        row = self._rows.get(origin.client)
         if row is None:
-            row = self._rows[client] = _Row(client, self._plain)
+            row = self._rows[origin.client] = _Row(origin, self._plain)
         if not row.waiting:
             row.ring = self._ring_for(transaction)
             row.ring.append(row)
         row.waiting.append(transaction)
 
-    def _put_first(self, transaction: Transaction, client: str) -> None:
+    def _put_first(self, transaction: Transaction, origin: Origin) -> None:
         """Let a transaction wait in a client's row before all others. The row has its turn last."""
-        row = self._rows.setdefault(client, _Row(client, self._plain))
+        row = self._rows.setdefault(origin.client, _Row(origin, self._plain))
         if row.waiting:
             row.ring.remove(row)
         row.waiting.appendleft(transaction)
@@ -232,7 +238,7 @@ class WaitingQueue:
             return None
         shared.counts.coalesced += 1
         shared.requests.append(request)
-        self._append(shared, client)
+        self._append(shared, request.origin)
         return shared
 
     def _part(self, transaction: Transaction) -> Transaction:
@@ -289,9 +295,46 @@ class WaitingQueue:
         transaction.requests.remove(request)
         del self._waiting[request]
 
+    def _make_room(self, newcomer: Transaction) -> Transaction | None:
+        """Make room for one more: by what nobody wants any more, else by one that is refused, `newcomer` or another."""
+        self._drop_unwanted()
+        self._expiries = deque(each for each in self._expiries if each[1] in self._waiting)
+        if len(self._waiting) < self._size:
+            return None
+        row = self._greediest(newcomer.requests[0].origin)
+        if row is None:
+            return newcomer
+        newest = row.waiting[-1]
+        request = next(each for each in newest.requests if each.origin.client == row.client)
+        self._withdraw(request)
+        return type(newest)(request, newest.asked, newest.device)
+
+    def _greediest(self, origin: Origin) -> _Row | None:
+        """The row with most waiting, by connection, then by address; None if `origin` has, with the one it asks now.
+
+        What was sent already and waits to be sent again is not refused: 06 means that nothing was sent.
+        """
+        rows = [row for ring in (self._urgent, self._plain, self._polls) for row in ring if not row.waiting[-1].retries]
+        address = _address(origin)
+        by_address = Counter({address: 1})
+        for row in rows:
+            by_address[row.address] += len(row.waiting)
+        own = sum(len(row.waiting) for row in rows if row.client == origin.client)
+        most, greediest = (own + 1, by_address[address]), None
+        for row in rows:
+            load = (len(row.waiting), by_address[row.address])
+            if load > most and row.client != origin.client:
+                most, greediest = load, row
+        return greediest
+
     def _drop_unwanted(self) -> None:
-        """Let go of requests whose clients have left; they end without a response."""
+        """Refuse the requests that their clients do not want any more."""
         for request in [request for request in self._waiting if not request.origin.wants(request)]:
             self._waiting[request].counts.unwanted += 1
             self._withdraw(request)
-            request.end()
+            request.fail(Unwanted())
+
+
+def _address(origin: Origin) -> str:
+    """What the connections of one host have in common; who has no host is alone."""
+    return origin.host or origin.client

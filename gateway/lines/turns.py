@@ -52,11 +52,15 @@ class Turns:
             return refusal
         if self._late.windows and self._is_overdue(transaction, now):
             return errors.AnswerOverdue()
-        if self._queue.put(transaction, now):
-            self._held_until = 0.0
-            return None
-        self._report.queue_full(transaction)
-        return errors.QueueFull()
+        refused = self._queue.put(transaction, now)
+        if refused is not None:
+            self._report.queue_full(refused)
+        if refused is transaction:
+            return errors.QueueFull()
+        self._held_until = 0.0
+        if refused is not None:
+            refused.fail(errors.QueueFull())
+        return None
 
     def next(self, now: float) -> Transaction | None:
         """Take out the transaction whose turn it is; None if there is none, or late windows hold all of them.
@@ -75,8 +79,7 @@ class Turns:
     def is_turned_down(self, transaction: Transaction, now: float) -> bool:
         """Finish a transaction that nobody wants any more, or that must not be sent now that its turn has come."""
         if not transaction.is_wanted:
-            transaction.counts.unwanted += len(transaction.requests)
-            transaction.end()
+            transaction.fail(errors.Unwanted())
             return True
         refusal = self._ban(transaction, now)
         if refusal is not None:

@@ -104,11 +104,13 @@ class Upstream:
             transaction.fail(errors.LineDown())
         elif transaction.device.breaker.rests(now):
             transaction.fail(errors.UnitResting())
-        elif self._queue.put(transaction, now):
-            self._go_on(now)
         else:
-            self._report.queue_full(transaction)
-            transaction.fail(errors.QueueFull())
+            refused = self._queue.put(transaction, now)
+            if refused is not None:
+                self._report.queue_full(refused)
+                refused.fail(errors.QueueFull())
+            if refused is not transaction:
+                self._go_on(now)
 
     def received(self, data: bytes, now: float) -> None:
         """Take bytes that came at `now`.
@@ -225,8 +227,7 @@ class Upstream:
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         if not transaction.is_wanted:
-            transaction.counts.unwanted += len(transaction.requests)
-            transaction.end()
+            transaction.fail(errors.Unwanted())
             return
         if transaction.device.breaker.rests(now):
             transaction.fail(errors.UnitResting())

@@ -190,8 +190,8 @@ class Session(ABC):
     def wants(self, request: Request) -> bool:
         """Whether a request that still waits should be sent.
 
-        A client that sends no more may have left or may still read: it gets the answers to what it read, but a write
-        that nobody may be waiting for is not sent any more.
+        A client that sends no more may have left or may still read: it gets the answers to what it reads, but a write
+        that nobody may be waiting for is not sent any more. In case somebody is, it is answered 06.
         """
         return not self.gone and (not self._at_end or only_reads(request.pdu))
 

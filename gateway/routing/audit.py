@@ -56,9 +56,7 @@ class Audited:
             return request.error.result
         if pdu is not None:
             return "exception" if pdu[0] & EXCEPTION_BIT else "ok"
-        if self._is_broadcast:
-            return "broadcast"
-        return "ok" if self._origin.wants(request) else "unwanted"  # nobody answers 08/04
+        return "broadcast" if self._is_broadcast else "ok"  # nobody answers 08/04
 
 
 def _written(pdu: bytes) -> tuple[int, int] | tuple[None, None]:

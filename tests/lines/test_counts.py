@@ -30,7 +30,7 @@ def below(error: type) -> list[type]:
 
 def test_each_error_of_a_request_has_a_place_of_its_own_among_the_results() -> None:
     names = {error.result for error in below(errors.RequestError) if error.__module__ == errors.__name__}
-    assert names - ELSEWHERE == set(RESULTS) - {"ok", "exception", "broadcast", "unwanted"}
+    assert names - ELSEWHERE == set(RESULTS) - {"ok", "exception", "broadcast"}
 
 
 def test_counts_go_by_function_and_those_that_are_not_known_share_one() -> None:

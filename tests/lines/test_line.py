@@ -313,6 +313,23 @@ def test_a_full_queue_answers_06_and_says_so() -> None:
     assert bench.events == [QueueFull("hall-a", 1, "unit-1", bench.client.client)]
 
 
+def test_who_has_most_waiting_in_a_full_queue_gets_06_for_its_newest_request() -> None:
+    bench = Bench(queue=2)
+    modest = Asker("10.0.0.7:1", host="10.0.0.7")
+    for unit in (1, 2, 3):
+        bench.ask(unit=unit)
+    bench.ask(unit=4, client=modest)
+    assert bench.client.answers == ["83 06"]
+    assert bench.events == [QueueFull("hall-a", 3, "unit-3", bench.client.client)]
+    assert bench.devices[3].counts[3].queue_full == 1
+    bench.respond(unit=1)
+    bench.pass_time(0.01)
+    bench.respond(unit=2)
+    bench.pass_time(0.01)
+    bench.respond(unit=4)
+    assert modest.answers == [RESPONSE]
+
+
 def test_a_request_that_waits_too_long_is_answered_06_and_never_sent() -> None:
     bench = Bench(max_wait=0.05)
     bench.ask()

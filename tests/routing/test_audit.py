@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.errors import IllegalDataAddress, LineDown, RequestError, ResponseTimeout
+from gateway.errors import IllegalDataAddress, LineDown, RequestError, ResponseTimeout, Unwanted
 from gateway.events import Event, WriteAudit
 from gateway.request import Request
 from gateway.routing.broadcast import Broadcast, Recipient
@@ -85,19 +85,16 @@ def test_an_exception_of_the_unit(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "result", "code"), [(ResponseTimeout(), "timeout", "0B"), (IllegalDataAddress(), "refused", "02")]
+    ("error", "result", "code"),
+    [
+        (ResponseTimeout(), "timeout", "0B"),
+        (IllegalDataAddress(), "refused", "02"),
+        (Unwanted(), "unwanted", "06"),
+    ],
 )
 def test_why_there_is_no_answer_of_the_unit(bench: Bench, error: RequestError, result: str, code: str) -> None:
     bench.ask(WRITE).fail(error)
     assert [(told.result, told.code) for told in bench.told()] == [(result, code)]
-
-
-def test_a_write_whose_client_left_before_it_was_sent(bench: Bench) -> None:
-    for unit in (7, 0):
-        request = bench.ask(WRITE, unit)
-        bench.client.gone = True
-        request.end()
-    assert [(told.unit, told.result, told.code) for told in bench.told()] == [(7, "unwanted", ""), (0, "unwanted", "")]
 
 
 def test_a_write_that_nobody_answers(bench: Bench) -> None:

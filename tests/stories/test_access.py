@@ -291,7 +291,7 @@ async def test_a_write_of_a_client_that_leaves_is_told_though_nobody_gets_the_an
         await asyncio.sleep(0.02)
         client.session.closed()
         await asyncio.sleep(5)
-        assert sorted(audits(home)) == [("scada", 41, "timeout", "0B"), ("scada", 42, "unwanted", "")]
+        assert sorted(audits(home)) == [("scada", 41, "timeout", "0B"), ("scada", 42, "unwanted", "06")]
 
 
 async def test_a_write_of_a_panel_is_told_with_its_line() -> None:

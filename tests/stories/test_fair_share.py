@@ -1,9 +1,11 @@
-"""A client that asks without end, and one that asks now and then: the second does not stand behind the first (C11)."""
+"""Clients that ask without end, and one that asks now and then: it neither stands behind them nor is refused (C11)."""
 
 import asyncio
+import itertools
 
+from gateway.events import QueueFull
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import house
+from kit.house import Client, House, house
 
 CONFIG = """
 [[line]]
@@ -35,3 +37,33 @@ async def test_a_modest_client_waits_for_no_more_turns_than_there_are_clients() 
             assert await modest.asks(1, "03 0064 0001") == "03 02 00 00"
             waited = modest.came_at - begin - turn
             assert waited <= 2 * turn + 0.001
+
+
+async def test_a_client_with_one_request_is_not_refused_though_others_have_filled_the_queue() -> None:
+    """Promise P18: five connections of one host keep sixteen requests each under way, and 64 may wait."""
+    async with house(CONFIG) as home:
+        home.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1)))
+        greedy = [home.client(f"10.0.0.9:{number}", host="127.0.0.9") for number in range(5)]
+        modest = home.client("10.0.0.7:1", host="127.0.0.7")
+        asking = [asyncio.create_task(keeps_asking(client)) for client in greedy]
+        await asyncio.sleep(1)
+        for _ in range(12):
+            assert await modest.asks(1, "03 0064 0001") == "03 02 00 00"
+            await asyncio.sleep(1)
+        assert {told.client[:8] for told in queue_full(home)} == {"10.0.0.9"}
+        for task in asking:
+            task.cancel()
+
+
+async def keeps_asking(client: Client) -> None:
+    """Keep sixteen requests under way, whatever is answered; a network takes a millisecond."""
+    for address in range(16):
+        client.ask(1, f"03 {address:04X} 0001")
+    for number in itertools.count(16):
+        await client.answer()
+        await asyncio.sleep(0.001)
+        client.ask(1, f"03 {number:04X} 0001")
+
+
+def queue_full(home: House) -> list[QueueFull]:
+    return [event for event in home.events if isinstance(event, QueueFull)]
