@@ -116,9 +116,7 @@ def _counted(number: int, noun: str) -> str:
 
 
 def _listeners(listeners: tuple[ListenSettings, ...]) -> str:
-    rows = [
-        (one.name, _address(one), str(one.clients), _idle(one), str(one.unit0), _leads_to(one)) for one in listeners
-    ]
+    rows = [(one.name, _address(one), _places(one), _idle(one), str(one.unit0), _leads_to(one)) for one in listeners]
     return "Listeners\n" + aligned([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0", "LEADS TO"), *rows], "  ")
 
 
@@ -128,6 +126,10 @@ def _leads_to(listener: ListenSettings) -> str:
 
 def _address(listener: ListenSettings) -> str:
     return url(listener.scheme, listener.host, listener.port)
+
+
+def _places(listener: ListenSettings) -> str:
+    return f"{listener.clients}, {listener.reserve} reserved" if listener.reserve else str(listener.clients)
 
 
 def _idle(listener: ListenSettings) -> str:
@@ -273,6 +275,7 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
                 "name": one.name,
                 "address": _address(one),
                 "clients": one.clients,
+                "reserve": one.reserve,
                 "idle_ms": milliseconds(one.idle),
                 "in_flight": one.in_flight,
                 "unit0": one.unit0,

@@ -22,6 +22,8 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """Each row allows something in one way, names listeners that exist, and can match. `failed` as in `check`."""
     if not config.access and "access" not in failed:
         yield from _defaults(config)
+    for listen in config.listen:
+        yield from _check_reserve(listen, config, failed)
     for index, row in enumerate(config.access):
         yield from _check_content(row)
         if not failed & {"listen", "line"}:
@@ -44,6 +46,18 @@ def _defaults(config: Config) -> Iterator[Problem]:
         if row:
             remedy = f"to let them write, add [[access]] with {row} and {_FIRST_RIGHT}"
             yield warning((*listen.path, "bind"), what, remedy)
+
+
+def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Others can connect too, and there is somebody for whom places are kept."""
+    path = (*listen.path, "reserve")
+    if listen.reserve >= listen.clients:
+        remedy = f"make clients larger, or reserve less than {listen.clients}"
+        yield error(path, "leaves no place for clients that no row of [[access]] names", remedy)
+    named = [row for row in config.access if row.networks and (row.listen is None or listen.label in row.listen)]
+    if listen.reserve and config.access and not named and "access" not in failed:
+        remedy = 'name them in a row: from = ["10.2.0.7"]'
+        yield warning(path, "places are kept for addresses that [[access]] names, and no row names any", remedy)
 
 
 def _this_machine(listen: Listen, config: Config) -> str:

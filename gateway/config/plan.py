@@ -197,6 +197,7 @@ def _listener(listen: Listen, everyone: Iterable[Listen]) -> ListenSettings:
         host=bind.host,
         port=bind.port,
         clients=listen.clients,
+        reserve=listen.reserve,
         idle=listen.idle,
         in_flight=listen.in_flight,
         unit0=listen.unit0,

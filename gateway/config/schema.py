@@ -84,8 +84,15 @@ class Listen(Table):
     )
     clients: Count = Field(
         32,
-        description="Connections at once; with `udp://` clients that are known at once. When full, the oldest idle one "
-        "without a request under way is closed, of the address that has the most.",
+        description="Connections at once; with `udp://` clients that are known at once. When full, one without a "
+        "request under way is closed for the next: first what one address has beyond others (an IPv6 /64 that is not "
+        "on a link of this machine counts as one), then who was never served, then who is idle longest measured by "
+        "its own interval. Who asks as usual stays.",
+    )
+    reserve: Annotated[int, Field(ge=0)] = Field(
+        0,
+        description="So many of `clients` are kept for addresses that the `from` of a row of `[[access]]` names and "
+        "gives rights to; without `[[access]]` for those of this machine.",
     )
     idle: DurationOrZero = Field(
         600.0, description='Close, or with UDP forget, who asked nothing for so long; `"0"`: never.'

@@ -51,6 +51,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.client = client
         self._listener = listener
         self._time = time
+        self._came_at = time()
         self._reason = "the client has closed it"
         self._alarm: Alarm | None = None
         session = MbapSession if listener.settings.scheme == "tcp" else OverTcpSession
@@ -60,7 +61,7 @@ class TcpConnection(asyncio.BufferedProtocol):
             router=listener.router,
             connection=self,
             settings=listener.settings,
-            now=time(),
+            now=self._came_at,
         )
 
     @property
@@ -70,7 +71,7 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     @property
     def last_asked(self) -> float:
-        """When the client asked last, or connected."""
+        """When the client asked last, or NEVER."""
         return self.session.last_asked
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -160,7 +161,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         complaint = self.session.complaint(now)
         if complaint:
             self.reject(complaint)
-        elif idle and self.is_idle and now - self.last_asked >= idle:
+        elif idle and self.is_idle and now - max(self.last_asked, self._came_at) >= idle:
             self._part("idle")
 
     def finish(self) -> None:

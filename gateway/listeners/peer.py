@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from gateway.errors import Busy
 from gateway.listeners.failures import OnFailure, is_kept_back
+from gateway.listeners.session import NEVER
 from gateway.modbus import mbap
 from gateway.request import Request, Target
 
@@ -35,7 +36,7 @@ class Peer:
         self.client = client
         self.host = host
         self.gone = False
-        self.last_asked = 0.0
+        self.last_asked = NEVER
         self._router = router
         self._send = send
         self._limit = in_flight

@@ -1,50 +1,115 @@
-"""Whom a listener lets in, and who makes room for another client."""
+"""Whom a listener lets in, and who makes room for another client.
+
+When there is no place, the first of these is closed, and nobody who has a request under way:
+
+1. who is from the address with most connections, as long as others have fewer;
+2. who was never served;
+3. who has stopped asking as it usually does, and of those who has been silent for most of its own intervals;
+4. who asks much, the most first; then whose interval is not known yet, in the order of 3.
+
+All others ask as usual, and stay. Nobody goes for an address that has more connections already: whoever floods a
+listener only drives out itself. If nobody may go, the one who comes is sent away.
+"""
 
 from collections import Counter
-from collections.abc import Callable, Collection
-from typing import Final, Protocol, TypeVar
+from collections.abc import Callable, Iterator
+from operator import itemgetter
+from typing import Final, Generic, TypeVar
 
-from gateway.listeners.session import NO_RIGHTS, NO_ROOM
+from gateway.listeners.habit import Client, Habit
+from gateway.listeners.session import ListenSettings
 from gateway.routing.access import Rights
 
 #: Why a client is closed that was well.
 MADE_ROOM: Final = "made room for another client"
+#: Why a client is sent away before a byte of it is read.
+NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
+ALL_BUSY: Final = "too many clients, and all of them have requests under way"
+NOBODY_GOES: Final = "too many clients; those without a request ask as usual, or their addresses have fewer connections"
 
-
-class Client(Protocol):
-    """A connection or a peer. `last_asked` is in seconds of the loop's clock."""
-
-    @property
-    def host(self) -> str:
-        """The address, which decides what the client may do."""
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether no request of it is under way."""
-
-    @property
-    def last_asked(self) -> float:
-        """When it asked last."""
-
+#: So many habits are remembered of addresses that have left, for so many seconds: a client that comes back goes on.
+MOST_REMEMBERED: Final = 1000
+MEMORY: Final = 600.0
 
 AnyClient = TypeVar("AnyClient", bound=Client)
 
 
-def refusal(
-    host: str, rights: Rights, present: Collection[AnyClient], places: int, dismiss: Callable[[AnyClient], None]
-) -> str:
-    """Why a client from `host` is not let in; empty when there is a place for it, perhaps of one that was dismissed.
+class Room(Generic[AnyClient]):
+    """The clients of one listener, and those that were. Times are of the loop's clock.
 
-    That is the longest idle one (T 4.2.1.1) of the address that has the most: whoever floods a listener only drives out
-    itself.
+    `origin_of` tells what counts as the address of a client from a host, at a time.
     """
-    if not rights.admits(host):
-        return NO_RIGHTS
-    if len(present) < places:
+
+    def __init__(self, origin_of: Callable[[str, float], str]) -> None:
+        self._origin_of = origin_of
+        self._habits: dict[AnyClient, Habit] = {}
+        #: Those of addresses that have left, by origin; who left first is the first.
+        self._left: dict[str, Habit] = {}
+
+    def __len__(self) -> int:
+        return len(self._habits)
+
+    def __iter__(self) -> Iterator[AnyClient]:
+        return iter(list(self._habits))
+
+    def enter(self, client: AnyClient, now: float) -> None:
+        """A client has come in."""
+        origin = self._origin_of(client.host, now)
+        habit = self._left.pop(origin, None)
+        if habit is None or now - habit.active_at > MEMORY:
+            habit = Habit(origin, now)
+        habit.active_at = now
+        self._habits[client] = habit
+
+    def leave(self, client: AnyClient, now: float) -> None:
+        """A client has gone, or is going; one that has gone already may go again."""
+        habit = self._habits.pop(client, None)
+        if habit is None:
+            return
+        habit.look(client, now)
+        self._left.pop(habit.origin, None)
+        self._left[habit.origin] = habit
+        if len(self._left) > MOST_REMEMBERED:
+            del self._left[next(iter(self._left))]
+
+    def look(self, now: float) -> None:
+        """Look at what everybody does; to be called every now and then, whoever comes."""
+        for client, habit in self._habits.items():
+            habit.look(client, now)
+
+    def refusal(
+        self, host: str, rights: Rights, settings: ListenSettings, now: float, dismiss: Callable[[AnyClient], None]
+    ) -> str:
+        """Why a client from `host` is not let in; empty when there is a place, perhaps that of one who is dismissed."""
+        if not rights.admits(host):
+            return NO_RIGHTS
+        self.look(now)
+        rivals = self._rivals(host, rights, settings)
+        if rivals is None:
+            return ""
+        first = self._first_to_go(rivals, self._origin_of(host, now), now)
+        if first is None:
+            return NOBODY_GOES if any(client.is_idle for client in rivals) else ALL_BUSY
+        dismiss(first)
         return ""
-    idle = [client for client in present if client.is_idle]
-    if not idle:
-        return NO_ROOM
-    share = Counter(client.host for client in present)
-    dismiss(min(idle, key=lambda client: (-share[client.host], client.last_asked)))
-    return ""
+
+    def _rivals(self, host: str, rights: Rights, settings: ListenSettings) -> list[AnyClient] | None:
+        """Those of whom one has to go for a client from `host`; None as long as there is a place."""
+        if settings.reserve and not rights.names(host):
+            strangers = [client for client in self if not rights.names(client.host)]
+            if len(strangers) >= settings.clients - settings.reserve:
+                return strangers
+        return list(self) if len(self) >= settings.clients else None
+
+    def _first_to_go(self, rivals: list[AnyClient], origin: str, now: float) -> AnyClient | None:
+        """Who goes for a client from `origin`, which has its connections without the one that comes."""
+        share = Counter(habit.origin for habit in self._habits.values())
+        own = share[origin]
+        fewest = min([*share.values(), own + 1])
+        may_go: list[tuple[tuple[int, bool, bool, float, float], AnyClient]] = []
+        for client in rivals:
+            habit = self._habits[client]
+            has = share[habit.origin]
+            if client.is_idle and has >= own and (has > fewest or not habit.is_usual(now)):
+                may_go.append(((has, *habit.order(now)), client))
+        return max(may_go, key=itemgetter(0))[1] if may_go else None

@@ -5,6 +5,7 @@ What is the same for all clients of a TCP connection; what they speak is in `mba
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from math import inf
 from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus
@@ -17,16 +18,17 @@ SENDING_DEADLINE: Final = 10.0
 #: How long a client may leave its responses untaken, in seconds.
 TAKING_DEADLINE: Final = 30.0
 
-#: Why a client is sent away before a byte of it is read.
-NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
+#: Why a client is sent away before a byte of it is read; for other reasons see `room`.
 NOT_MEANT: Final = "it came to another address than the listener's, through a socket of systemd that takes more"
-NO_ROOM: Final = "too many clients, and all of them have requests under way"
+#: When a client asked that never did.
+NEVER: Final = -inf
 
 
 @dataclass(frozen=True, slots=True)
 class ListenSettings:
     """One address where clients connect. Times in seconds; `idle` 0 keeps connections for ever.
 
+    Of the places of `clients`, so many as `reserve` are only for addresses that rows of the rights name.
     `scheme` is what they speak: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
     `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
     `on_failure` is what a client gets when nobody has answered. `line` is the one line that it is for, if it is.
@@ -46,6 +48,7 @@ class ListenSettings:
     on_failure: OnFailure = "exception"
     line: str = ""
     shares_port: bool = field(default=False, compare=False)
+    reserve: int = 0
 
 
 @dataclass(slots=True)
@@ -131,7 +134,7 @@ class Session(ABC):
         self.client = client
         self.host = host
         self.gone = False
-        self.last_asked = now
+        self.last_asked = NEVER
         self._router = router
         self._connection = connection
         self._limit = settings.in_flight

@@ -6,8 +6,9 @@ from typing import Final
 
 from gateway import events
 from gateway.listeners.connection import TcpConnection
+from gateway.listeners.origin import Origins
 from gateway.listeners.reserve import Reserve
-from gateway.listeners.room import MADE_ROOM, refusal
+from gateway.listeners.room import MADE_ROOM, Room
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.sockets import (
     BACKLOG,
@@ -27,7 +28,7 @@ from gateway.routing.router import Router
 #: How long a connection that is being closed may take to send what it still has, in seconds.
 CLOSING_DEADLINE: Final = 2.0
 #: How often a listener looks for connections that cannot be kept, in seconds: all their deadlines hold within that.
-SWEEP_STEP: Final = 0.5
+SWEEP_STEP: Final = 0.25
 #: How long nobody is accepted when that has failed for good, in seconds.
 ACCEPT_PAUSE: Final = 0.1
 
@@ -44,7 +45,7 @@ class TcpListener:
         self.router = router
         self.emit = emit
         self.counts = Counts()
-        self.connections: set[TcpConnection] = set()
+        self.connections: Room[TcpConnection] = Room(Origins().of)
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
         self._doors: list[socket.socket] = []
@@ -70,7 +71,7 @@ class TcpListener:
     @property
     def has_clients(self) -> bool:
         """Whether any connection is open, or being closed."""
-        return bool(self.connections or self._closing)
+        return bool(len(self.connections) or self._closing)
 
     async def find(self) -> None:
         """Look up the addresses to be bound.
@@ -111,7 +112,7 @@ class TcpListener:
     def finish(self) -> None:
         """Accept nobody any more and take no more requests; each client is closed once it has its responses."""
         self._stop_accepting()
-        for connection in list(self.connections):
+        for connection in self.connections:
             connection.finish()
 
     def close(self) -> None:
@@ -125,17 +126,17 @@ class TcpListener:
     def connected(self, connection: TcpConnection) -> None:
         """A client has connected."""
         self.counts.accepted += 1
-        self.connections.add(connection)
+        self.connections.enter(connection, _now())
         self.emit(events.ClientConnected(self.settings.name, connection.client))
 
     def closing(self, connection: TcpConnection) -> None:
         """A connection is being closed: its place is free."""
-        self.connections.discard(connection)
-        self._closing.setdefault(connection, asyncio.get_running_loop().time() + CLOSING_DEADLINE)
+        self.connections.leave(connection, _now())
+        self._closing.setdefault(connection, _now() + CLOSING_DEADLINE)
 
     def closed(self, connection: TcpConnection, reason: str) -> None:
         """A connection has ended."""
-        self.connections.discard(connection)
+        self.connections.leave(connection, _now())
         self._closing.pop(connection, None)
         self.emit(events.ClientClosed(self.settings.name, connection.client, reason))
 
@@ -167,7 +168,7 @@ class TcpListener:
             if not is_meant(sock, door, self._addresses):
                 why_not = NOT_MEANT
             else:
-                why_not = refusal(host, self.router.rights, self.connections, self.settings.clients, self._dismiss)
+                why_not = self.connections.refusal(host, self.router.rights, self.settings, loop.time(), self._dismiss)
             if not why_not:
                 await loop.connect_accepted_socket(lambda: TcpConnection(self, host, client, loop.time), sock)
             else:
@@ -192,8 +193,9 @@ class TcpListener:
 
     def _sweep(self) -> None:
         """Close the connections that cannot be kept, and end those that have been closing for too long."""
-        now = asyncio.get_running_loop().time()
-        for connection in list(self.connections):
+        now = _now()
+        self.connections.look(now)
+        for connection in self.connections:
             connection.look_over(now, self.settings.idle)
         for connection, deadline in list(self._closing.items()):
             if now >= deadline:
@@ -209,3 +211,7 @@ class TcpListener:
             door.close()
         self._accepting, self._doors = [], []
         self._reserve.release()
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -7,8 +7,9 @@ from functools import partial
 from typing import Any, Final
 
 from gateway import events
+from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Peer
-from gateway.listeners.room import MADE_ROOM, refusal
+from gateway.listeners.room import MADE_ROOM, Room
 from gateway.listeners.session import Counts, ListenSettings
 from gateway.listeners.sockets import OpenSockets, addresses, door_address, doors, plain, written
 from gateway.modbus import mbap
@@ -17,7 +18,7 @@ from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
 #: How often a listener looks for peers that have been idle for too long, in seconds.
-SWEEP_STEP: Final = 0.5
+SWEEP_STEP: Final = 0.25
 
 #: Room for what the system says about a datagram: `struct in6_pktinfo`, and more than that.
 _ANCILLARY_SIZE: Final = 128
@@ -45,9 +46,8 @@ class DatagramCounts(Counts):
 class UdpListener:
     """One `[[listen]]` table with udp://: answers datagrams, forgets peers that ask nothing any more.
 
-    Datagrams from an address without any right are dropped. At most `clients` peers are known at a time; for another
-    one the longest idle is forgotten, one of the address with the most peers. While all of them have requests under
-    way, what others send is dropped.
+    Datagrams from an address without any right are dropped. At most `clients` peers are known at a time; who is
+    forgotten for another one, or whose datagrams are dropped, `room` says.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -56,6 +56,7 @@ class UdpListener:
         self.emit = emit
         self.counts = DatagramCounts()
         self._peers: dict[tuple[Any, ...], Peer] = {}
+        self._room: Room[Peer] = Room(Origins().of)
         self._addresses: list[AddressInfo] = []
         self._doors: list[socket.socket] = []
         self._sweeping: asyncio.TimerHandle | None = None
@@ -142,18 +143,19 @@ class UdpListener:
         if adu is None or adu.pdu[0] & EXCEPTION_BIT:
             self.counts.malformed += 1
             return
-        peer = self._peer(door, asked, address)
+        now = asyncio.get_running_loop().time()
+        peer = self._peer(door, asked, address, now)
         if peer is not None:
-            peer.received(adu, asyncio.get_running_loop().time())
+            peer.received(adu, now)
 
-    def _peer(self, door: socket.socket, asked: Asked, address: tuple[Any, ...]) -> Peer | None:
+    def _peer(self, door: socket.socket, asked: Asked, address: tuple[Any, ...], now: float) -> Peer | None:
         """Who sent a datagram to one of our addresses; None when it may do nothing, or there is no room for it."""
         key = (*address, *asked)
         peer = self._peers.get(key)
         if peer is not None:
             return peer
         client, host = written(*address[:2]), plain(address[0])
-        why_not = refusal(host, self.router.rights, self._peers.values(), self.settings.clients, self._dismiss)
+        why_not = self._room.refusal(host, self.router.rights, self.settings, now, self._dismiss)
         if why_not:
             self.counts.rejected += 1
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
@@ -168,6 +170,7 @@ class UdpListener:
             on_failure=self.settings.on_failure,
         )
         self._peers[key] = peer
+        self._room.enter(peer, now)
         self.counts.accepted += 1
         self.emit(events.ClientConnected(self.settings.name, client))
         return peer
@@ -183,6 +186,7 @@ class UdpListener:
 
     def _forget(self, key: tuple[Any, ...], reason: str) -> None:
         peer = self._peers.pop(key)
+        self._room.leave(peer, asyncio.get_running_loop().time())
         peer.closed()
         self.emit(events.ClientClosed(self.settings.name, peer.client, reason))
 
@@ -191,7 +195,9 @@ class UdpListener:
 
     def _sweep(self) -> None:
         """Forget the peers that asked nothing for too long."""
-        since = asyncio.get_running_loop().time() - self.settings.idle
+        now = asyncio.get_running_loop().time()
+        self._room.look(now)
+        since = now - self.settings.idle
         if self.settings.idle:
             for key, peer in list(self._peers.items()):
                 if peer.is_idle and peer.last_asked <= since:

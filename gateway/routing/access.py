@@ -101,16 +101,24 @@ class Rights(dict[str, tuple[Right, ...]]):
         self._door = door
         self._known_as = known_as
         self._rows = tuple(_rows_at(door, tuple(rows)))
+        self._named: set[str] = set()
 
     def admits(self, host: str) -> bool:
         """Whether a client from this address may do anything at all."""
         return any(self[host])
 
+    def names(self, host: str) -> bool:
+        """Whether a row gives rights to networks that this address is in: it is not one that anybody could have."""
+        return self.admits(host) and host in self._named
+
     def __missing__(self, host: str) -> tuple[Right, ...]:
         if len(self) >= MOST_CLIENTS:
             self.clear()
+            self._named.clear()
         address = _address(host)
         rows = tuple(row for row in self._rows if row.means(address))
+        if any(row.networks is not None and row.right for row in rows):
+            self._named.add(host)
         rights = self[host] = _by_unit(rows, self._known_as, self._door.unit0)
         return rights
 

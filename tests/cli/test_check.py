@@ -222,6 +222,7 @@ def test_the_picture_as_json(config, capsys):
         "name": "six",
         "address": "tcp://[::1]:1502",
         "clients": 32,
+        "reserve": 0,
         "idle_ms": 600000.0,
         "in_flight": 16,
         "unit0": 41,

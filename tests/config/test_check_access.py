@@ -189,3 +189,27 @@ def test_a_row_that_an_earlier_one_hides(earlier, row):
 )
 def test_a_row_that_means_more_than_the_earlier_one_counts(earlier, row):
     assert access(earlier, row, listen=SCADA.replace("0.0.0.0", "[::]") + PANEL) == []
+
+
+# Places that are kept
+
+NAMED = 'from = ["10.2.0.0/24"]\n'
+FULL = "clients = 8\nreserve = 8\n"
+SOME = "clients = 8\nreserve = 7\n"
+
+
+def test_a_reserve_leaves_places_for_others():
+    what = "error: listen[0].reserve: leaves no place for clients that no row of [[access]] names"
+    assert access(NAMED, listen=SCADA + FULL) == [f"{what} | make clients larger, or reserve less than 8"]
+    assert access(NAMED, listen=SCADA + SOME) == []
+
+
+@pytest.mark.parametrize("row", ["", 'listen = ["field"]\n' + NAMED])
+def test_a_reserve_is_for_somebody(row):
+    what = "warning: listen[0].reserve: places are kept for addresses that [[access]] names, and no row names any"
+    remedy = 'name them in a row: from = ["10.2.0.7"]'
+    assert f"{what} | {remedy}" in access(row, listen=SCADA + SOME + FIELD)
+
+
+def test_without_rows_a_reserve_is_for_this_machine():
+    assert not any("reserve" in one for one in problems(SCADA + SOME))

@@ -51,7 +51,7 @@ def test_a_line_needs_nothing_but_its_port():
 
 def test_the_defaults_of_a_listener():
     listen = Listen.model_validate({"bind": "tcp://0.0.0.0:502"})
-    assert (listen.clients, listen.idle, listen.in_flight, listen.unit0) == (32, 600.0, 16, "refuse")
+    assert (listen.clients, listen.reserve, listen.idle, listen.in_flight, listen.unit0) == (32, 0, 600.0, 16, "refuse")
 
 
 def test_the_defaults_of_the_other_tables():

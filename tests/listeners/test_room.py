@@ -1,48 +1,360 @@
 """Who is let in, and who makes room for another client."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from ipaddress import ip_network
 
 import pytest
 
-from gateway.listeners.room import refusal
-from gateway.listeners.session import NO_RIGHTS, NO_ROOM
-from gateway.routing.access import DEFAULT_ROWS, Door, Rights
+from gateway.listeners.room import ALL_BUSY, MEMORY, MOST_REMEMBERED, NO_RIGHTS, NOBODY_GOES, Room
+from gateway.listeners.session import NEVER, ListenSettings
+from gateway.routing.access import DEFAULT_ROWS, READING, Door, Rights, Row
+
+EVERYBODY = Rights(DEFAULT_ROWS, Door("scada"))
+#: The control room is named.
+NAMED = Rights((Row(READING, networks=(ip_network("10.0.0.0/24"),)), Row(READING)), Door("scada"))
+LOOK = 0.25
 
 
 @dataclass(eq=False)
 class Client:
     host: str
-    last_asked: float
+    last_asked: float = NEVER
     is_idle: bool = True
 
 
-A, B, C = "10.0.0.1", "10.0.0.2", "10.0.0.3"
+@dataclass
+class Lobby:
+    """A room with a clock. Hosts are one letter, or an address; `closed` are those who made room, in turn."""
+
+    places: int = 4
+    reserve: int = 0
+    rights: Rights = field(default_factory=lambda: EVERYBODY)
+    now: float = 1000.0
+    closed: list[Client] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.room: Room[Client] = Room(lambda host, now: host)
+
+    def comes(self, host: str, *, asks: bool = False) -> Client | str:
+        """A client connects, and asks at once or does not; or the reason why it is not let in."""
+        host = f"192.0.2.{ord(host)}" if len(host) == 1 else host
+        settings = ListenSettings("scada", "::", 502, clients=self.places, reserve=self.reserve)
+        refusal = self.room.refusal(host, self.rights, settings, self.now, self._dismiss)
+        if refusal:
+            return refusal
+        client = Client(host)
+        self.room.enter(client, self.now)
+        assert len(self.room) <= self.places
+        if asks:
+            client.last_asked = self.now
+        return client
+
+    def polls(self, client: Client, times: int, every: float) -> None:
+        for _ in range(times):
+            client.last_asked = self.now
+            self.passes(every)
+
+    def passes(self, seconds: float) -> None:
+        end = self.now + seconds
+        while self.now + LOOK <= end:
+            self.now += LOOK
+            self.room.look(self.now)
+        self.now = end
+
+    def leaves(self, client: Client) -> None:
+        self.room.leave(client, self.now)
+
+    def makes_room(self, host: str) -> Client:
+        """Who makes room for a client from this host."""
+        count = len(self.closed)
+        assert isinstance(self.comes(host), Client)
+        assert len(self.closed) == count + 1
+        return self.closed[-1]
+
+    def _dismiss(self, client: Client) -> None:
+        self.closed.append(client)
+        self.room.leave(client, self.now)
 
 
-def let_in(present: list[Client], rights: Rights | None = None) -> tuple[str, list[Client]]:
-    """Why C is not let in where there are three places, and who was dismissed for it."""
-    dismissed: list[Client] = []
-    rights = Rights(DEFAULT_ROWS, Door("scada")) if rights is None else rights
-    return refusal(C, rights, present, 3, dismissed.append), dismissed
+@pytest.fixture
+def lobby() -> Lobby:
+    return Lobby()
 
 
-@pytest.mark.parametrize(
-    ("present", "dismissed"),
-    [
-        ([Client(A, 3), Client(A, 1)], None),
-        ([Client(A, 3), Client(B, 1), Client(C, 2)], 1),
-        ([Client(A, 3), Client(B, 1), Client(A, 2)], 2),
-        ([Client(A, 3, is_idle=False), Client(B, 1), Client(A, 4, is_idle=False)], 1),
-        ([Client(A, 1, is_idle=False), Client(A, 2, is_idle=False), Client(A, 3)], 2),
-    ],
-)
-def test_the_longest_idle_of_the_address_with_the_most_makes_room(present, dismissed) -> None:
-    assert let_in(present) == ("", [] if dismissed is None else [present[dismissed]])
+def test_as_long_as_there_is_a_place_nobody_makes_room(lobby: Lobby) -> None:
+    for host in "AABC":
+        assert isinstance(lobby.comes(host), Client)
+    assert lobby.closed == []
 
 
-def test_nobody_who_waits_for_an_answer_makes_room() -> None:
-    assert let_in([Client(A, each, is_idle=False) for each in range(3)]) == (NO_ROOM, [])
+def test_nobody_makes_room_for_a_client_without_rights(lobby: Lobby) -> None:
+    lobby.rights = Rights((), Door("scada"))
+    assert lobby.comes("A") == NO_RIGHTS
 
 
-def test_nobody_makes_room_for_a_client_without_rights() -> None:
-    assert let_in([Client(A, each) for each in range(3)], Rights((), Door("scada"))) == (NO_RIGHTS, [])
+# --- the order ---
+
+
+def test_first_goes_who_is_of_the_address_with_most_connections(lobby: Lobby) -> None:
+    lobby.comes("B")
+    first, second = lobby.comes("A", asks=True), lobby.comes("A", asks=True)
+    lobby.comes("C")
+    lobby.passes(1)
+    second.last_asked = lobby.now
+    assert lobby.makes_room("D") is first
+
+
+def test_then_who_was_never_served(lobby: Lobby) -> None:
+    lobby.comes("A", asks=True)
+    lobby.passes(60)
+    silent = lobby.comes("B")
+    for host in "CD":
+        lobby.comes(host, asks=True)
+    assert lobby.makes_room("E") is silent
+
+
+def test_then_who_is_silent_for_longest_when_nobody_has_asked_twice(lobby: Lobby) -> None:
+    clients = [lobby.comes(host, asks=True) for host in "ABCD"]
+    lobby.passes(0.1)
+    for client in (clients[0], clients[2], clients[3]):
+        lobby.passes(0.01)
+        client.last_asked = lobby.now
+    assert lobby.makes_room("E") is clients[1]
+    assert lobby.makes_room("F").host == "192.0.2.69"  # E has not asked
+
+
+def test_silence_is_measured_by_the_interval_at_which_a_client_usually_asks(lobby: Lobby) -> None:
+    slow, quick = lobby.comes("A"), lobby.comes("B")
+    lobby.polls(slow, 3, every=30)
+    lobby.polls(quick, 60, every=1)
+    others = [lobby.comes(host) for host in "CD"]
+    slow.last_asked = lobby.now
+    for _ in range(9):
+        lobby.passes(5)
+        for other in others:
+            other.last_asked = lobby.now
+    assert lobby.makes_room("E") is quick
+
+
+def test_nobody_goes_who_has_a_request_under_way(lobby: Lobby) -> None:
+    busy = [lobby.comes(host) for host in "AAA"]
+    for client in busy:
+        client.is_idle = False
+    idle = lobby.comes("B")
+    assert lobby.makes_room("C") is idle
+
+
+def test_when_all_have_requests_under_way_the_one_who_comes_is_sent_away(lobby: Lobby) -> None:
+    for host in "ABCD":
+        lobby.comes(host).is_idle = False
+    assert lobby.comes("E") == ALL_BUSY
+
+
+# --- who stays ---
+
+
+def test_who_asks_as_usual_stays_and_the_one_who_comes_is_sent_away(lobby: Lobby) -> None:
+    clients = [lobby.comes(host) for host in "ABCD"]
+    for _ in range(3):
+        for client in clients:
+            client.last_asked = lobby.now
+        lobby.passes(1)
+    assert lobby.comes("E") == NOBODY_GOES
+    lobby.passes(1.1)
+    assert lobby.makes_room("E") in clients
+
+
+def test_who_asks_as_usual_gives_up_what_its_address_has_beyond_others(lobby: Lobby) -> None:
+    clients = [lobby.comes(host) for host in "AABC"]
+    for client in clients:
+        lobby.polls(client, 3, every=1)
+    assert lobby.makes_room("D").host == clients[0].host
+
+
+def test_addresses_with_equally_many_make_room_for_one_that_has_none(lobby: Lobby) -> None:
+    clients = [lobby.comes(host) for host in "AABB"]
+    for _ in range(3):
+        for client in clients:
+            client.last_asked = lobby.now
+        lobby.passes(1)
+    assert lobby.makes_room("C") in clients
+
+
+def test_whoever_floods_a_listener_only_drives_out_itself(lobby: Lobby) -> None:
+    other = lobby.comes("B")
+    for _ in range(10):
+        lobby.comes("A")
+    assert other not in lobby.closed
+    for client in lobby.room:
+        client.is_idle = client is other
+    assert lobby.comes("A") == NOBODY_GOES
+    assert len(lobby.closed) == 7
+
+
+def test_who_waited_long_for_an_answer_is_not_taken_for_silent(lobby: Lobby) -> None:
+    client = lobby.comes("A")
+    lobby.polls(client, 5, every=1)
+    client.last_asked, client.is_idle = lobby.now, False
+    lobby.passes(10)
+    client.is_idle = True
+    for host in "BCD":
+        lobby.comes(host)
+    assert lobby.makes_room("E").host == "192.0.2.66"
+    lobby.comes("E")
+    lobby.polls(client, 1, every=0.5)
+    assert client in lobby.room
+
+
+def test_a_burst_does_not_make_the_pause_behind_it_unusual(lobby: Lobby) -> None:
+    client = lobby.comes("A")
+    for _ in range(5):
+        lobby.polls(client, 10, every=0.5)
+        lobby.passes(25)
+    others = [lobby.comes(host) for host in "BCD"]
+    for other in others:
+        lobby.polls(other, 2, every=0.1)
+    assert lobby.makes_room("E") in others
+
+
+def test_a_long_pause_is_forgotten(lobby: Lobby) -> None:
+    client = lobby.comes("A", asks=True)
+    lobby.passes(3600)
+    lobby.polls(client, 7200, every=1)
+    for host in "BCD":
+        lobby.polls(lobby.comes(host), 3, every=1)
+    lobby.passes(1)
+    assert lobby.makes_room("E") is client
+
+
+# --- who comes back ---
+
+
+def test_who_comes_back_goes_on_as_it_was(lobby: Lobby) -> None:
+    client = lobby.comes("A", asks=True)
+    lobby.leaves(client)
+    lobby.passes(1)
+    client = lobby.comes("A", asks=True)
+    lobby.passes(0.5)
+    others = [lobby.comes(host, asks=True) for host in "BCD"]
+    assert lobby.makes_room("E") is others[0]
+
+
+def test_who_was_away_for_long_is_like_anybody_else(lobby: Lobby) -> None:
+    client = lobby.comes("A")
+    lobby.polls(client, 3, every=1)
+    lobby.leaves(client)
+    lobby.passes(MEMORY + 5)
+    client = lobby.comes("A", asks=True)
+    lobby.passes(0.5)
+    for host in "BCD":
+        lobby.comes(host, asks=True)
+    assert lobby.makes_room("E") is client
+
+
+def test_of_many_who_have_left_only_some_are_remembered(lobby: Lobby) -> None:
+    for number in range(2 * MOST_REMEMBERED):
+        lobby.leaves(lobby.comes(f"10.1.{number // 256}.{number % 256}"))
+    lobby.leaves(Client("10.0.0.1"))  # never came
+    assert len(lobby.room._left) == MOST_REMEMBERED
+    assert len(lobby.room) == 0
+
+
+# --- places that are kept ---
+
+
+def test_strangers_leave_the_reserve_to_those_whom_rows_name() -> None:
+    lobby = Lobby(places=4, reserve=2, rights=NAMED)
+    first = lobby.comes("A")
+    lobby.comes("B")
+    assert lobby.makes_room("C") is first
+    for number in range(2):
+        assert isinstance(lobby.comes(f"10.0.0.{number}"), Client)
+    assert len(lobby.room) == 4
+    assert {lobby.makes_room(host).host[:3] for host in "DEFGH"} == {"192"}
+
+
+def test_those_whom_rows_name_take_the_other_places_too_as_long_as_there_are_any() -> None:
+    lobby = Lobby(places=3, reserve=1, rights=NAMED)
+    for number in range(3):
+        lobby.comes(f"10.0.0.{number}")
+    assert lobby.makes_room("A").host == "10.0.0.0"
+    assert lobby.makes_room("10.0.0.9").host == "10.0.0.1"
+
+
+# --- a crowd: promise P18 ---
+
+
+@dataclass
+class Source:
+    """One of a crowd of addresses. It connects, asks, and does so again as soon as it is closed or sent away.
+
+    It goes on `asking` at an interval; all the time when that is 0.0, not at all when it is None. Or it `leaves`.
+    """
+
+    host: str
+    asking: float | None
+    leaves: bool
+    client: Client | None = None
+
+    def step(self, lobby: Lobby) -> None:
+        """What it does in twenty milliseconds."""
+        if self.client is None or self.client not in lobby.room:
+            come = lobby.comes(self.host, asks=True)
+            self.client = come if isinstance(come, Client) else None
+            if self.client is not None:
+                self.client.is_idle = self.asking != 0.0
+        elif self.leaves:
+            lobby.leaves(self.client)
+        elif self.asking and lobby.now - self.client.last_asked >= self.asking:
+            self.client.last_asked = lobby.now
+
+
+CROWDS = {
+    "asks once and stays": (None, False),
+    "asks once and leaves": (None, True),
+    "asks at short intervals": (0.05, False),
+    "asks once a second": (1.0, False),
+    "asks without end": (0.0, False),
+}
+
+
+def failed_polls(kind: str, *, crowd_comes_at: int) -> int:
+    """How many of twelve polls, one a second, find their connection closed, or get none.
+
+    The crowd is half as large again as the room.
+    """
+    lobby = Lobby(places=20)
+    crowd = [Source(f"192.0.2.{number}", *CROWDS[kind]) for number in range(31)]
+    client: Client | None = None
+    failed = 0
+    for second in range(min(crowd_comes_at, 0), 12):
+        if second >= 0:
+            was_closed = client is not None and client not in lobby.room
+            if client is None or was_closed:
+                come = lobby.comes("10.0.0.1")
+                client = come if isinstance(come, Client) else None
+            failed += was_closed or client is None
+            if client is not None:
+                client.last_asked = lobby.now
+        for tick in range(50):
+            for source in crowd if second >= crowd_comes_at else ():
+                source.step(lobby)
+            lobby.now += 0.02
+            if tick % 12 == 0:
+                lobby.room.look(lobby.now)
+    return failed
+
+
+@pytest.mark.parametrize("kind", CROWDS)
+def test_a_hundred_addresses_that_come_and_go_never_close_a_client_that_asks_as_usual(kind: str) -> None:
+    assert failed_polls(kind, crowd_comes_at=2) == 0
+
+
+@pytest.mark.parametrize("kind", ["asks once and leaves", "asks at short intervals"])
+def test_a_client_that_comes_into_a_crowd_is_safe_too(kind: str) -> None:
+    assert failed_polls(kind, crowd_comes_at=-2) == 0
+
+
+@pytest.mark.parametrize("kind", [kind for kind in CROWDS if kind != "asks without end"])
+def test_a_client_that_comes_with_a_crowd_is_safe_once_its_interval_is_known(kind: str) -> None:
+    assert failed_polls(kind, crowd_comes_at=0) <= 1

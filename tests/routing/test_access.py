@@ -109,6 +109,22 @@ def test_who_may_do_nothing_anywhere_is_not_admitted() -> None:
     assert [host for host in ("10.2.0.66", "10.2.0.7", "10.3.0.7", "::1") if rights.admits(host)] == ["10.2.0.7"]
 
 
+def test_an_address_is_named_when_a_row_that_counts_here_gives_rights_to_its_network() -> None:
+    rows = [
+        row(NOTHING, "10.2.0.66"),
+        row(READING, "10.2.0.0/24", units="7"),
+        row(READING, "10.3.0.0/24", listen="panel"),
+        row(READING),
+    ]
+    rights = Rights(rows, SCADA)
+    hosts = ("10.2.0.7", "10.3.0.7", "10.4.0.7", "::ffff:10.2.0.9")
+    assert [host for host in hosts * 2 if rights.names(host)] == 2 * ["10.2.0.7", "::ffff:10.2.0.9"]
+    assert all(map(rights.admits, hosts))
+    for number in range(2 * MOST_CLIENTS):
+        rights.names(f"10.2.0.{number % 250}" if number % 2 else f"10.9.{number // 250}.{number % 250}")
+    assert len(rights._named) <= MOST_CLIENTS
+
+
 def test_datagrams_only_read_by_rows_that_do_not_name_their_listener() -> None:
     table = [row(right_to([3, 16]), "10.2.0.0/24"), row(EVERYTHING, "10.0.0.0/8", listen="field"), row(EVERYTHING)]
     rights = Rights(table, FIELD)

@@ -9,9 +9,10 @@ import subprocess
 import threading
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import ExitStack, asynccontextmanager, closing
+from contextlib import ExitStack, asynccontextmanager, closing, suppress
+from ipaddress import ip_network
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import pytest
 
@@ -31,6 +32,7 @@ from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.ports import lookup
 from gateway.request import Request
+from gateway.routing.access import EVERYTHING, Rights, Row
 from kit.crossroads import to_everywhere
 from kit.ipv6 import needs_ipv6
 from kit.process import COMMAND, PATIENCE
@@ -174,11 +176,8 @@ class Client:
 
 
 @asynccontextmanager
-async def house(
-    clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1", scheme: str = "tcp"
-) -> AsyncIterator[House]:
-    settings = ListenSettings("scada", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme=scheme)
-    home = House(settings)
+async def house(clients: int = 32, idle: float = 0, host: str = "127.0.0.1", **settings: Any) -> AsyncIterator[House]:
+    home = House(ListenSettings("scada", host, 0, clients=clients, idle=idle, **settings))
     await home.listener.find()
     home.listener.bind()
     home.listener.listen()
@@ -278,6 +277,47 @@ async def test_an_address_that_has_many_connections_drives_out_none_of_another()
         await until(lambda: len(home.told(ClientClosed)) == 17)
         assert await first.is_open()
         assert [await client.is_open() for client in flood[17:]] == [True] * 3
+
+
+async def test_a_crowd_of_addresses_never_closes_a_client_that_asks_as_usual() -> None:
+    """Promise P18: the crowd is half as large again as the room, and asks without a pause; see also test_room."""
+    async with house(clients=20) as home:
+        client = await home.client()
+        for _ in range(3):
+            await client.asks()
+            await asyncio.sleep(0.5)
+        over = asyncio.Event()
+        crowd = asyncio.gather(*(come_and_go(home, f"127.0.1.{number}", over) for number in range(1, 31)))
+        for _ in range(6):
+            assert await client.is_open()
+            await asyncio.sleep(0.5)
+        assert len(home.told(ClientRejected)) > 30
+        assert not home.reason(client)
+        over.set()
+        await crowd
+
+
+async def come_and_go(home: House, source: str, over: asyncio.Event) -> None:
+    """Connect, ask as long as there are answers, and connect again, until it is `over`."""
+    while not over.is_set():
+        with suppress(OSError, EOFError):
+            client = await Client.connect(home.port, source=source)
+            with closing(client.writer):
+                while not over.is_set():
+                    await client.asks()
+                    await asyncio.sleep(0.01)
+        await asyncio.sleep(0.01)
+
+
+async def test_strangers_leave_the_reserve_to_those_whom_rows_name() -> None:
+    async with house(clients=4, reserve=2) as home:
+        named = Row(EVERYTHING, networks=(ip_network("127.0.0.9"),))
+        home.listener.router.rights = Rights((named, Row(EVERYTHING)), home.listener.router.door)
+        strangers = [await home.connect(source=f"127.0.0.{number}") for number in range(20, 24)]
+        assert await strangers[0].is_closed()
+        assert await strangers[1].is_closed()
+        friends = [await home.connect(source="127.0.0.9") for _ in range(2)]
+        assert [await client.is_open() for client in (*strangers[2:], *friends)] == [True] * 4
 
 
 # --- who says nothing, who says half, who does not listen ---
@@ -501,7 +541,7 @@ async def test_the_system_keeps_little_for_a_connection() -> None:
 async def test_a_defect_in_welcoming_a_client_does_not_end_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
     async with house() as home:
         with monkeypatch.context() as defective:
-            defective.setattr(tcp_module, "refusal", None)
+            defective.setattr(home.listener.connections, "refusal", None)
             assert await (await home.connect()).is_closed()
         assert len(home.told(PartFailed)) == 1
         assert await (await home.client()).is_open()

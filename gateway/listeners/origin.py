@@ -1,0 +1,62 @@
+"""What counts as one address: with IPv6 the network that one customer has, unless it is on a link of ours.
+
+Whoever has an IPv6 address elsewhere has all of its /64 and can come from any of them. On a link that this machine is
+on, each address may be another machine.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from ipaddress import IPv6Address, IPv6Network
+from math import inf
+from pathlib import Path
+from typing import Final
+
+#: The routes that this process has, one a line. What is beyond so many characters counts as not there.
+ROUTES: Final = "/proc/self/net/ipv6_route"
+MOST_READ: Final = 64 * 1024
+#: They are read again after so many seconds.
+KEPT: Final = 10.0
+
+#: The size of what one customer has at least, and of the largest site (RFC 6177): more without a router is a tunnel.
+_CUSTOMER: Final = 64
+_SITE: Final = 48
+#: The flag of a route by way of a router, RTF_GATEWAY; and the interface of what is not a link.
+_ROUTER: Final = 0x2
+_LOOPBACK: Final = "lo"
+
+
+def read_routes() -> str:
+    """The beginning of ROUTES; nothing where there is no IPv6."""
+    with suppress(OSError), Path(ROUTES).open(encoding="ascii") as file:
+        return file.read(MOST_READ)
+    return ""
+
+
+class Origins:
+    """The origins of clients. `read` gives what ROUTES has."""
+
+    def __init__(self, read: Callable[[], str] = read_routes) -> None:
+        self._read = read
+        self._links: tuple[IPv6Network, ...] = ()
+        self._read_at = -inf
+
+    def of(self, host: str, now: float) -> str:
+        """What counts as the address of a client from `host`, `now` in seconds: `10.0.0.7`, `2001:db8:1:2::/64`."""
+        if ":" not in host:
+            return host
+        if now - self._read_at >= KEPT:
+            self._links, self._read_at = tuple(_links(self._read())), now
+        address = IPv6Address(host)
+        if address.is_loopback or any(address in link for link in self._links):
+            return host
+        return str(IPv6Network((int(address), _CUSTOMER), strict=False))
+
+
+def _links(routes: str) -> Iterator[IPv6Network]:
+    """The networks that are reached without a router."""
+    for line in routes.splitlines():
+        fields = line.split()
+        if len(fields) == 10 and fields[9] != _LOOPBACK and not int(fields[8], 16) & _ROUTER:
+            network = IPv6Network((int(fields[0], 16), int(fields[1], 16)), strict=False)
+            if network.prefixlen >= _SITE:
+                yield network
