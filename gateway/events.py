@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from traceback import format_exception
-from typing import ClassVar, Self
+from typing import ClassVar, Final, Self
 
+from gateway import errors
 from gateway.errors import RequestError
 from gateway.request import Request
 
@@ -251,6 +252,23 @@ class WriteAudit(Event):
     result: str
     code: str
     elapsed_ms: float
+
+    @property
+    def was_sent(self) -> bool:
+        """Whether the write may have been carried out: it was not refused before."""
+        return self.result in _SENT
+
+
+#: Results of writes that went to their units.
+_SENT: Final = frozenset(
+    {
+        *("ok", "exception", "broadcast"),
+        errors.ResponseTimeout.result,
+        errors.BrokenResponse.result,
+        errors.AmbiguousResponse.result,
+        errors.LineLost.result,
+    }
+)
 
 
 # --- lines ---

@@ -28,10 +28,8 @@ class Entry:
     level: int
     name: str
     fields: Mapping[str, object]
-    #: Whether few such lines a second will do.
+    #: Whether few such lines a second will do. It leaves the last places to others then.
     is_limited: bool = True
-    #: Whether it leaves the last places to others.
-    gives_way: bool = True
     events: int = 1
     write_audits: int = 0
 
@@ -51,7 +49,7 @@ class Missing:
     def note(self, at: float, clock: float) -> Entry:
         """The entry that tells of them: `events_dropped`."""
         fields = {"dropped": self.events, "write_audits": self.write_audits}
-        return Entry(at, clock, Level.WARNING, "events_dropped", fields, False, False, self.events, self.write_audits)
+        return Entry(at, clock, Level.WARNING, "events_dropped", fields, False, self.events, self.write_audits)
 
 
 class Backlog:
@@ -90,7 +88,7 @@ class Backlog:
             return entry
 
     def _has_room(self, entry: Entry) -> bool:
-        if entry.gives_way:
+        if entry.is_limited:
             return not self._missing.events and len(self._waiting) < MOST_WAITING
         return len(self._waiting) < MOST_WITH_RESERVE
 

@@ -14,8 +14,10 @@ MOST_SUBJECTS: Final = 1000
 PAUSE: Final = 10.0
 STEADY: Final = 60.0
 
-#: What an event is about. Of a client its host counts: each connection has another port.
+#: What an event is about. Of a client its host counts: each connection has another port. Which unit it names does not
+#: count: it may name all of them.
 _KEY: Final = ("line", "unit", "listener", "client", "problem")
+_KEY_OF_CLIENT: Final = ("line", "listener", "client")
 
 
 class Subject(NamedTuple):
@@ -28,9 +30,8 @@ class Subject(NamedTuple):
 
 def subject_of(level: int, name: str, fields: Mapping[str, object]) -> Subject:
     """The subject of an event with these fields."""
-    return Subject(
-        level, name, tuple((field, _without_port(field, fields[field])) for field in _KEY if field in fields)
-    )
+    key = _KEY_OF_CLIENT if "client" in fields else _KEY
+    return Subject(level, name, tuple((part, _without_port(part, fields[part])) for part in key if part in fields))
 
 
 def _without_port(part: str, value: object) -> object:

@@ -8,18 +8,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
-from gateway.errors import AccessDenied, NoRoute
 from gateway.events import Emit, Event, Level, WriteAudit
 from gateway.observe.backlog import Entry
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
 from gateway.observe.writer import StandardError, Stream, Writer
 
 LogFormat = Literal["auto", "console", "json", "journald"]
-
-#: Results of writes that need no right: one who may only read could fill the backlog with them.
-_ANYBODY_CAUSES: Final = (AccessDenied.result, NoRoute.result)
 
 
 @contextmanager
@@ -32,8 +28,9 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     on.
 
     The log never does harm: a thread writes it, at most ten lines a second about the same, one in ten seconds about
-    clients of one address that are sent away, one a minute about what goes on for longer than that. Accounts of writes
-    and errors of the service are not limited. What cannot be written is counted.
+    clients of one address that are sent away, and one about writes of theirs that are refused, one a minute about what
+    goes on for longer than that. Accounts of other writes and errors of the service are not limited. What cannot be
+    written is counted.
     """
     least = Level[level.upper()]
     writer = Writer(_sink(log_format, stream))
@@ -64,11 +61,11 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
 
 
 def _entry(event: Event) -> Entry:
-    at, clock, audits = time.monotonic(), time.time(), int(isinstance(event, WriteAudit))
-    # Errors are rare, and somebody may have to account for each write.
-    limited = event.level < Level.ERROR and not audits
-    gives_way = event.result in _ANYBODY_CAUSES if isinstance(event, WriteAudit) else limited
-    return Entry(at, clock, event.level, event.name, event.fields(), limited, gives_way, write_audits=audits)
+    audits = int(isinstance(event, WriteAudit))
+    # Errors are rare, and somebody may have to account for each write; but anybody can have writes refused.
+    limited = not event.was_sent if isinstance(event, WriteAudit) else event.level < Level.ERROR
+    fields = event.fields()
+    return Entry(time.monotonic(), time.time(), event.level, event.name, fields, limited, write_audits=audits)
 
 
 class _FromLibraries(logging.Handler):

@@ -8,9 +8,12 @@ from math import inf
 from threading import Thread
 from typing import Final, Protocol
 
-from gateway.events import ClientRejected
+from gateway.events import ClientRejected, WriteAudit
 from gateway.observe.backlog import Backlog, Entry, Missing
 from gateway.observe.limiter import Limiter, Subject, subject_of
+
+#: What is told of clients that are sent away, and of writes that are refused.
+_REFUSALS: Final = (ClientRejected.name, WriteAudit.name)
 
 #: How long a gateway that ends waits for its log to be read, in seconds.
 CLOSING_PATIENCE: Final = 0.5
@@ -56,7 +59,7 @@ class Writer:
     def __init__(self, write: Callable[[Entry], object]) -> None:
         self._write_one = write
         self._usual = Limiter()
-        self._rejected = Limiter(lines=1, seconds=10.0)  # any stranger can have itself rejected, as often as it likes
+        self._refused = Limiter(lines=1, seconds=10.0)  # for what any stranger can cause, as often as it likes
         self._backlog = Backlog()
         self._missing = Missing()
         # A daemon, because a write that hangs must not keep the process from ending.
@@ -81,15 +84,15 @@ class Writer:
         self._write_counts(inf)
 
     def _until_next_count(self) -> float | None:
-        due = [each.next_due for each in (self._usual, self._rejected) if each.next_due is not None]
+        due = [each.next_due for each in (self._usual, self._refused) if each.next_due is not None]
         return max(0.0, min(due) - time.monotonic()) if due else None
 
     def _admits(self, entry: Entry) -> bool:
-        limiter = self._rejected if entry.name == ClientRejected.name else self._usual
+        limiter = self._refused if entry.name in _REFUSALS else self._usual
         return not entry.is_limited or limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
 
     def _write_counts(self, now: float) -> None:
-        for subject, count in (*self._usual.due(now), *self._rejected.due(now)):
+        for subject, count in (*self._usual.due(now), *self._refused.due(now)):
             self._write(_count(subject, count))
 
     def _write(self, entry: Entry) -> None:
@@ -104,4 +107,5 @@ class Writer:
 
 def _count(subject: Subject, count: int) -> Entry:
     fields = {**dict(subject.key), "suppressed": count}
-    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields, events=count)
+    audits = count if subject.name == WriteAudit.name else 0
+    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields, events=count, write_audits=audits)

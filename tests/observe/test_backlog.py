@@ -50,7 +50,7 @@ def test_it_is_done_when_it_is_closed_and_all_was_taken() -> None:
 
 
 def audit(number: int) -> Entry:
-    return Entry(float(number), float(number), 20, "write_audit", {"number": number}, False, False, write_audits=1)
+    return Entry(float(number), float(number), 20, "write_audit", {"number": number}, False, write_audits=1)
 
 
 def test_many_other_entries_leave_room_for_accounts_of_writes() -> None:

@@ -27,6 +27,11 @@ def test_a_client_is_its_host_because_each_connection_has_another_port(client: s
     assert subject_of(30, "client_rejected", fields).key == (("listener", "scada"), ("client", host))
 
 
+def test_what_a_client_does_is_about_the_client_whatever_unit_it_names() -> None:
+    fields = {"listener": "scada", "client": "10.0.0.9:49152", "unit": 7, "function": 6}
+    assert subject_of(30, "access_denied", fields) == subject_of(30, "access_denied", {**fields, "unit": 8})
+
+
 def test_each_warning_about_a_config_is_a_subject_of_its_own() -> None:
     assert subject_of(30, "config_warning", {"problem": "a"}) != subject_of(30, "config_warning", {"problem": "b"})
 

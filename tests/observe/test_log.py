@@ -11,7 +11,6 @@ from threading import Event
 import pytest
 
 from gateway.events import (
-    AccessDenied,
     ClientConnected,
     ClientRejected,
     ConfigRejected,
@@ -20,6 +19,7 @@ from gateway.events import (
     RequestTimeout,
     WriteAudit,
 )
+from gateway.lines.counts import RESULTS
 from gateway.observe.backlog import MOST_WAITING
 from gateway.observe.log import open_log
 
@@ -187,7 +187,7 @@ def test_a_log_that_nobody_reads_stops_nobody_and_says_later_what_is_missing() -
         emit(LOST)
         assert stream.asked.wait(PATIENCE)
         for unit in range(MOST_WAITING + 8):
-            emit(AccessDenied("scada", "10.0.0.9:1", unit, 3))
+            emit(RequestTimeout("hall-a", unit, "silo-1", 3, 1009.3, 1009.0, "gateway.toml:4"))
         stream.released.set()
     *told, last = logged(stream)
     assert [line.get("unit") for line in told] == [None, *range(MOST_WAITING)]
@@ -229,13 +229,33 @@ def test_clients_that_are_sent_away_are_worth_one_line_for_each_address() -> Non
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("result", ["ok", "denied", "no_route"])
-def test_of_writes_each_one_is_told(result: str) -> None:
+@pytest.mark.parametrize("result", ["ok", "exception", "broadcast", "timeout", "bad_frame", "ambiguous", "line_lost"])
+def test_of_writes_that_may_have_been_carried_out_each_one_is_told(result: str) -> None:
     stream = io.StringIO()
     with open_log("info", "json", stream) as emit:
         for register in range(150):
             emit(written(register, result))
     assert [line["address"] for line in logged(stream)] == [*range(150)]
+
+
+REFUSED = {name for name in RESULTS if name not in ("ok", "exception", "broadcast")} | {"denied", "no_route", "stale"}
+REFUSED -= {"timeout", "bad_frame", "ambiguous", "line_lost"}
+
+
+@pytest.mark.parametrize("result", sorted(REFUSED))
+def test_of_writes_that_were_refused_one_of_each_client_is_told_and_the_others_are_counted(result: str) -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for register in range(300):
+            for host in ("10.0.0.7", "10.0.0.9"):
+                emit(WriteAudit(f"{host}:{register}", "scada", register % 248, 6, register, 1, result, "01", 1.0))
+    lines = [(line["event"], line["client"], line.get("suppressed")) for line in logged(stream)]
+    assert lines == [
+        ("write_audit", "10.0.0.7:0", None),
+        ("write_audit", "10.0.0.9:0", None),
+        ("write_audit", "10.0.0.7", 299),
+        ("write_audit", "10.0.0.9", 299),
+    ]
 
 
 def test_refused_writes_however_many_leave_room_for_those_that_were_carried_out() -> None:
@@ -252,6 +272,9 @@ def test_refused_writes_however_many_leave_room_for_those_that_were_carried_out(
     assert [line["address"] for line in lines if line.get("result") == "ok"] == [*range(300)]
     (note,) = (line for line in lines if line["event"] == "events_dropped")
     assert (note["dropped"], note["write_audits"]) == (2 * MOST_WAITING, 2 * MOST_WAITING)
+    assert [line.get("suppressed") for line in lines if line.get("client", "").startswith("10.0.0.9")] == [
+        None, *(300 * [None]), MOST_WAITING - 1,
+    ]  # fmt: skip
 
 
 def test_the_count_comes_though_nothing_else_happens() -> None:

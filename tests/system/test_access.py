@@ -107,6 +107,25 @@ def test_without_rows_clients_from_elsewhere_only_read(tmp_path: Path) -> None:
         assert any('from = ["10.2.0.0/24", "127.0.0.0/8"]' in each for each in said)
 
 
+def test_who_may_only_read_does_not_fill_the_journal_with_refused_writes(tmp_path: Path) -> None:
+    """Writes to all units, as fast as they are refused: a few lines, which tell of all of them."""
+    count = 20_000
+    with GatewayProcess(tmp_path, CONFIG + ROWS) as gateway:
+        with tcp(gateway, "127.0.0.2") as reader:
+            reader.settimeout(PATIENCE)
+            for first in range(0, count, 100):
+                reader.sendall(b"".join(encode(number, number % 256, WRITE) for number in range(first, first + 100)))
+                left = 100 * 9
+                while left:
+                    left -= len(reader.recv(left))
+        assert gateway.stop() == 0
+    told = [event for event in gateway.log if event["event"] == "write_audit"]
+    assert len(told) <= 10
+    dropped = sum(event["write_audits"] for event in gateway.log if event["event"] == "events_dropped")
+    assert sum(event.get("suppressed", 1) for event in told) + dropped == count
+    assert len(gateway.log) < 400
+
+
 def test_each_of_many_writes_is_told_or_counted_as_missing(tmp_path: Path) -> None:
     count = 3000
     with GatewayProcess(tmp_path, CONFIG) as gateway:

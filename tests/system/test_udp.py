@@ -143,6 +143,12 @@ async def test_each_datagram_gets_its_response() -> None:
         assert home.listener.clients == home.listener.counts.accepted == 2
 
 
+async def test_a_forged_datagram_is_amplified_as_much_as_docs_operations_says() -> None:
+    async with house() as home:
+        answer = await home.client().asks()
+        assert round(len(answer) / len(encode(1, PROMPT, READ)), 1) == 21.6
+
+
 async def test_a_response_comes_to_the_one_who_asked_and_from_where_it_was_asked() -> None:
     """A connected socket takes datagrams from that address only; the listener is bound to all of them."""
     async with house(host="0.0.0.0") as home:
