@@ -78,10 +78,13 @@ class _Unit:
         return self.device.name if self.units == str(self.device.known_as) else "(each)"
 
 
-def _units(plan: LinePlan) -> list[_Unit]:
-    if plan.passes_through and plan.devices:
-        units = show_units(device.known_as for device in plan.shared or plan.devices)
-        return [_unit(plan, plan.devices[0], units, "same")]
+def _units(plan: LinePlan, whole: Plan) -> list[_Unit]:
+    """The units of a line. A mirror may stand in front of one that passes through."""
+    if plan.passes_through:
+        mirrors = {mirror.unit for mirror in whole.mirrors}
+        shared = [device for device in plan.shared if device.known_as not in mirrors]
+        units = show_units(device.known_as for device in (shared if plan.shared else plan.devices))
+        return [_unit(plan, plan.devices[0], units, "same")] if units else []
     return [_unit(plan, device, str(device.known_as), str(device.unit)) for device in plan.devices]
 
 
@@ -138,7 +141,7 @@ def _idle(listener: ListenSettings) -> str:
 
 def _line(plan: LinePlan, whole: Plan) -> str:
     timing, wire = plan.line.timing, foreseen(plan.line.wire, plan.port)
-    units = _units(plan)
+    units = _units(plan, whole)
     return "\n".join(
         [
             f"Line {plan.line.name}: {plan.port.port}",
@@ -322,7 +325,7 @@ def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
         "shared": bool(plan.shared),
         "own_listeners": _listeners_for(plan, whole),
         "addresses": show_units(plan.addresses),
-        "units": [_unit_as_json(unit) for unit in _units(plan)],
+        "units": [_unit_as_json(unit) for unit in _units(plan, whole)],
     }
 
 

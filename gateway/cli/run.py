@@ -102,9 +102,13 @@ async def _run(plan: Plan, file: Path, control: Path, state: _State, emit: event
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
         return build(plan, loop, opener, state.memory, emit, state.store, gateway)
 
+    def prepare(plan: Plan) -> None:
+        if any(image.persist != "never" for image in plan.images):
+            state.store.open()
+
     systemd, stop = Notifier(), Stop()
     running = Running(rebuild(plan, None), emit, OpenSockets(inherited_sockets()), state.left_behind)
-    reloader = Reloader(file, running, rebuild, systemd)
+    reloader = Reloader(file, running, rebuild, systemd, prepare)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)

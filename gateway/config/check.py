@@ -14,6 +14,7 @@ from gateway.config.check_units import (
     check_overlaps,
     check_passing_through,
     check_references,
+    client_lines,
 )
 from gateway.config.check_upstreams import check_upstreams
 from gateway.config.not_yet import check_built, unbuilt_tables
@@ -94,8 +95,24 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
     for called in (listeners, kept_open):
         yield from _repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
     yield from _repeated("name", ((image.label, image) for image in config.image))
-    rows = [(line, row) for line in config.line for row in line.devices or () if row.name is not None]
-    yield from _repeated("name", ((name, row) for line, row in rows for name in line.device_names(row)))
+    yield from _repeated("name", (*_made_names(config).items(), *_given_names(config)))
+
+
+def _made_names(config: Config) -> dict[str, Table]:
+    """What the units are called that nobody has named. Where two are called alike, their lines or their units are."""
+    lines = client_lines(config)
+    made: dict[str, Table] = {name: line for line in lines if line.devices is None for name in line.all_device_names}
+    rows = [(line, row) for line in lines for row in line.devices or () if row.name is None]
+    made |= {name: row for line, row in rows for name in line.device_names(row)}
+    behind = [(upstream, row) for upstream in config.upstream for row in upstream.units]
+    return made | {name: row for upstream, row in behind for name in upstream.unit_names(row)}
+
+
+def _given_names(config: Config) -> Iterator[tuple[str, Table]]:
+    for line in config.line:
+        for row in line.devices or ():
+            if row.name is not None:
+                yield from ((name, row) for name in line.device_names(row))
 
 
 def _check_binds(config: Config) -> Iterator[Problem]:

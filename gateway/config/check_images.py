@@ -5,11 +5,12 @@ from typing import Final
 
 from gateway.config.check_units import client_lines
 from gateway.config.duration import show_duration
+from gateway.config.plan import ASKED_AT_ZERO
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
 from gateway.config.schema import Config, Image, Polled, ProfileTable
 from gateway.images.polls import polling_function
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
 
@@ -28,7 +29,7 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         yield from _check_mirror(image)
         if image.of not in profiles and not failed & {"line", "upstream"}:
             yield error((*image.path, "of"), f'there is no device "{image.of}"', did_you_mean(image.of, profiles))
-        profile = config.profile.get(profiles.get(image.of, ""))
+        profile = profiles.get(image.of)
         if profile is not None:
             yield from _check_polled(image, image.of, profile)
 
@@ -48,16 +49,19 @@ def check_addresses(config: Config) -> Iterator[Problem]:
                 yield warning((*table.path, area), "addresses are those on the wire, from 0", remedy)
 
 
-def _profiles_of_devices(config: Config) -> dict[str, str]:
-    """The name of each device's profile, by the device's own name; empty for units behind other servers."""
-    profiles: dict[str, str] = {}
+def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
+    """Each device's profile, by the device's own name; None where it is not known, as behind other servers."""
+    profiles: dict[str, ProfileTable | None] = {}
     for line in client_lines(config):
-        profiles |= dict.fromkeys(line.all_device_names, line.profile)
+        profiles |= dict.fromkeys(line.all_device_names, config.profile.get(line.profile))
         for row in line.devices or ():
-            profiles |= dict.fromkeys(line.device_names(row), row.profile or line.profile)
+            profile = config.profile.get(row.profile or line.profile)
+            if profile is not None and BROADCAST_UNIT in row.units:
+                profile = profile.model_copy(update={"functions": tuple(ASKED_AT_ZERO)})
+            profiles |= dict.fromkeys(line.device_names(row), profile)
     for upstream in config.upstream:
         for units in upstream.units:
-            profiles |= dict.fromkeys(upstream.unit_names(units), "")
+            profiles |= dict.fromkeys(upstream.unit_names(units))
     return profiles
 
 
@@ -94,6 +98,9 @@ def _check_mirror(image: Image) -> Iterator[Problem]:
     for row in image.read:
         if sum(row.has(area) for area in Area) != 1:
             yield error(row.path, "must name one of holding, input, coils and discrete")
+        for area in Area:
+            if row.has(area) and not row.ranges(area):
+                yield error((*row.path, area), "names no address", "write the first and the last one, such as 0-9")
         if row.every >= image.stale:
             what = f"values become stale between two polls: stale is {show_duration(image.stale)}"
             yield warning((*row.path, "every"), what, "make stale two or three times as long as every")

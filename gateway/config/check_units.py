@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from gateway.config.plan import passing_units
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema import Config, Device, Line
 from gateway.config.unitset import show_units
@@ -73,6 +74,8 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
                 "name its devices, such as devices = [{ unit = 1 }], or give it a [[listen]] of its own, with "
                 f'line = "{line.label}"',
             )
+        if line.devices is None and not (passing_units(config) or config.listeners_for(line)):
+            yield error(line.path, "has no devices, and no unit is left to pass through", "take it out")
         if line.devices == ():
             yield error((*line.path, "devices"), "is empty", "leave it out, and every unit 1-247 passes through")
 

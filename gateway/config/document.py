@@ -98,7 +98,7 @@ Commands are written `modbus-gateway ...` here; from a checkout it is `./deploy/
 
 | value | written |
 |---|---|
-| duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`. `"0"` only where it says so |
+| duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`. `"0"` only where it says so, else from 1 ms |
 | units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]`; 1-247, and 255 where it says so |
 | addresses | protocol addresses from 0: a count `100` (0-99), a range `"1-99"`, or a list of ranges; 40001 is 0 |
 | address | `"tcp://host:port"`, or `"tcp://host"` for port 502; IPv6 stands in brackets: `"tcp://[::1]:502"` |

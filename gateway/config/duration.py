@@ -9,27 +9,29 @@ _UNITS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 #: Nothing in a gateway takes longer: a week.
 _LONGEST: Final = 7 * 24 * 3600.0
+#: What a network, an adapter and a clock can keep apart. Less is mostly a wrong unit.
+SHORTEST: Final = 0.001
 
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
 
 
-def parse_duration(value: object) -> float:
-    """Seconds, more than 0.
+def parse_duration(value: object, least: float = SHORTEST) -> float:
+    """Seconds, more than 0 and `least` or more.
 
     Raises:
-        WrongValue: `value` is no text with a unit, or no time at all.
+        WrongValue: `value` is no text with a unit, or too short.
     """
-    seconds = parse_duration_or_zero(value)
+    seconds = parse_duration_or_zero(value, least)
     if seconds == 0:
         raise WrongValue("must be longer than 0")
     return seconds
 
 
-def parse_duration_or_zero(value: object) -> float:
-    """Seconds. Zero needs no unit: "0".
+def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
+    """Seconds, `least` or more, or zero. Zero needs no unit: "0".
 
     Raises:
-        WrongValue: `value` is no text with a unit.
+        WrongValue: `value` is no text with a unit, or too short.
     """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         raise WrongValue("a duration needs a unit", f'put it in quotes with a unit: "{value} ms" or "{value} s"')
@@ -38,7 +40,10 @@ def parse_duration_or_zero(value: object) -> float:
     match = _DURATION.fullmatch(value.strip())
     if match is None:
         raise WrongValue(f'"{value}" is no duration', 'a duration is a number and a unit, such as "250 ms"')
-    return _seconds(match[1], match[2])
+    seconds = _seconds(match[1], match[2])
+    if 0 < seconds < least:
+        raise WrongValue(f"must be at least {show_duration(least)}")
+    return seconds
 
 
 def parse_duration_or_auto(value: object) -> float | None:

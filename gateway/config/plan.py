@@ -34,7 +34,7 @@ NETWORK_LATENCY: Final = 0.1
 _IDLE_CHARACTERS: Final = 3.5
 _SHORTEST_TURNAROUND: Final = 0.1
 #: Anything but a read at address 0 is a broadcast.
-_ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
+ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
 
 _RIGHTS: Final = {"read": READING, "write": WRITING}
 
@@ -296,7 +296,7 @@ def _devices(line: Line, profiles: dict[str, Profile], passing: list[int]) -> It
 def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
     profile = profiles[row.profile or line.profile]
     if BROADCAST_UNIT in row.units:
-        profile = replace(profile, functions=_ASKED_AT_ZERO)
+        profile = replace(profile, functions=ASKED_AT_ZERO)
     answer_time = _answer_time(line, row, profile)
     for unit, known_as, name in zip(row.units, row.client_units, line.device_names(row), strict=True):
         yield DeviceSettings(

@@ -9,19 +9,21 @@ from gateway.config.address import Address
 from gateway.config.problem import Path
 from gateway.config.values import (
     DEVICE_SERVER_MODES,
+    AnswerDuration,
     ClientUnit,
     ClientUnits,
     Duration,
     DurationOrAuto,
     DurationOrOffOrAuto,
-    DurationOrZero,
     DurationOrZeroOrAuto,
     Format,
+    IdleDuration,
     Item,
     Kind,
     Limits,
     ListenAddress,
     ListOf,
+    LongerDuration,
     Name,
     Networks,
     Ranges,
@@ -94,8 +96,8 @@ class Listen(Table):
         description="So many of `clients` are kept for addresses that the `from` of a row of `[[access]]` names and "
         "gives rights to; without `[[access]]` for those of this machine.",
     )
-    idle: DurationOrZero = Field(
-        600.0, description='Close, or with UDP forget, who asked nothing for so long; `"0"`: never.'
+    idle: IdleDuration = Field(
+        600.0, description='Close, or with UDP forget, who asks nothing for so long; `"0"`: never.'
     )
     in_flight: Count = Field(
         16,
@@ -232,7 +234,7 @@ class Line(Table):
         description="Requests that may wait; beyond it the client that has most waiting, by connection, then by "
         "address, gets exception 06 for its newest. Those that share a transaction count each.",
     )
-    max_wait: Duration = Field(2.0, description="A request that waited longer is answered 06 and never sent.")
+    max_wait: LongerDuration = Field(2.0, description="A request that waited longer is answered 06 and never sent.")
     retries: Annotated[int, Field(ge=0)] = Field(
         0,
         description="How often a read is sent again: after a broken frame at once, after silence when its late window "
@@ -265,7 +267,7 @@ class Line(Table):
         "exception",
         description="Server lines: what the outside client gets when the gateway has no answer, as in `[[listen]]`.",
     )
-    answer_within: Duration = Field(1.0, description="Server lines: older answers are never put on the line.")
+    answer_within: LongerDuration = Field(1.0, description="Server lines: older answers are never put on the line.")
     broadcast_to: Literal["images", "all", "none"] = Field(
         "images",
         description="Server lines: who takes broadcasts: the images that the line serves, every line that accepts "
@@ -284,8 +286,9 @@ class Line(Table):
 
     def device_names(self, row: Device) -> list[str]:
         """What the devices of a row are called, in the order of its units."""
-        name = f"{self.label}/*" if row.name is None else row.name
-        return [name.replace("*", str(unit)) for unit in row.client_units]
+        if row.name is None:
+            return [f"{self.label}/{unit}" for unit in row.client_units]
+        return [row.name.replace("*", str(unit)) for unit in row.client_units]
 
     @property
     def all_device_names(self) -> list[str]:
@@ -302,7 +305,7 @@ class Polled(Table):
     input: Ranges | None = Field(None, description="Input registers to read.")
     coils: Ranges | None = Field(None, description="Coils to read.")
     discrete: Ranges | None = Field(None, description="Discrete inputs to read.")
-    every: Duration = Field(description="Time from one poll to the next.")
+    every: LongerDuration = Field(description="Time from one poll to the next.")
 
     def ranges(self, area: Area) -> tuple[tuple[int, int], ...]:
         """The addresses of one area that it reads."""
@@ -356,7 +359,7 @@ class Image(Table):
         None, description="Makes it a mirror: the device that is polled once for any number of clients."
     )
     read: Annotated[tuple[Polled, ...], ListOf] = Field((), description="Mirrors: what to poll, and how often.")
-    stale: Duration = Field(2.0, description="Mirrors: older values are answered with exception 0B.")
+    stale: LongerDuration = Field(2.0, description="Mirrors: older values are answered with exception 0B.")
 
     @property
     def label(self) -> str:
@@ -402,7 +405,7 @@ class TimingRow(Table):
 
     fc: FunctionNumber = Field(description="The function.")
     items: Count = Field(description="Coils or registers in the request.")
-    time: Duration = Field(description="How long the device takes for them.")
+    time: AnswerDuration = Field(description="How long the device takes for them.")
 
 
 class ProfileTable(Table):

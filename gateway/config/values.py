@@ -206,7 +206,16 @@ _UNITS = Kind("units")
 
 Name = Annotated[str, PlainValidator(parse_name), Kind("text")]
 Duration = Annotated[float, PlainValidator(parse_duration), _DURATION]
-DurationOrZero = Annotated[float, PlainValidator(parse_duration_or_zero), _DURATION]
+#: What a device needs to think. Fast ones need less than a millisecond.
+AnswerDuration = Annotated[float, PlainValidator(partial(parse_duration, least=0.0)), _DURATION]
+#: How often something is done, or how long somebody waits for his turn: a line carries no more than this.
+LongerDuration = Annotated[
+    float, PlainValidator(partial(parse_duration, least=0.01)), Kind("duration from 10 ms", _in_quotes)
+]
+#: Longer than any client needs between connecting and asking; zero for never.
+IdleDuration = Annotated[
+    float, PlainValidator(partial(parse_duration_or_zero, least=1.0)), Kind("duration from 1 s", _in_quotes)
+]
 DurationOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_auto), _DURATION_OR_AUTO]
 DurationOrOffOrAuto = Annotated[
     float | None, PlainValidator(parse_duration_or_off_or_auto), Kind('duration, `"auto"` or `"off"`', _in_quotes)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from gateway.errors import PathUnavailable
+from gateway.errors import Busy, PathUnavailable
 from gateway.events import Emit, PollRefused
 from gateway.images.polled_range import PolledRange
 from gateway.images.polls import MirrorSettings, Poll, joined
@@ -18,8 +18,10 @@ from gateway.request import Origin, Request
 
 #: Exceptions by which devices refuse a range as a whole: address, quantity, and what some answer instead.
 _REFUSALS: Final = frozenset({2, 3, 4})
-#: How long until a poll is tried again that could not be sent, because the line has no port; in seconds.
+#: How long until a poll is tried again that was not sent, because the line has no port or is busy; in seconds.
 UNSENT_PAUSE: Final = 0.25
+#: So many polls of a mirror are under way or wait. More would only take the places of clients.
+MOST_POLLS: Final = 16
 
 
 @dataclass(slots=True)
@@ -95,12 +97,15 @@ class Polling:
             polled.answered()
 
     def deadline(self) -> float | None:
-        """When `tick` wants to be called; None while every range is being asked for."""
+        """When `tick` wants to be called; None while no more can be asked for."""
+        if len(self._polls) >= MOST_POLLS:
+            return None
         return min((polled.due_at for polled in self._ranges if not polled.is_asked), default=None)
 
     def tick(self, now: float) -> None:
-        """Send the polls that are due. A unit that rests is not asked."""
+        """Send the polls that are due, the oldest first. A unit that rests is not asked."""
         due = [polled for polled in self._ranges if not polled.is_asked and polled.due_at <= now]
+        due = sorted(due, key=lambda polled: polled.due_at)[: MOST_POLLS - len(self._polls)]
         is_resting = self._device.rests(now)
         for polled in due:
             polled.due_at = now + polled.poll.every
@@ -125,7 +130,9 @@ class Polling:
         self._counts.failed_polls += 1
         polled.failed()
         if response is not None and response[1] == PathUnavailable.code:
-            polled.due_at = min(polled.due_at, now + UNSENT_PAUSE)
+            polled.due_at = now + UNSENT_PAUSE
+        if response is not None and response[1] == Busy.code:
+            polled.due_at = max(polled.due_at, now + UNSENT_PAUSE)
         if response is None or response[1] not in _REFUSALS:
             return
         if polled.poll.parts:

@@ -42,15 +42,22 @@ class Outcome:
 class Reloader:
     """Applies `file` to a `running` gateway, one reload after the other.
 
+    `prepare` reads what a plan needs of the disk, in a thread: an image may have a hundred thousand values there.
     `rebuild` makes the gateway of a plan, from the parts of the present one where they mean the same.
     """
 
     def __init__(
-        self, file: Path, running: Running, rebuild: Callable[[Plan, Gateway], Gateway], systemd: Notifier
+        self,
+        file: Path,
+        running: Running,
+        rebuild: Callable[[Plan, Gateway], Gateway],
+        systemd: Notifier,
+        prepare: Callable[[Plan], None] = lambda _: None,
     ) -> None:
         self._file = file
         self._running = running
         self._rebuild = rebuild
+        self._prepare = prepare
         self._systemd = systemd
         self._at_start = running.gateway.plan
         self._turn = asyncio.Lock()
@@ -97,7 +104,11 @@ class Reloader:
             return self._rejected(loaded.errors)
         old, new = self._running.gateway.plan, resolve(loaded.config)
         try:
+            async with asyncio.timeout(LOADING_TIME):
+                await loop.run_in_executor(ThreadOfItsOwn("read state"), self._prepare, new)
             defect = await self._switch(self._rebuild(new, self._running.gateway))
+        except TimeoutError:
+            return self._rejected((f"what images keep cannot be read within {LOADING_TIME:g} s",))
         except (ListenError, StateError) as error:
             return self._rejected((str(error),))
         garbage.settle()

@@ -437,6 +437,15 @@ def test_mirrors_are_in_the_picture(tmp_path, capsys):
     ]
 
 
+def test_a_unit_in_front_of_which_a_mirror_stands_is_shown_once(tmp_path, capsys):
+    file = tmp_path / "gateway.toml"
+    mirror = '[[image]]\nunit = 5\nof = "a/5"\nread = [{ holding = "0-1", every = "500 ms" }]\n'
+    file.write_text('[[line]]\nname = "a"\nport = "/dev/ttyUSB9"\n' + mirror)
+    assert main(["check", "--json", str(file)]) == 0
+    (units,) = json.loads(capsys.readouterr().out)["lines"][0]["units"]
+    assert units["unit"] == "1-4, 6-247"
+
+
 def test_an_address_that_this_machine_does_not_have_is_a_warning(config, capsys):
     """192.0.2.1 is an address for documents, which nobody has (RFC 5737)."""
     path = config('[[listen]]\nbind = "tcp://192.0.2.1:502"\n[[access]]\nallow = []\n[[image]]\nunit = 1\ncoils = 1\n')

@@ -7,6 +7,7 @@ import pytest
 from gateway.config.check import check
 from gateway.config.load import parse
 from gateway.config.not_yet import REFUSED
+from gateway.config.plan import resolve
 from gateway.config.problem import dotted
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1, name = "one" }]\n'
@@ -69,6 +70,27 @@ def test_two_devices_with_one_name():
     ]
 
 
+def test_a_device_that_is_called_as_one_without_a_name():
+    """A mirror of a/2 would ask the wrong unit."""
+    text = LINE.replace("}]", '},\n  { unit = 2 }, { unit = 3, name = "a/2" }]')
+    assert problems(text) == [
+        'error: line[0].devices[2].name: "a/2" is already used in gateway.toml:5, line[0].devices[1]'
+    ]
+
+
+def test_a_device_that_is_called_as_a_unit_behind_another_server():
+    text = LINE.replace('"one"', '"u/7"') + (
+        '[[upstream]]\nname = "u"\nto = "tcp://10.0.0.1"\nunits = [{ as = 7, unit = 1 }]\n'
+    )
+    assert problems(text) == ['error: line[0].devices[0].name: "u/7" is already used in gateway.toml:8']
+
+
+def test_units_that_are_there_twice_are_not_blamed_for_their_names_too():
+    text = LINE.replace('unit = 1, name = "one"', "unit = 1 }, { unit = 1")
+    (said,) = problems(text)
+    assert said.startswith('error: line[0].devices[1].unit: 1 is already a unit of line "a"')
+
+
 def test_two_images_with_one_name():
     text = '[[image]]\nunit = 1\ncoils = 1\nname = "x"\n[[image]]\nunit = 2\ncoils = 1\nname = "x"\n'
     assert problems(text) == ['error: image[1].name: "x" is already used in gateway.toml:1']
@@ -82,6 +104,13 @@ def test_two_upstreams_with_one_name():
 def test_a_line_and_an_upstream_with_one_name():
     text = LINE + '[[upstream]]\nname = "a"\nto = "tcp://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n'
     assert problems(text) == ['error: upstream[0].name: "a" is already used in gateway.toml:1']
+
+
+def test_a_line_to_which_no_unit_is_left():
+    text = '[[line]]\nname = "a"\nport = "/dev/a"\n[[upstream]]\nto = "tcp://b"\n'
+    everything = text + 'units = [{ as = "1-247", unit = "1-247" }]\n'
+    assert problems(everything) == ["error: line[0]: has no devices, and no unit is left to pass through | take it out"]
+    assert problems(everything.replace("247", "246")) == []
 
 
 def test_the_name_of_the_control_socket_is_taken():
@@ -527,6 +556,14 @@ def test_a_mirror_of_a_device_whose_line_failed_may_exist():
     ]
 
 
+def test_a_mirror_of_a_device_whose_line_has_an_asterisk_in_its_name():
+    """It stands for a unit in a device's own name only."""
+    line = '[[line]]\nname = "a*"\nport = "/dev/a"\n'
+    for devices in ("", "devices = [{ unit = 1 }]\n"):
+        loaded = parse(line + devices + MIRROR.replace("one", "a*/1"), port_trouble=lambda _: None)
+        assert resolve(loaded.config).mirrors[0].of == "a*/1"
+
+
 def test_a_mirror_has_nothing_of_its_own():
     assert problems(LINE + MIRROR + 'holding = 5\npersist = "never"\n') == [
         "error: image[0].holding: a mirror has what its device has | take the key out, or of",
@@ -544,6 +581,21 @@ def test_a_mirror_polls_something():
 def test_a_poll_reads_one_area(areas):
     text = LINE + f'[[image]]\nunit = 241\nof = "one"\nread = [{{ {areas}every = "1 s" }}]\n'
     assert problems(text) == ["error: image[0].read[0]: must name one of holding, input, coils and discrete"]
+
+
+def test_a_mirror_polls_an_address_at_least():
+    text = LINE + '[[image]]\nunit = 241\nof = "one"\nread = [{ holding = 0, every = "1 s" }]\n'
+    assert problems(text) == [
+        "error: image[0].read[0].holding: names no address | write the first and the last one, such as 0-9"
+    ]
+
+
+def test_a_lone_device_can_be_polled_with_function_3_only():
+    text = LINE.replace("unit = 1", "unit = 0, as = 1") + MIRROR
+    assert problems(text) == []
+    assert problems(text.replace("holding", "input")) == [
+        "error: image[0].read[0].input: one has no function 4, which reads input"
+    ]
 
 
 def test_a_mirror_polls_an_address_once():

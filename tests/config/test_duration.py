@@ -65,6 +65,16 @@ def test_anything_else_is_refused_in_plain_words(value, what, remedy):
     assert (str(caught.value), caught.value.remedy) == (what, remedy)
 
 
+def test_what_is_shorter_than_a_use_makes_sense_of_is_refused():
+    for text, least in (("0.001 ms", {}), ("9 ms", {"least": 0.01})):
+        with pytest.raises(WrongValue, match=f"must be at least {'10' if least else '1'} ms"):
+            parse_duration(text, **least)
+    with pytest.raises(WrongValue, match="must be at least 1 s"):
+        parse_duration_or_zero("999 ms", 1.0)
+    assert parse_duration_or_zero("0", 1.0) == 0
+    assert parse_duration("1 ms") == pytest.approx(0.001)
+
+
 def test_zero_needs_no_unit_where_it_is_allowed():
     assert parse_duration_or_zero("0") == 0
     assert parse_duration_or_zero("0 ms") == 0

@@ -3,6 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
+from gateway.config.load import parse
 from gateway.config.schema import (
     Access,
     Config,
@@ -163,3 +164,28 @@ def test_a_table_tells_what_the_user_wrote_from_a_default():
     line = Line.model_validate({"port": "/dev/x", "coalesce": True})
     assert line.has("coalesce")
     assert not line.has("echo")
+
+
+@pytest.mark.parametrize(
+    ("text", "too_short"),
+    [
+        ('[[listen]]\nbind = "tcp://127.0.0.1:1"\nidle = "{}"\n', "0.5 s"),
+        ('[[line]]\nport = "/dev/b"\nrole = "server"\nserves = 1\nanswer_within = "{}"\n', "1 ms"),
+        ('[[image]]\nunit = 9\nof = "a/1"\nread = [{{ coils = 1, every = "{}" }}]\n', "0.001 ms"),
+        ('[[image]]\nunit = 9\nof = "a/1"\nread = [{{ coils = 1, every = "1 s" }}]\nstale = "{}"\n', "1 ms"),
+        ('[[upstream]]\nto = "tcp://b"\nunits = [{{ as = 9, unit = 1 }}]\ntimeout = "{}"\n', "0.1 ms"),
+        ('[profile.x]\ntimeout = "{}"\n', "0.1 ms"),
+        *((f'latency = "1 ms"\n{key} = "{{}}"\n', "0.1 ms") for key in ("timeout", "max_wait", "late_window")),
+    ],
+)
+def test_times_that_are_too_short_for_anything_are_refused(text, too_short):
+    line = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1 }]\n'
+    said = [str(each) for each in parse(line + text.format(too_short)).problems if each.severity == "error"]
+    assert len(said) == 1
+    assert "must be at least" in said[0]
+
+
+def test_a_fast_device_may_take_less_than_a_millisecond():
+    assert parse(
+        '[profile.x]\ntiming = [{ fc = 3, items = 1, time = "0.3 ms" }]\n[[image]]\nunit = 1\ncoils = 1\n'
+    ).config

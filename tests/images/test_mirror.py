@@ -4,6 +4,7 @@ import pytest
 
 from gateway.events import PollRefused
 from gateway.images.mirror import Mirror
+from gateway.images.polling import MOST_POLLS
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
@@ -486,6 +487,27 @@ def test_a_poll_that_could_not_be_sent_is_tried_again_soon():
     assert bench.at(0.3) == ["03 00 00 00 01"]
     bench.answers("83 0B")
     assert bench.at(30.0) == []
+
+
+@pytest.mark.parametrize("unsent", ["83 0A", "83 06"])
+def test_a_poll_that_could_not_be_sent_is_not_tried_again_at_its_own_pace(unsent):
+    """A line without a port refuses at once: a poll each 10 ms would take the processor from all others."""
+    bench = Bench(Poll(Area.HOLDING, 0, 0, 0.01))
+    bench.at(0.0)
+    bench.answers(unsent)
+    assert bench.at(0.2) == []
+    assert bench.at(0.3) == ["03 00 00 00 01"]
+
+
+def test_a_mirror_of_many_ranges_does_not_fill_the_queue_of_its_line():
+    bench = Bench(Poll(Area.HOLDING, 0, 65535, 1.0))
+    assert len(bench.at(0.0)) == MOST_POLLS
+    assert bench.mirror.deadline() is None
+    bench.answers("83 0B")
+    assert bench.mirror.deadline() == 0.0
+    asked = bench.at(0.5)
+    assert len(asked) == MOST_POLLS
+    assert asked[-1] == "03 07 D0 00 7D"
 
 
 def test_a_write_elsewhere_may_have_changed_the_values_too_so_that_they_are_polled_soon():

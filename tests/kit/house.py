@@ -2,10 +2,12 @@
 
 import asyncio
 from contextlib import asynccontextmanager
+from pathlib import Path
 
 from gateway.config.load import parse
 from gateway.config.plan import resolve
 from gateway.events import Event
+from gateway.images.store import Store
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.memory import MemoryLine
@@ -90,7 +92,7 @@ class House:
     arrived.
     """
 
-    def __init__(self, config: str, memory: Memory | None = None) -> None:
+    def __init__(self, config: str, memory: Memory | None = None, state: Path | None = None) -> None:
         loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
         assert loaded.config is not None, "\n".join(map(str, loaded.problems))
         self.events: list[Event] = []
@@ -99,7 +101,8 @@ class House:
         self.holding_back: set[str] = set()
         self.memory = memory or Memory()
         loop = asyncio.get_running_loop()
-        self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append)
+        store = None if state is None else Store(state, self.events.append)
+        self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append, store)
 
     def client(self, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0) -> Client:
         return Client(self.gateway, name, host=host, listener=listener)
@@ -124,9 +127,9 @@ class House:
 
 
 @asynccontextmanager
-async def house(config: str, memory: Memory | None = None):
-    """A running gateway with this config, every line up and quiet."""
-    home = House(config, memory)
+async def house(config: str, memory: Memory | None = None, state: Path | None = None):
+    """A running gateway with this config, every line up and quiet. Images that persist need a folder for its state."""
+    home = House(config, memory, state)
     async with keep_lines_open(home.gateway, home.events.append):
         await asyncio.sleep(1.0)
         yield home

@@ -98,7 +98,7 @@ class Service:
         self.home = House(file.read_text())
         self.events = self.home.events
         self.running = Running(self.home.gateway, self.events.append)
-        self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}))
+        self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}), self._prepare)
         self.stop = Stop()
         self.store = None
         for number, port in ((1, "hall-a"), (2, "hall-b")):
@@ -125,6 +125,10 @@ class Service:
     def _rebuild(self, plan, gateway):
         loop = asyncio.get_running_loop()
         return build(plan, loop, self.home._open, self.home.memory, self.events.append, self.store, gateway)
+
+    def _prepare(self, plan):
+        if self.store is not None:
+            self.store.open()
 
     @staticmethod
     def _load(file):
@@ -337,6 +341,29 @@ async def test_a_write_that_was_answered_while_a_new_listener_takes_its_address_
         monkeypatch.setattr(Doors, "find", find)
         await service.reload(LISTEN + "clients = 3\n" + INTERVAL)
         assert await service.client().asks(200, READ) == "03 02 00 07"
+
+
+async def test_what_images_keep_is_read_beside_the_loop(keeping, database, monkeypatch):
+    """65536 registers take most of a second."""
+    loop = asyncio.get_running_loop()
+    run, jobs = loop.run_in_executor, []
+
+    def run_in_executor(executor, job, *args):
+        jobs.append(executor._purpose)
+        try:
+            return run(executor, job, *args)
+        finally:
+            jobs.pop()
+
+    def open_database(folder):
+        opened_in.extend(jobs)
+        return database.open(folder)
+
+    opened_in: list[str] = []
+    monkeypatch.setattr(loop, "run_in_executor", run_in_executor)
+    monkeypatch.setattr("gateway.images.store.open_database", open_database)
+    async with keeping(ALWAYS):
+        assert opened_in == ["read state"]
 
 
 async def test_a_write_that_the_disk_refuses_during_a_reload_is_undone_in_the_new_image(keeping, database, monkeypatch):

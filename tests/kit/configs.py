@@ -1,0 +1,191 @@
+"""Config files made at random out of the schema, for hypothesis: any key, with any value of its kind.
+
+A key that is new in the schema comes in by itself when its kind of value is known here: `OF_KIND`. `OF_KEY` has those
+for which a value of their kind would say too little. What `check` refuses is taken out again, so nothing here knows
+what fits together.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from annotated_types import Le
+from hypothesis import reject
+from hypothesis import strategies as st
+
+from gateway.config.check_units import served_units
+from gateway.config.load import parse
+from gateway.config.problem import Path
+from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
+from gateway.config.values import Kind
+from gateway.modbus.codes import Area
+
+#: Tables and lists, as tomllib gives them.
+Document = dict[str, Any]
+
+_UNITS = st.integers(1, 40) | st.sampled_from([0, 247, 255, "2-5", "1-247", "5-250", [1, "3-4"], "all"])
+
+#: Values by how the documentation calls their kind; the first one that this begins with counts.
+OF_KIND: Mapping[str, st.SearchStrategy[Any]] = {
+    "text such as": st.sampled_from(["8E1", "8N2", "7E1", "8N1"]),
+    "text": st.sampled_from(["a", "b", "a/2", "a/*", "b/3", "*", "2", "image-2", "c:1/2", "tcp://d:502/2", "x-*"]),
+    "duration": st.sampled_from(["auto", "0", "0.001 ms", "1 ms", "10 ms", "100 ms", "1 s", "5 min", "168 h"]),
+    '`"refuse"`': st.sampled_from(["refuse", "broadcast", 1, 2, 5]),
+    "units": _UNITS,
+    "addresses": st.sampled_from([0, 20, 65536, "0-9", "16-40", ["0-31", "48-80"], "40001-40010", []]),
+    "value": st.integers(0, 65535) | st.booleans(),
+    "function": st.sampled_from([1, 2, 3, 4, 5, 6, 15, 16, 17, 22, 23, 43, 65, 127]),
+    "table such as": st.dictionaries(st.sampled_from(["1", "2", "3", "4", "16", "65"]), st.integers(1, 3000)),
+    "list such as": st.just(["127.0.0.0/8"]),
+    "address": st.sampled_from(
+        ["tcp://d", "tcp://e:1502", "tcp://127.0.0.1:1", "udp://127.0.0.1:1", "rtu+tcp://[::]:2"]
+    ),
+}
+
+_PROFILES = st.sampled_from(["generic", "mint", "v80", "weigher", "own"])
+
+OF_KEY: Mapping[tuple[type[Table], str], st.SearchStrategy[Any]] = {
+    (Line, "port"): st.sampled_from(["/dev/a", "/dev/b", "/dev/x/a", "rtu+tcp://c:1", "ascii+tcp://c:2"]),
+    (Line, "profile"): _PROFILES,
+    (Device, "profile"): _PROFILES,
+    (Image, "profile"): _PROFILES,
+    # With less of the one and more of the other a line takes minutes for a request.
+    (Line, "baud"): st.sampled_from([300, 9600, 14400, 1_000_000]),
+    (Line, "gap"): st.sampled_from(["auto", "0", "0.001 ms", "1 ms", "20 ms"]),
+}
+
+_PLAIN: Mapping[Any, st.SearchStrategy[Any]] = {
+    bool: st.booleans(),
+    float: st.floats(0.5, 200, width=16),
+    str: st.sampled_from(["a", "b"]),
+}
+
+
+@st.composite
+def accepted_configs(draw: st.DrawFn) -> str:
+    """The text of a file that `check` accepts: devices first, and then what names them or their units."""
+    document = draw(_DEVICES)
+    config = _accepted(document)
+    names = [name for line in config.line for name in line.all_device_names]
+    names += [name for upstream in config.upstream for row in upstream.units for name in upstream.unit_names(row)]
+    units = sorted(served_units(config))
+    if names:
+        mirrors = _tables(Image, of=st.sampled_from(names), read=st.lists(_POLLED, min_size=1, max_size=2))
+        document["image"] += draw(st.lists(mirrors, max_size=2))
+    if units:
+        serves = st.lists(st.sampled_from(units), min_size=1, max_size=3, unique=True)
+        document["line"] += draw(st.lists(_tables(Line, role=st.just("server"), serves=serves), max_size=1))
+    _accepted(document)
+    return toml(document)
+
+
+def _accepted(document: Document) -> Config:
+    """What a document means when all that `check` refuses has been taken out of it."""
+    while True:
+        loaded = parse(toml(document), port_trouble=lambda _: None, real_path=str)
+        if loaded.config is not None:
+            return loaded.config
+        wrong = {_present(document, one.path) for one in loaded.problems if one.severity == "error"}
+        for path in sorted(wrong, key=_place, reverse=True):
+            _take_out(document, path)
+
+
+def toml(document: Document) -> str:
+    """A file with these sections."""
+    parts = []
+    for section, content in document.items():
+        for name, table in content.items() if isinstance(content, dict) else (("", one) for one in content):
+            heading = f"[{section}.{name}]" if name else f"[[{section}]]"
+            parts.append("\n".join([heading, *(f"{key} = {_inline(value)}" for key, value in table.items()), ""]))
+    return "\n".join(parts)
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_inline(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return json.dumps(value)
+
+
+def _present(document: Document, path: Path) -> Path:
+    """`path`, or if nothing stands there, that of the table in which it is missing."""
+    if not path:
+        reject()
+    *way, last = path
+    table: Any = document
+    for part in way:
+        table = table[part]
+    return path if isinstance(table, list) or last in table else _present(document, tuple(way))
+
+
+def _place(path: Path) -> Sequence[str]:
+    """What stands later in a list is behind what stands earlier."""
+    return [f"{part:04}" if isinstance(part, int) else part for part in path]
+
+
+def _take_out(document: Document, path: Path) -> None:
+    """Take out what stands at `path`, which is the last one in its list that is taken out."""
+    *way, last = path
+    table: Any = document
+    for part in way:
+        table = table[part]
+    del table[last]
+
+
+def _tables(model: type[Table], **given: st.SearchStrategy[Any]) -> st.SearchStrategy[Document]:
+    """Tables with what must be given, and any of the other keys."""
+    required, optional = dict(given), {}
+    for name, field in model.model_fields.items():
+        key = field.alias or name
+        if key not in given:
+            kept = required if field.is_required() else optional
+            kept[key] = OF_KEY[model, key] if (model, key) in OF_KEY else _values(field.annotation, field.metadata)
+    return st.fixed_dictionaries(required, optional=optional)
+
+
+def _values(annotation: Any, metadata: Sequence[Any] = ()) -> st.SearchStrategy[Any]:
+    """Values of a type of the schema."""
+    kind = next((each.name for each in metadata if isinstance(each, Kind)), None)
+    if kind is not None:
+        return next(values for begins, values in OF_KIND.items() if kind.startswith(begins))
+    if annotation is int:
+        return st.sampled_from([1, 2, min([9600, *(each.le for each in metadata if isinstance(each, Le))])])
+    if annotation in _PLAIN:
+        return _PLAIN[annotation]
+    if isinstance(annotation, type):
+        return st.deferred(lambda: _tables(annotation))
+    return _of_compound(get_origin(annotation), get_args(annotation))
+
+
+def _of_compound(origin: Any, parts: Sequence[Any]) -> st.SearchStrategy[Any]:
+    if origin is Annotated:
+        return _values(parts[0], parts[1:])
+    if origin is Literal:
+        return st.sampled_from(parts)
+    if origin is tuple:
+        return st.lists(_values(parts[0]), max_size=3)
+    return st.one_of(_values(part) for part in parts if part is not type(None))
+
+
+def _rows(model: type[Table], **given: st.SearchStrategy[Any]) -> st.SearchStrategy[list[Document]]:
+    return st.lists(_tables(model, **given), max_size=3)
+
+
+_POLLED = st.builds(
+    lambda area, addresses, every: {area: addresses, "every": every},
+    st.sampled_from(list(Area)),
+    OF_KIND["addresses"],
+    OF_KIND["duration"],
+)
+_PASSING_THROUGH = _rows(Line, role=st.just("client"))
+_WITH_DEVICES = _rows(Line, role=st.just("client"), devices=st.lists(_tables(Device), min_size=1, max_size=4))
+_DEVICES = st.fixed_dictionaries(
+    {
+        "line": _PASSING_THROUGH | _WITH_DEVICES,
+        "upstream": _rows(Upstream),
+        "image": _rows(Image),
+        "listen": _rows(Listen),
+        "profile": st.fixed_dictionaries({}, optional={"own": _tables(ProfileTable)}),
+    }
+)

@@ -1,0 +1,296 @@
+"""What `check` prints is what runs (P20): files made at random, each that it accepts as a whole gateway in memory."""
+
+import asyncio
+import io
+import json
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import assume, given, settings
+
+from gateway.cli.main import main
+from gateway.config.unitset import parse_units
+from gateway.errors import RequestError
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import mbap, rtu
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import exception_response
+from gateway.ports.memory import MemoryLine
+from gateway.profiles.profile import Profile
+from gateway.routing.access import EVERYTHING, Rights, Row
+from gateway.service.status import status
+from gateway.service.supervisor import keep_lines_open
+from kit.configs import accepted_configs
+from kit.device import Answer
+from kit.house import Client, House
+from kit.virtual_time import VirtualTimeLoop
+
+NO_ROUTE, BUSY, STALE = 0x0A, 0x06, 0x0B
+#: So many units of a file are asked, and so many that it does not have.
+MOST_ASKED, UNKNOWN_ASKED = 10, 3
+#: An answer may be later by so much than what `check` prints as the longest wait (P3).
+MORE = 0.02
+LONG = 3600.0
+
+READS = {1: Area.COILS, 2: Area.DISCRETE, 3: Area.HOLDING, 4: Area.INPUT}
+
+
+class Place(NamedTuple):
+    """A unit on a wire, or behind another server."""
+
+    port: str
+    unit: int
+
+
+class Everybody:
+    """A device at each address of a wire, in whose registers and coils its place can be read. `heard` is all it got."""
+
+    def __init__(self, number: int, framing: str, *, echo: bool = False) -> None:
+        self.heard: list[tuple[int, bytes]] = []
+        self._number = number
+        self._framing = framing
+        self._echo = echo
+        self._framer = ascii_framing.AsciiFramer() if framing == "ascii" else rtu.RequestFramer(silence=0.0)
+
+    def received(self, data: bytes, now: float) -> list[Answer]:
+        """See SimulatedLine."""
+        if self._framing == "mbap":
+            adus = list(mbap.MbapFramer().cut(data))
+            self.heard += [(adu.unit, adu.pdu) for adu in adus]
+            return [Answer(0.0, mbap.encode(adu.transaction, adu.unit, self.says(adu.unit, adu.pdu))) for adu in adus]
+        frames = self._framer.received(data, now) + self._framer.tick(now)
+        self.heard += frames
+        echo = [Answer(0.0, data)] if self._echo else []
+        encode = ascii_framing.encode if self._framing == "ascii" else rtu.encode
+        return echo + [Answer(0.0, encode(frame.unit or 99, self.says(frame.unit, frame.pdu))) for frame in frames]
+
+    def says(self, unit: int, pdu: bytes) -> bytes:
+        """What `unit` answers: a number of the wire and its own, as often as there is room, or exception 04."""
+        if pdu[0] not in READS:
+            return exception_response(pdu[0], 4)
+        items = int.from_bytes(pdu[3:5])
+        bits = 16 * items if READS[pdu[0]] in {Area.HOLDING, Area.INPUT} else items
+        values = int.from_bytes((bytes((unit, self._number)) * bits)[: bits // 8 + 1], "little") % 2**bits
+        data = values.to_bytes((bits + 7) // 8, "little")
+        return bytes((pdu[0], len(data))) + data
+
+
+class Printed:
+    """What `check` prints of a file."""
+
+    def __init__(self, picture: dict[str, Any]) -> None:
+        self.picture = picture
+        #: Who answers for each unit that clients use, and which place each device's name stands for.
+        self.devices: dict[int, Place] = {}
+        self.images = {one["unit"]: one["name"] for one in picture["images"]}
+        self.mirrors = {one["unit"]: one["of"] for one in picture["mirrors"]}
+        self.places: dict[str, Place] = {}
+        self.waits: dict[Place | None, float] = {}
+        for unit, name, place in self._all_devices():
+            assert unit not in self.units, f"unit {unit} is printed twice"
+            assert name not in self.places, f"{name} is printed twice"
+            self.devices[unit] = self.places[name] = place
+        for line in picture["lines"]:
+            if line["passes_through"]:  # mirrors may stand in front of units there
+                for unit in self.mirrors:
+                    self.places[f"{line['name']}/{unit}"] = Place(line["port"], unit)
+                    self.waits[Place(line["port"], unit)] = max(self.waits.values(), default=LONG)
+
+    @property
+    def units(self) -> dict[int, Any]:
+        return self.devices | self.images | self.mirrors
+
+    def _all_devices(self) -> Iterator[tuple[int, str, Place]]:
+        for line in self.picture["lines"]:
+            for row in line["units"]:
+                units = parse_units(row["unit"].split(", "))
+                on_the_wire = units if row["on_the_wire"] == "same" else [int(row["on_the_wire"])]
+                for unit, wire_unit in zip(units, on_the_wire, strict=True):
+                    name = row["device"] if len(units) == 1 else f"{line['name']}/{unit}"
+                    place = Place(line["port"], wire_unit)
+                    self.waits[place] = row["longest_wait_ms"] / 1000
+                    yield unit, name, place
+        for upstream in self.picture["upstreams"]:
+            for row in upstream["units"]:
+                unit = int(row["unit"])
+                place = Place(upstream["to"], int(row["behind_the_server"]))
+                self.waits[place] = row["longest_wait_ms"] / 1000
+                yield unit, f"{upstream['name']}/{unit}", place
+
+
+class Scene:
+    """A running gateway, everybody on its wires, and what was printed of it."""
+
+    def __init__(self, home: House, printed: Printed) -> None:
+        self.home = home
+        self.printed = printed
+        self.enter(0)
+        self.everybody: dict[str, Everybody] = {}
+        plan = home.gateway.plan
+        wires = [(one.port.port, one.line.timing.mode, one.line.echo) for one in plan.lines]
+        wires += [(one.port.port, "mbap", False) for one in plan.upstreams]
+        for number, (port, framing, echo) in enumerate(wires, start=1):
+            self.everybody[port] = Everybody(number, framing, echo=echo)
+            name = port.removeprefix("/dev/")
+            home.lines.setdefault(name, MemoryLine(port, latency=0.005))
+            home.attach(name, self.everybody[port])
+        for server in plan.servers:
+            port = server.port.port
+            line = MemoryLine(port, latency=0.005)
+            line = home.lines.setdefault(port.removeprefix("/dev/"), line)
+            line.on_write = line.deliver if server.line.echo else None
+        behind = [device for owner in (*plan.lines, *plan.upstreams) for device in owner.devices]
+        self.profiles = {device.known_as: device.profile for device in behind}
+
+    def enter(self, listener: int, unit0: int | None = None) -> None:
+        """From now on clients come by this listener, and ask unit 0 when they mean `unit0`."""
+        self._listener, self._unit0 = listener, unit0
+
+    def allow_everything(self) -> None:
+        for router, _ in self.home.gateway.routes:
+            row = Row(EVERYTHING, listeners=frozenset({router.door.name}))
+            router.rights = Rights((row,), router.door)
+
+    async def check_unit(self, unit: int) -> None:
+        """Who answers for `unit` is who was printed."""
+        printed = self.printed
+        if unit in printed.devices:
+            await self._check_device(unit, printed.devices[unit])
+        elif unit in printed.mirrors:
+            await self._check_mirror(unit, printed.places[printed.mirrors[unit]])
+        else:
+            await self._check_image(unit, printed.images[unit])
+
+    async def check_served(self, server: dict[str, Any], unit: int) -> None:
+        """What the outside client of a server line gets from `unit`, if it is there in time."""
+        place = self.printed.devices.get(unit)
+        pdu = None if place is None else question(self.profiles[unit])
+        if pdu is None:
+            return
+        encode = ascii_framing.encode if server["mode"] == "ascii" else rtu.encode
+        line = self.home.lines[server["port"].removeprefix("/dev/")]
+        line.deliver(encode(unit, pdu))
+        await asyncio.sleep(2.0)
+        right = self.everybody[place.port].says(place.unit, pdu)
+        assert line.take_written() in {b"", encode(unit, right), encode(unit, exception_response(pdu[0], BUSY))}
+
+    async def check_unknown(self, unit: int) -> None:
+        assert await self.ask(unit, bytes.fromhex("0300000001")) == exception_response(3, NO_ROUTE)
+
+    async def ask(self, unit: int, pdu: bytes, place: Place | None = None) -> bytes:
+        """The response, which comes within the longest wait that was printed for `place`, or at once."""
+        for one in self.everybody.values():
+            one.heard.clear()
+        client = Client(self.home.gateway, listener=self._listener)
+        client.ask(0 if unit == self._unit0 else unit, pdu.hex())
+        async with asyncio.timeout(self.printed.waits.get(place, 0.0) + MORE):
+            _, _, response = await client.responses.get()
+        return bytes.fromhex(response)
+
+    async def _check_device(self, unit: int, place: Place) -> None:
+        pdu = question(self.profiles[unit])
+        if pdu is None:
+            return
+        await self._check_answer(await self.ask(unit, pdu, place), pdu, place)
+
+    async def _check_answer(self, response: bytes, pdu: bytes, place: Place) -> None:
+        if response == exception_response(pdu[0], BUSY):
+            return
+        assert response == self.everybody[place.port].says(place.unit, pdu)
+        if pdu[0] not in READS:
+            heard = {
+                Place(port, unit) for port, one in self.everybody.items() for unit, each in one.heard if each == pdu
+            }
+            assert heard == {place}
+
+    async def _check_mirror(self, unit: int, place: Place) -> None:
+        (mirror,) = (one for one in self.home.gateway.plan.mirrors if one.unit == unit)
+        area, ranges = next((area, ranges) for area, ranges in mirror.areas.items() if ranges)
+        function = next(function for function, each in READS.items() if each is area)
+        items = 16 if area in {Area.COILS, Area.DISCRETE} else 1
+        pdu = bytes((function, *ranges[0][0].to_bytes(2), *min(items, ranges[0][1] + 1 - ranges[0][0]).to_bytes(2)))
+        response = await self.ask(unit, pdu, place)
+        if response != exception_response(function, STALE):  # on a busy line values may be too old
+            await self._check_answer(response, pdu, place)
+
+    async def _check_image(self, unit: int, name: str) -> None:
+        before = self._requests_of(name)
+        await self.ask(unit, bytes.fromhex("0300000001"))
+        assert self._requests_of(name) == before + 1
+
+    def _requests_of(self, name: str) -> int:
+        (image,) = (one for one in status(self.home.gateway, 0.0).images if one.name == name)
+        return image.requests
+
+
+def question(profile: Profile) -> bytes | None:
+    """A request that the profile lets pass, best one whose answer shows who gave it."""
+    starts = {area: [first for first, _ in profile.areas.get(area, ((0, 0xFFFF),))] for area in Area}
+    reads = [
+        bytes((function, *start.to_bytes(2), 0, 1 if function > 2 else 16))
+        for function in (3, 4, 1, 2)
+        for start in starts[READS[function]]
+    ]
+    others = [bytes((function, 0, 0, 0, 0)) for function in sorted(profile.functions or ())]
+    others += [bytes((function,)) for function in sorted(profile.functions or ())]
+    return next((pdu for pdu in (*reads, *others) if passes(profile, pdu)), None)
+
+
+def passes(profile: Profile, pdu: bytes) -> bool:
+    try:
+        profile.check(pdu)
+    except RequestError:
+        return False
+    return True
+
+
+def check(text: str, folder: Path) -> Printed:
+    file = folder / "gateway.toml"
+    file.write_text(text)
+    said = io.StringIO()
+    with redirect_stdout(said):
+        assert main(["check", "--json", str(file)]) == 0
+    return Printed(json.loads(said.getvalue()))
+
+
+async def run(text: str, printed: Printed, folder: Path) -> None:
+    home = House(text, state=folder)
+    scene = Scene(home, printed)
+    async with keep_lines_open(home.gateway, home.events.append):
+        await asyncio.sleep(1.0)
+        scene.allow_everything()
+        units = list(printed.units)
+        for unit in units[:MOST_ASKED]:
+            await scene.check_unit(unit)
+        for number, listener in enumerate(printed.picture["listeners"]):
+            if isinstance(listener["unit0"], int):
+                scene.enter(number, unit0=listener["unit0"])
+                await scene.check_unit(listener["unit0"])
+        scene.enter(0)
+        for server in printed.picture["servers"]:
+            for row in server["units"]:
+                await scene.check_served(server, row["unit"])
+        for unit in [unit for unit in range(1, 256) if unit not in units][-UNKNOWN_ASKED:]:
+            await scene.check_unknown(unit)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_is_remembered(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
+@settings(max_examples=100)
+@given(accepted_configs())
+def test_each_unit_leads_where_check_says(text):
+    with TemporaryDirectory() as folder:
+        printed = check(text, Path(folder))
+        ports = [one["to"] for one in printed.picture["upstreams"]]
+        assume(len(set(ports)) == len(ports))  # two connections to one server: that is one wire here
+        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+            runner.run(run(text, printed, Path(folder)))
