@@ -3,11 +3,13 @@
 import argparse
 import json
 import socket
+import sys
 import tomllib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
 from gateway.errors import DaemonError
 from gateway.service.control import SYSTEM_SOCKET, control_path
@@ -15,6 +17,8 @@ from gateway.service.control import SYSTEM_SOCKET, control_path
 #: How long the daemon may take to answer, in seconds. A reload may need 10 to read the file, 15 to look names up, 3 for
 #: requests that are under way, and 1.5 to close ports.
 _PATIENCE: Final = 40.0
+#: What is shown instead of something that a daemon of another version does not tell.
+UNKNOWN: Final = "unknown"
 
 
 def add_control_argument(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +29,7 @@ def add_control_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def ask(verb: str, control: str | None) -> dict[str, Any]:
-    """What the daemon answers.
+    """What the daemon answers. It is told on standard error when that is of another version, and may lack something.
 
     Raises:
         DaemonError: it does not answer, or refuses the question.
@@ -50,9 +54,16 @@ def _understood(line: bytes) -> dict[str, Any]:
         error = answer.get("error")
     except (ValueError, AttributeError):
         raise DaemonError("what answers there is no modbus-gateway") from None
+    _compare_versions(answer.get("version", "an earlier version"))
     if error is not None:
         raise DaemonError(f"the daemon says: {error}")
     return answer
+
+
+def _compare_versions(daemon: object) -> None:
+    if daemon != __version__:
+        remedy = "restart the daemon if this command was upgraded"
+        print(f"the daemon is of {daemon}, this command of {__version__}: {remedy}", file=sys.stderr)
 
 
 def _connected(control: str | None) -> socket.socket:
@@ -69,11 +80,11 @@ def _connected(control: str | None) -> socket.socket:
             sock.close()
             if isinstance(error, PermissionError):
                 forbidden.append(path)
-            reasons.append(f"{path}: {error.strerror}")
+            reasons.append(f"{path}: {error.strerror or error}")
         else:
             return sock
     if forbidden:
-        raise DaemonError(f"only root and the gateway's own user may ask at {forbidden[0]}: use sudo")
+        raise DaemonError(f"only root, the gateway's user and its group may ask at {forbidden[0]}: use sudo")
     raise DaemonError(f"no daemon can be reached ({'; '.join(reasons)}); is it running? --control PATH says where")
 
 

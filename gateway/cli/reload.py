@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import Any
 
-from gateway.cli.daemon import add_control_argument, ask
+from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
 from gateway.cli.main import FINE, PROBLEM_FOUND
 
 _CHANGES = {
@@ -32,12 +32,20 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(answer, indent=2, ensure_ascii=False))
     else:
         print(*_lines(answer), sep="\n")
-    return FINE if answer["ok"] else PROBLEM_FOUND
+    return FINE if answer.get("ok") is True else PROBLEM_FOUND
 
 
 def _lines(answer: dict[str, Any]) -> list[str]:
-    if answer["problems"]:
-        return [*answer["problems"], "the file was rejected; the config in force stays"]
-    changes = [f"{said}: {', '.join(answer[what])}" for what, said in _CHANGES.items() if answer[what]]
-    defect = [f"{answer['defect']}; the new config is in force"] if answer["defect"] else []
-    return [*(changes or ["nothing has changed"]), *answer["warnings"], *defect]
+    if problems := _told(answer, "problems"):
+        return [*problems, "the file was rejected; the config in force stays"]
+    changes = [
+        f"{said}: {', '.join(told)}" for what, said in _CHANGES.items() if (told := _told(answer, what, UNKNOWN))
+    ]
+    defect = [f"{answer['defect']}; the new config is in force"] if answer.get("defect") else []
+    return [*(changes or ["nothing has changed"]), *_told(answer, "warnings"), *defect]
+
+
+def _told(answer: dict[str, Any], key: str, *otherwise: str) -> list[str]:
+    """A list of the answer, or what is said of one that a daemon of another version does not have."""
+    told = answer.get(key, otherwise)
+    return [str(each) for each in told] if isinstance(told, (list, tuple)) else [UNKNOWN]

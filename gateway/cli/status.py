@@ -3,20 +3,24 @@
 import argparse
 import json
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from math import ceil
 from typing import Any, Final
 
 from gateway.cli.columns import aligned
-from gateway.cli.daemon import add_control_argument, ask
+from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
 from gateway.cli.main import FINE
 from gateway.config.duration import show_duration
+from gateway.errors import DaemonError
 from gateway.lines.counts import RESULTS
 
 #: How often `-w` looks, in seconds.
 _WATCH_STEP: Final = 1.0
 #: What makes a cell of the picture empty: nothing to tell.
 _NOTHING: Final = "-"
+
+#: A key of a row, or what makes its text of the row.
+_Column = str | Callable[[Mapping[str, Any]], object]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +37,9 @@ def run(args: argparse.Namespace) -> int:
         DaemonError: no daemon answers.
     """
     while True:
-        status = ask("status", args.control)["status"]
+        status = ask("status", args.control).get("status")
+        if not isinstance(status, dict):
+            raise DaemonError("the daemon's answer has no status in it")
         print(json.dumps(status, indent=None if args.watch else 2) if args.json else picture(status), flush=True)
         if not args.watch:
             return FINE
@@ -44,57 +50,63 @@ def run(args: argparse.Namespace) -> int:
 
 def picture(status: Mapping[str, Any]) -> str:
     """The status as tables."""
-    units = [unit for unit in status["units"] if unit["counts"]["sent"] or unit["state"] != "fine" or _failed(unit)]
-    parts = [
-        _table("Listeners", "NAME ADDRESS CLIENTS REJECTED", map(_listener, status["listeners"])),
-        _table("Lines", "NAME PORT WIRE STATE WAITING OK FAILED", map(_line, status["lines"])),
-        _table("Lines we are asked on", "NAME PORT WIRE STATE ANSWERED", map(_server, status["servers"])),
-        _table("Upstreams", "NAME ADDRESS STATE WAITING OK FAILED", map(_upstream, status["upstreams"])),
-        _table("Units", "UNIT AT DEVICE STATE OK FAILED LAST-ERROR LONGEST-WAIT", map(_unit, units)),
-        _table("Images", "UNIT NAME REQUESTS EXCEPTIONS", map(_image, status["images"])),
-        _table("Mirrors", "UNIT NAME OF REQUESTS AGES", map(_mirror, status["mirrors"])),
-    ]
-    silent = len(status["units"]) - len(units)
+    units = _rows(status, "units")
+    asked = [unit for unit in units or () if _cell(_was_asked, unit)]
+    shown = {**status, "units": None if units is None else asked}
+    parts = [_table(title, _rows(shown, section), columns) for title, section, columns in _TABLES]
+    silent = len(units or ()) - len(asked)
     if silent:
         parts.append(f"{silent} units have not been asked yet.")
     return "\n\n".join(part for part in parts if part)
 
 
-def _table(title: str, headings: str, rows: Iterable[tuple[object, ...]]) -> str:
-    cells = [tuple(map(str, row)) for row in rows]
-    return f"{title}\n{aligned([headings.split(), *cells], '  ')}" if cells else ""
+def _rows(status: Mapping[str, Any], section: str) -> list[Any] | None:
+    """A section; None if this daemon has none."""
+    rows = status.get(section)
+    return rows if isinstance(rows, list) else None
 
 
-def _listener(one: Mapping[str, Any]) -> tuple[object, ...]:
-    return one["name"], one["address"], one["clients"], one["rejected"]
+def _table(title: str, rows: list[Any] | None, columns: Mapping[str, _Column]) -> str:
+    if rows is None:
+        return f"{title}\n  {UNKNOWN}"
+    cells = [tuple(str(_cell(column, row)) for column in columns.values()) for row in rows]
+    return f"{title}\n{aligned([tuple(columns), *cells], '  ')}" if cells else ""
 
 
-def _line(one: Mapping[str, Any]) -> tuple[object, ...]:
-    return one["name"], one["port"], one["wire"], _state(one), one["queue"], _ok(one), _failed(one)
+def _cell(column: _Column, row: Any) -> object:
+    """What stands in a column. Daemons of other versions may lack it, or tell it in another way."""
+    try:
+        return row[column] if isinstance(column, str) else column(row)
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
+        return UNKNOWN
 
 
-def _server(one: Mapping[str, Any]) -> tuple[object, ...]:
-    return one["name"], one["port"], one["wire"], _state(one), one["counts"]["responses"]
+def _was_asked(unit: Mapping[str, Any]) -> bool:
+    return bool(unit["counts"]["sent"] or unit["state"] != "fine" or _failed(unit))
 
 
-def _upstream(one: Mapping[str, Any]) -> tuple[object, ...]:
-    return one["name"], one["to"], _state(one), one["queue"], _ok(one), _failed(one)
+def _at(unit: Mapping[str, Any]) -> str:
+    return f"{unit['line']}/{unit['on_the_wire']}"
 
 
-def _unit(one: Mapping[str, Any]) -> tuple[object, ...]:
-    at = f"{one['line']}/{one['on_the_wire']}"
-    state = f"rests {show_duration(ceil(one['rests_ms'] / 1000))}" if one["state"] == "resting" else one["state"]
-    longest = show_duration(ceil(one["longest_wait_ms"] / 10) / 100)
-    return one["unit"], at, one["name"], state, _ok(one), _failed(one), one["last_error"] or _NOTHING, longest
+def _unit_state(unit: Mapping[str, Any]) -> str:
+    return f"rests {show_duration(ceil(unit['rests_ms'] / 1000))}" if unit["state"] == "resting" else str(unit["state"])
 
 
-def _image(one: Mapping[str, Any]) -> tuple[object, ...]:
-    return one["unit"], one["name"], one["requests"], one["exceptions"]
+def _last_error(unit: Mapping[str, Any]) -> str:
+    return str(unit["last_error"] or _NOTHING)
 
 
-def _mirror(one: Mapping[str, Any]) -> tuple[object, ...]:
-    ages = ", ".join(f"{each['addresses']}: {_age(each['age_ms'])}" for each in one["ranges"])
-    return one["unit"], one["name"], one["of"], one["requests"], ages
+def _longest_wait(unit: Mapping[str, Any]) -> str:
+    return show_duration(ceil(unit["longest_wait_ms"] / 10) / 100)
+
+
+def _answered(server: Mapping[str, Any]) -> int:
+    return int(server["counts"]["responses"])
+
+
+def _ages(mirror: Mapping[str, Any]) -> str:
+    return ", ".join(f"{each['addresses']}: {_age(each['age_ms'])}" for each in mirror["ranges"])
 
 
 def _age(age: float | None) -> str:
@@ -112,6 +124,51 @@ def _ok(one: Mapping[str, Any]) -> int:
 
 
 def _failed(one: Mapping[str, Any]) -> int:
-    """Requests that were not."""
+    """Requests that were not. A result that the daemon does not know has not happened there."""
     counts: Mapping[str, int] = one["counts"]
-    return sum(counts[result] for result in RESULTS) - _ok(one)
+    return sum(counts.get(result, 0) for result in RESULTS) - _ok(one)
+
+
+#: The tables: what each is called, the section of the status that it shows, and its columns.
+_TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
+    ("Listeners", "listeners", {"NAME": "name", "ADDRESS": "address", "CLIENTS": "clients", "REJECTED": "rejected"}),
+    (
+        "Lines",
+        "lines",
+        {
+            "NAME": "name",
+            "PORT": "port",
+            "WIRE": "wire",
+            "STATE": _state,
+            "WAITING": "queue",
+            "OK": _ok,
+            "FAILED": _failed,
+        },
+    ),
+    (
+        "Lines we are asked on",
+        "servers",
+        {"NAME": "name", "PORT": "port", "WIRE": "wire", "STATE": _state, "ANSWERED": _answered},
+    ),
+    (
+        "Upstreams",
+        "upstreams",
+        {"NAME": "name", "ADDRESS": "to", "STATE": _state, "WAITING": "queue", "OK": _ok, "FAILED": _failed},
+    ),
+    (
+        "Units",
+        "units",
+        {
+            "UNIT": "unit",
+            "AT": _at,
+            "DEVICE": "name",
+            "STATE": _unit_state,
+            "OK": _ok,
+            "FAILED": _failed,
+            "LAST-ERROR": _last_error,
+            "LONGEST-WAIT": _longest_wait,
+        },
+    ),
+    ("Images", "images", {"UNIT": "unit", "NAME": "name", "REQUESTS": "requests", "EXCEPTIONS": "exceptions"}),
+    ("Mirrors", "mirrors", {"UNIT": "unit", "NAME": "name", "OF": "of", "REQUESTS": "requests", "AGES": _ages}),
+)

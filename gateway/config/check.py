@@ -1,5 +1,6 @@
 """What must fit together in a config, though each of its tables is good by itself."""
 
+import os
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import replace
 from itertools import groupby, pairwise
@@ -26,6 +27,9 @@ from gateway.config.values import fits_mode
 PortTrouble = Callable[[str], str | None]
 #: What keeps a machine from listening at an address, as far as can be seen without that; None if nothing does.
 AddressTrouble = Callable[[str], str | None]
+
+#: As Linux has it: sockaddr_un(7).
+_LONGEST_SOCKET_PATH: Final = 107
 
 #: Keys that only one role of a line has.
 _CLIENT_KEYS: Final = (
@@ -66,6 +70,7 @@ def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], 
         yield from _check_device_server(line)
         yield from _check_format(line)
         yield from _check_role(line)
+    yield from _check_control(config)
     yield from _check_profiles(config, failed)
     yield from _check_spoken(config)
     yield from check_access(config, failed)
@@ -190,6 +195,11 @@ def _check_role(line: Line) -> Iterator[Problem]:
         yield error((*line.path, key), f'only a line with role = "{other}" has this key')
     if line.role == "server" and line.serves is None:
         yield error((*line.path, "serves"), "is missing", "name the units that we answer for: serves = [41]")
+
+
+def _check_control(config: Config) -> Iterator[Problem]:
+    if config.control is not None and len(os.fsencode(config.control.socket or "")) > _LONGEST_SOCKET_PATH:
+        yield error((*config.control.path, "socket"), f"is longer than {_LONGEST_SOCKET_PATH} bytes")
 
 
 def _check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]:

@@ -104,9 +104,19 @@ def open_database(folder: Path) -> Opened:
         folder.mkdir(parents=True, exist_ok=True)
         return _open(file)
     except sqlite3.Error as error:
-        raise StateError(_kept_from_us(file) or f"{file}: {error}; is another modbus-gateway running?") from error
+        raise StateError(_kept_from_us(file) or f"{file}: {error}{_advice(error)}") from error
     except OSError as error:
         raise StateError(f"{file}: {error.strerror}; images that persist need a folder to write in") from error
+
+
+def _advice(error: sqlite3.Error) -> str:
+    """What an operator can do about it."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # what is above says it in more detail
+    if code == sqlite3.SQLITE_BUSY:
+        return "; is another modbus-gateway running?"
+    if code in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
+        return "; images that persist need a folder to write in"
+    return ""
 
 
 def _kept_from_us(file: Path) -> str:

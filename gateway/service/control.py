@@ -1,7 +1,9 @@
 """The control socket: other commands of this program ask the daemon. One JSON object a line, each way.
 
-{"verb": "status"}   {"ok": true, "status": {...}}
-{"verb": "reload"}   {"ok": false, "problems": ["gateway.toml:3:8: error: ..."]}
+{"verb": "status"}   {"version": "0.1.0", "ok": true, "status": {...}}
+{"verb": "reload"}   {"version": "0.1.0", "ok": false, "problems": ["gateway.toml:3:8: error: ..."]}
+
+Who asks may be of another version: keys may come and go, and `version` says why.
 """
 
 import asyncio
@@ -15,6 +17,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from gateway import __version__
 from gateway.events import ControlClosed, Emit, PartFailed
 
 #: Longest request, in bytes.
@@ -157,7 +160,7 @@ def _refused(why: str) -> dict[str, Any]:
 
 
 def _line(answer: Mapping[str, Any]) -> bytes:
-    return json.dumps(answer, default=_fields).encode() + b"\n"
+    return json.dumps({"version": __version__, **answer}, default=_fields).encode() + b"\n"
 
 
 def _fields(value: Any) -> dict[str, Any] | str:

@@ -1,11 +1,13 @@
 """What a user hears whom the running gateway does not answer."""
 
 import errno
+import json
 import socket
 from pathlib import Path
 
 import pytest
 
+from gateway import __version__
 from gateway.cli import daemon
 from gateway.cli.daemon import ask
 from gateway.errors import DaemonError
@@ -30,7 +32,9 @@ def own(tmp_path, monkeypatch):
 
 
 def test_a_user_without_the_right_is_told_who_has_it(own):
-    with pytest.raises(DaemonError, match=rf"^only root and the gateway's own user may ask at {SERVICE}: use sudo$"):
+    with pytest.raises(
+        DaemonError, match=rf"^only root, the gateway's user and its group may ask at {SERVICE}: use sudo$"
+    ):
         ask("status", None)
 
 
@@ -45,3 +49,31 @@ def test_a_user_is_answered_by_a_gateway_of_the_same_user(own):
 def test_a_gateway_that_does_not_run_is_asked_for(tmp_path):
     with pytest.raises(DaemonError, match=r"control\.sock: No such file or directory\); is it running\?"):
         ask("status", str(tmp_path / "control.sock"))
+
+
+def test_a_path_that_is_too_long_for_a_socket_is_said_to_be(tmp_path):
+    with pytest.raises(DaemonError, match=r"/x{200}: AF_UNIX path too long\); is it running\?"):
+        ask("status", str(tmp_path / ("x" * 200)))
+
+
+@pytest.mark.parametrize(
+    ("version", "said"),
+    [
+        ({"version": __version__}, ""),
+        ({"version": "9.0"}, f"the daemon is of 9.0, this command of {__version__}: restart the daemon if"),
+        ({}, f"the daemon is of an earlier version, this command of {__version__}: restart the daemon if"),
+    ],
+)
+def test_a_daemon_of_another_version_is_told(version, said, capsys):
+    """On standard error: what a program reads stays JSON."""
+    assert daemon._understood(json.dumps({"ok": True, **version}).encode()) == {"ok": True, **version}
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith(said)
+    assert bool(told.err) == bool(said)
+
+
+def test_a_verb_that_an_older_daemon_does_not_have_is_told_with_the_versions(capsys):
+    with pytest.raises(DaemonError, match='the daemon says: "verb" must be one of status'):
+        daemon._understood(b'{"ok": false, "error": "\\"verb\\" must be one of status"}')
+    assert "earlier version" in capsys.readouterr().err

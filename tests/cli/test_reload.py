@@ -28,3 +28,21 @@ def test_what_is_printed(monkeypatch, capsys, answer, status, text) -> None:
     monkeypatch.setattr("gateway.cli.reload.ask", lambda verb, control: NOTHING | answer)
     assert main(["reload"]) == status
     assert capsys.readouterr().out.splitlines() == text
+
+
+@pytest.mark.parametrize(
+    ("answer", "status", "text"),
+    [
+        (
+            {"ok": True, "added": ["line a"], "moved": ["line b"]},  # an older or a newer daemon's
+            FINE,
+            ["new: line a", "gone: unknown", "changed: unknown", "counts after a restart only: unknown"],
+        ),
+        ({"ok": True, **NOTHING, "added": 3}, FINE, ["new: unknown"]),
+        ({"problems": ["p"]}, PROBLEM_FOUND, ["p", "the file was rejected; the config in force stays"]),
+    ],
+)
+def test_what_a_daemon_of_another_version_does_not_tell_is_unknown(monkeypatch, capsys, answer, status, text) -> None:
+    monkeypatch.setattr("gateway.cli.reload.ask", lambda verb, control: answer)
+    assert main(["reload"]) == status
+    assert capsys.readouterr().out.splitlines() == text

@@ -113,6 +113,12 @@ def test_a_line_to_which_no_unit_is_left():
     assert problems(everything.replace("247", "246")) == []
 
 
+def test_a_control_socket_whose_path_is_too_long():
+    control = f'[control]\nsocket = "/run/{"x" * 102}"\n'
+    assert problems(LINE + control) == []
+    assert problems(LINE + control.replace("/run/", "/run/x")) == ["error: control.socket: is longer than 107 bytes"]
+
+
 def test_the_name_of_the_control_socket_is_taken():
     text = LINE + '[[listen]]\nname = "control"\nbind = "tcp://127.0.0.1:1"\n'
     assert problems(text) == ['error: listen[0].name: "control" is what [[access]] calls the control socket']

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway import __version__
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.process import PATIENCE, GatewayProcess, command
 from kit.pty import VirtualPort
@@ -151,7 +152,8 @@ def test_nonsense_gets_an_answer(tmp_path: Path, config: str, line: bytes, answe
         client.settimeout(PATIENCE)
         client.connect(str(tmp_path / "control.sock"))
         client.sendall(line)
-        assert json.loads(client.makefile().readline()) == {"ok": False, "error": answer}
+        refusal = {"version": __version__, "ok": False, "error": answer}
+        assert json.loads(client.makefile().readline()) == refusal
         with suppress(ConnectionError):  # it closes without having read all of it
             client.sendall(b"x" * 100_000)
             assert client.recv(100) == b""

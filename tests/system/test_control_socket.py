@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from gateway import __version__
 from gateway.cli import daemon as daemon_module
 from gateway.cli.daemon import ask
 from gateway.errors import DaemonError
@@ -19,6 +20,7 @@ from gateway.service.control import MOST_CONNECTIONS, control_open
 from kit.process import PATIENCE
 
 STATUS = b'{"verb": "status"}\n'
+FINE = f'{{"version": "{__version__}", "ok": true, "status": "fine"}}\n'.encode()
 
 
 async def status(_request: Mapping[str, Any]) -> dict[str, Any]:
@@ -46,6 +48,7 @@ class Open:
         async with asyncio.timeout(PATIENCE):
             answers = [json.loads(await reader.readline()) for _ in lines]
         writer.close()
+        assert {answer.pop("version") for answer in answers} == {__version__}
         return answers
 
 
@@ -70,7 +73,7 @@ async def test_many_requests_at_once_leave_others_their_turn(tmp_path: Path) -> 
         reader, writer = await it.connect()
         writer.write(STATUS * 2000)
         turns = 0
-        await reader.readexactly(2000 * len(b'{"ok": true, "status": "fine"}\n'))
+        await reader.readexactly(2000 * len(FINE))
         assert turns >= 2000
         other.cancel()
         writer.close()
@@ -120,7 +123,7 @@ async def test_one_client_too_many_hears_so_and_the_others_are_served(tmp_path: 
         async with asyncio.timeout(PATIENCE):
             while len(asyncio.all_tasks()) > 1:  # noqa: ASYNC110 - a conversation that ends tells nobody
                 await asyncio.sleep(0.002)
-        assert await asyncio.to_thread(ask, "status", str(it.path)) == {"ok": True, "status": "fine"}
+        assert await asyncio.to_thread(ask, "status", str(it.path)) == json.loads(FINE)
 
 
 @contextmanager

@@ -207,6 +207,22 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         open_database(tmp_path / "file" / "state")
 
 
+@pytest.mark.parametrize("code", ["SQLITE_CANTOPEN", "SQLITE_READONLY_DIRECTORY"])
+def test_a_folder_in_which_nothing_can_be_written_is_not_another_gateway(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    """A file system that is mounted for reading only refuses root too."""
+
+    def refuse(*_: object, **__: object) -> None:
+        error = sqlite3.OperationalError("unable to open database file")
+        error.sqlite_errorcode = getattr(sqlite3, code)
+        raise error
+
+    monkeypatch.setattr(sqlite3, "connect", refuse)
+    with pytest.raises(StateError, match="unable to open database file; images that persist need a folder to write in"):
+        open_database(tmp_path)
+
+
 only_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else")
 
 
