@@ -65,7 +65,7 @@ def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
     longest = max(one.request + one.most_items for one in limits)
     if plan.line.retries:
-        longest = max(longest, *(_repeated(one, plan.line, device) for one in limits if _is_repeated(one.function)))
+        longest = max([longest, *(_repeated(one, plan.line, device) for one in limits if _is_repeated(one.function))])
     return plan.line.max_wait + plan.line.silence_before_request + longest
 
 

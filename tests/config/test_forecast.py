@@ -207,3 +207,10 @@ def test_a_server_line_may_serve_a_mirror_of_a_unit_behind_an_upstream():
     assert config is not None
     plan = resolve(config)
     assert waits_behind(plan.servers[0], plan) == {5: ("m", longest_wait_behind(plan.upstreams[0]))}
+
+
+def test_a_device_without_any_read_on_a_line_that_repeats_reads():
+    line = '[[line]]\nport = "/dev/a"\nretries = {}\nprofile = "w"\ndevices = [{{ unit = 1 }}]\n'
+    text = line + "[profile.w]\nfunctions = [6]\n"
+    once, repeated = (resolve(parse(text.format(retries)).config).lines[0] for retries in (0, 2))
+    assert longest_wait(repeated, repeated.devices[0]) == longest_wait(once, once.devices[0])

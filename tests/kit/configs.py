@@ -46,6 +46,7 @@ _PROFILES = st.sampled_from(["generic", "mint", "v80", "weigher", "own"])
 
 OF_KEY: Mapping[tuple[type[Table], str], st.SearchStrategy[Any]] = {
     (Line, "port"): st.sampled_from(["/dev/a", "/dev/b", "/dev/x/a", "rtu+tcp://c:1", "ascii+tcp://c:2"]),
+    (Listen, "line"): st.sampled_from(["a", "b"]),
     (Line, "profile"): _PROFILES,
     (Device, "profile"): _PROFILES,
     (Image, "profile"): _PROFILES,

@@ -17,7 +17,9 @@ from gateway.config.unitset import parse_units
 from gateway.errors import RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
+from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import Area
+from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response
 from gateway.ports.memory import MemoryLine
 from gateway.profiles.profile import Profile
@@ -30,6 +32,8 @@ from kit.house import Client, House
 from kit.virtual_time import VirtualTimeLoop
 
 NO_ROUTE, BUSY, STALE = 0x0A, 0x06, 0x0B
+#: What a listener says that stays silent about failures.
+NOTHING = b""
 #: So many units of a file are asked, and so many that it does not have.
 MOST_ASKED, UNKNOWN_ASKED = 10, 3
 #: An answer may be later by so much than what `check` prints as the longest wait (P3).
@@ -49,24 +53,31 @@ class Place(NamedTuple):
 class Everybody:
     """A device at each address of a wire, in whose registers and coils its place can be read. `heard` is all it got."""
 
-    def __init__(self, number: int, framing: str, *, echo: bool = False) -> None:
+    def __init__(self, number: int, timing: LineTiming | None = None, *, echo: bool = False) -> None:
         self.heard: list[tuple[int, bytes]] = []
         self._number = number
-        self._framing = framing
+        self._timing = timing
         self._echo = echo
-        self._framer = ascii_framing.AsciiFramer() if framing == "ascii" else rtu.RequestFramer(silence=0.0)
+        is_ascii = timing is not None and timing.mode == "ascii"
+        self._framer = ascii_framing.AsciiFramer() if is_ascii else rtu.RequestFramer(silence=0.0)
+        self._encode = ascii_framing.encode if is_ascii else rtu.encode
 
     def received(self, data: bytes, now: float) -> list[Answer]:
         """See SimulatedLine."""
-        if self._framing == "mbap":
+        if self._timing is None:
             adus = list(mbap.MbapFramer().cut(data))
             self.heard += [(adu.unit, adu.pdu) for adu in adus]
             return [Answer(0.0, mbap.encode(adu.transaction, adu.unit, self.says(adu.unit, adu.pdu))) for adu in adus]
         frames = self._framer.received(data, now) + self._framer.tick(now)
         self.heard += frames
-        echo = [Answer(0.0, data)] if self._echo else []
-        encode = ascii_framing.encode if self._framing == "ascii" else rtu.encode
-        return echo + [Answer(0.0, encode(frame.unit or 99, self.says(frame.unit, frame.pdu))) for frame in frames]
+        return [answer for frame in frames for answer in self._answers(frame, data, self._timing)]
+
+    def _answers(self, frame: Frame, data: bytes, timing: LineTiming) -> Iterator[Answer]:
+        sent = timing.frame(len(frame.pdu))
+        if self._echo:
+            yield Answer(sent, data)
+        response = self.says(frame.unit, frame.pdu)
+        yield Answer(sent + timing.frame(len(response)), self._encode(frame.unit or 99, response))
 
     def says(self, unit: int, pdu: bytes) -> bytes:
         """What `unit` answers: a number of the wire and its own, as often as there is room, or exception 04."""
@@ -95,10 +106,11 @@ class Printed:
             assert name not in self.places, f"{name} is printed twice"
             self.devices[unit] = self.places[name] = place
         for line in picture["lines"]:
-            if line["passes_through"]:  # mirrors may stand in front of units there
-                for unit in self.mirrors:
+            if line["passes_through"]:  # mirrors, and listeners for this line, may be in front of units there
+                wait = max((row["longest_wait_ms"] / 1000 for row in line["units"]), default=LONG)
+                for unit in parse_units(line["addresses"].split(", ")):
                     self.places[f"{line['name']}/{unit}"] = Place(line["port"], unit)
-                    self.waits[Place(line["port"], unit)] = max(self.waits.values(), default=LONG)
+                    self.waits[Place(line["port"], unit)] = wait
 
     @property
     def units(self) -> dict[int, Any]:
@@ -106,8 +118,8 @@ class Printed:
 
     def _all_devices(self) -> Iterator[tuple[int, str, Place]]:
         for line in self.picture["lines"]:
-            for row in line["units"]:
-                units = parse_units(row["unit"].split(", "))
+            for row in line["units"] if line["shared"] else ():
+                units = parse_units(row["unit"].split(", "), last=255)
                 on_the_wire = units if row["on_the_wire"] == "same" else [int(row["on_the_wire"])]
                 for unit, wire_unit in zip(units, on_the_wire, strict=True):
                     name = row["device"] if len(units) == 1 else f"{line['name']}/{unit}"
@@ -131,10 +143,10 @@ class Scene:
         self.enter(0)
         self.everybody: dict[str, Everybody] = {}
         plan = home.gateway.plan
-        wires = [(one.port.port, one.line.timing.mode, one.line.echo) for one in plan.lines]
-        wires += [(one.port.port, "mbap", False) for one in plan.upstreams]
-        for number, (port, framing, echo) in enumerate(wires, start=1):
-            self.everybody[port] = Everybody(number, framing, echo=echo)
+        wires = [(one.port.port, one.line.timing, one.line.echo) for one in plan.lines]
+        wires += [(one.port.port, None, False) for one in plan.upstreams]
+        for number, (port, timing, echo) in enumerate(wires, start=1):
+            self.everybody[port] = Everybody(number, timing, echo=echo)
             name = port.removeprefix("/dev/")
             home.lines.setdefault(name, MemoryLine(port, latency=0.005))
             home.attach(name, self.everybody[port])
@@ -145,25 +157,40 @@ class Scene:
             line.on_write = line.deliver if server.line.echo else None
         behind = [device for owner in (*plan.lines, *plan.upstreams) for device in owner.devices]
         self.profiles = {device.known_as: device.profile for device in behind}
+        self.lines = {one.line.name: one for one in plan.lines}
 
-    def enter(self, listener: int, unit0: int | None = None) -> None:
-        """From now on clients come by this listener, and ask unit 0 when they mean `unit0`."""
-        self._listener, self._unit0 = listener, unit0
+    def enter(self, listener: int) -> None:
+        """From now on clients come by this listener."""
+        self._listener, self._unit0 = listener, None
+
+    def stand_in(self, unit: int) -> None:
+        """From now on they ask unit 0 when they mean this one."""
+        self._unit0 = unit
 
     def allow_everything(self) -> None:
-        for router, _ in self.home.gateway.routes:
-            row = Row(EVERYTHING, listeners=frozenset({router.door.name}))
-            router.rights = Rights((row,), router.door)
+        for each in (*self.home.gateway.listeners, *self.home.gateway.servers):
+            row = Row(EVERYTHING, listeners=frozenset({each.router.door.name}))
+            each.router.rights = Rights((row,), each.router.door)
 
     async def check_unit(self, unit: int) -> None:
         """Who answers for `unit` is who was printed."""
         printed = self.printed
         if unit in printed.devices:
-            await self._check_device(unit, printed.devices[unit])
+            await self._check_device(unit, printed.devices[unit], self.profiles[unit])
         elif unit in printed.mirrors:
             await self._check_mirror(unit, printed.places[printed.mirrors[unit]])
         else:
             await self._check_image(unit, printed.images[unit])
+
+    async def check_line(self, name: str) -> None:
+        """What a listener for one line leads to: addresses on the wire."""
+        (line,) = (one for one in self.printed.picture["lines"] if one["name"] == name)
+        profiles = {device.unit: device.profile for device in reversed(self.lines[name].devices)}
+        addresses = parse_units(line["addresses"].split(", ")) if line["addresses"] else ()
+        for address in addresses[:MOST_ASKED]:
+            await self._check_device(address, Place(line["port"], address), profiles[address])
+        for unit in [unit for unit in range(1, 256) if unit not in addresses][-UNKNOWN_ASKED:]:
+            await self.check_unknown(unit)
 
     async def check_served(self, server: dict[str, Any], unit: int) -> None:
         """What the outside client of a server line gets from `unit`, if it is there in time."""
@@ -174,12 +201,12 @@ class Scene:
         encode = ascii_framing.encode if server["mode"] == "ascii" else rtu.encode
         line = self.home.lines[server["port"].removeprefix("/dev/")]
         line.deliver(encode(unit, pdu))
-        await asyncio.sleep(2.0)
+        await asyncio.sleep(5.0)
         right = self.everybody[place.port].says(place.unit, pdu)
         assert line.take_written() in {b"", encode(unit, right), encode(unit, exception_response(pdu[0], BUSY))}
 
     async def check_unknown(self, unit: int) -> None:
-        assert await self.ask(unit, bytes.fromhex("0300000001")) == exception_response(3, NO_ROUTE)
+        assert await self.ask(unit, bytes.fromhex("0300000001")) in {NOTHING, exception_response(3, NO_ROUTE)}
 
     async def ask(self, unit: int, pdu: bytes, place: Place | None = None) -> bytes:
         """The response, which comes within the longest wait that was printed for `place`, or at once."""
@@ -187,18 +214,24 @@ class Scene:
             one.heard.clear()
         client = Client(self.home.gateway, listener=self._listener)
         client.ask(0 if unit == self._unit0 else unit, pdu.hex())
-        async with asyncio.timeout(self.printed.waits.get(place, 0.0) + MORE):
-            _, _, response = await client.responses.get()
+        is_silent = self.printed.picture["listeners"][self._listener]["on_failure"] == "silent"
+        try:
+            async with asyncio.timeout(self.printed.waits.get(place, 0.0) + MORE):
+                _, _, response = await client.responses.get()
+        except TimeoutError:
+            if is_silent:
+                return NOTHING
+            raise
         return bytes.fromhex(response)
 
-    async def _check_device(self, unit: int, place: Place) -> None:
-        pdu = question(self.profiles[unit])
+    async def _check_device(self, unit: int, place: Place, profile: Profile) -> None:
+        pdu = question(profile)
         if pdu is None:
             return
         await self._check_answer(await self.ask(unit, pdu, place), pdu, place)
 
     async def _check_answer(self, response: bytes, pdu: bytes, place: Place) -> None:
-        if response == exception_response(pdu[0], BUSY):
+        if response in {NOTHING, exception_response(pdu[0], BUSY)}:
             return
         assert response == self.everybody[place.port].says(place.unit, pdu)
         if pdu[0] not in READS:
@@ -257,25 +290,33 @@ def check(text: str, folder: Path) -> Printed:
     return Printed(json.loads(said.getvalue()))
 
 
+async def check_listener(scene: Scene, listener: dict[str, Any]) -> None:
+    """All that a listener leads to which is not for one line."""
+    units = list(scene.printed.units)
+    for unit in units[:MOST_ASKED]:
+        await scene.check_unit(unit)
+    for unit in [unit for unit in range(1, 256) if unit not in units][-UNKNOWN_ASKED:]:
+        await scene.check_unknown(unit)
+    if isinstance(listener["unit0"], int):
+        scene.stand_in(listener["unit0"])
+        await scene.check_unit(listener["unit0"])
+
+
 async def run(text: str, printed: Printed, folder: Path) -> None:
     home = House(text, state=folder)
     scene = Scene(home, printed)
     async with keep_lines_open(home.gateway, home.events.append):
         await asyncio.sleep(1.0)
         scene.allow_everything()
-        units = list(printed.units)
-        for unit in units[:MOST_ASKED]:
-            await scene.check_unit(unit)
         for number, listener in enumerate(printed.picture["listeners"]):
-            if isinstance(listener["unit0"], int):
-                scene.enter(number, unit0=listener["unit0"])
-                await scene.check_unit(listener["unit0"])
-        scene.enter(0)
+            scene.enter(number)
+            if listener["line"] is None:
+                await check_listener(scene, listener)
+            else:
+                await scene.check_line(listener["line"])
         for server in printed.picture["servers"]:
             for row in server["units"]:
                 await scene.check_served(server, row["unit"])
-        for unit in [unit for unit in range(1, 256) if unit not in units][-UNKNOWN_ASKED:]:
-            await scene.check_unknown(unit)
 
 
 @pytest.fixture(scope="module", autouse=True)
