@@ -62,6 +62,8 @@ class Ear:
         self._is_asking = False
         self._is_answered = False
         self._began = self._deaf_until = self._echo_until = 0.0
+        #: What was unanswered when it was asked.
+        self._before: list[Stranger] = []
         #: Copies of it that were heard beside its answer, and whether one that comes late is an echo.
         self._copies = 0
         self._echoes = False
@@ -87,8 +89,11 @@ class Ear:
         self._echo_until = echo_until
         if self.doubts:
             self.doubts = []
+        if self._before:
+            self._before = []
         if self.strangers:
             self._forget(transaction.unit, now)
+            self._before = [stranger for strangers in self.strangers.values() for stranger in strangers]
 
     def deafen(self, now: float) -> float:
         """Nothing that has come up to `now` is the answer. The moment after that."""
@@ -157,7 +162,7 @@ class Ear:
             for stranger in self.strangers.get(unit, ())
             if stranger.asked.function == function
             and stranger.at + self._patience(stranger.asked) >= self._began
-            and (stranger.frame != sent or stranger.at < self._began)
+            and (stranger.frame != sent or stranger in self._before)
         ]
 
     def _settle(self, frame: Frame) -> bool:

@@ -176,7 +176,7 @@ class Hearing:
 
     def has_answered(self, now: float) -> bool:
         """Whether what was heard is the answer, damaged: then it is not owed any more."""
-        return self.damaged_at is not None and now >= self.damaged_at and not self._ear.may_doubt(self._current)
+        return self.damaged_at is not None and now >= self.damaged_at
 
     def window_end(self, transaction: Transaction, now: float) -> float:
         """Until when a late answer is awaited: by default for twice the limit, or the device's slowest answer.
@@ -228,12 +228,15 @@ class Hearing:
     def _is_damaged(self) -> bool:
         """Whether all that has come is, for what can be seen, the answer with a wrong check sum.
 
-        While another answer is late it may be that one, with a damaged unit identifier.
+        While another answer is late, or another client awaits one, it may be that, with a damaged unit identifier.
         """
         current = self._current
         if self._early or self._foreign or self._windows.windows:
             return False
-        return is_damaged(self._mode, self._heard, current.asked, current.answers_from)
+        if not is_damaged(self._mode, self._heard, current.asked, current.answers_from):
+            return False
+        self._ear.listen()
+        return not (self._ear.strangers or self._ear.doubts)
 
     def _patience(self, asked: RequestPdu) -> float:
         """How long after another client has asked this its answer may come, if we ask the same device: as to us."""

@@ -379,6 +379,13 @@ def test_who_asked_the_same_before_us_may_get_an_older_answer(bench: Bench) -> N
     assert not is_believed(bench)
 
 
+def test_who_asked_the_same_just_before_us(bench: Bench) -> None:
+    """ASCII needs no silence: their request may have come as ours left."""
+    bench = Bench(timing=bench.settings.timing, gap=0.0)
+    bench.respond(READ)
+    assert not is_believed(bench)
+
+
 def test_who_asks_the_same_as_we_did_last(bench: Bench) -> None:
     assert is_believed(bench, response=RESPONSE)
     bench.respond(READ)
