@@ -1,0 +1,160 @@
+"""Nothing goes wrong on a line, in whatever order things happen; and a line without one of its rules is found out."""
+
+from dataclasses import replace
+
+import pytest
+
+from gateway.lines.ear import Ear
+from gateway.lines.echo import Echo
+from gateway.lines.late import LateWindows
+from gateway.lines.line import Line
+from gateway.lines.transaction import Transaction
+from model.letters import LETTERS, enabled
+from model.search import Search, replay, search
+from model.settings import ALPHABETS, setting, settings
+from model.world import Setting
+
+#: What takes three happenings.
+_LONGER = {"copy of answer", "newest answer", "newest foreign answer", "other half"}
+FEW = [each for each in ALPHABETS if each != "everything"]
+
+
+@pytest.mark.parametrize("each", list(settings("everything")), ids=lambda each: each.name)
+def test_of_any_two_happenings(each: Setting) -> None:
+    found = search(each, 2)
+    assert not found.wrong, found
+    assert found.states > 300
+
+
+@pytest.mark.parametrize("alphabet", FEW)
+@pytest.mark.parametrize("mode", ["rtu", "ascii"])
+def test_of_three_that_belong_together(mode: str, alphabet: str) -> None:
+    port = "real that echoes" if alphabet == "echo" else "direct"
+    found = search(setting(mode, port, retries=1, alphabet=alphabet), 3)
+    assert not found.wrong, found
+
+
+def test_everything_can_happen() -> None:
+    happened = set()
+    for port in ("direct", "real that echoes"):
+        each = setting(port=port)
+        ways = [()]
+        for _ in range(2):
+            ways = [(*path, letter) for path in ways for letter in enabled(replay(each, path))]
+        happened |= {letter for path in ways for letter in path}
+    assert set(LETTERS) - happened == _LONGER
+
+
+def test_states_that_go_on_alike_are_one() -> None:
+    def picture(*path: str) -> int:
+        return replay(setting(), path).picture()
+
+    over = "read", "answer", "rest"
+    assert picture(*over) == picture(*over, *over)
+    assert picture("read", "silence") != picture("read")
+    assert picture("read", "same read") != picture("same read", "read")
+
+
+# --- seeded defects ---
+
+
+def finds(letters: str, depth: int, port: str = "direct", mode: str = "rtu", **more: object) -> Search:
+    """What is wrong with a line to which only these things happen."""
+    each = setting(mode, port, **more)
+    found = search(replace(each, letters=tuple(letters.split(", "))), depth)
+    assert found.wrong
+    return found
+
+
+LATE = "read, answer, silence, limit"
+FOREIGN = "read, answer, other foreign read, foreign answer, silence"
+LIE = "that is not the answer to it"
+
+
+def test_a_late_window_of_zero() -> None:
+    found = finds(LATE, 5, late_window=0.0)
+    assert found.path == ("read", "read", "limit", "answer")
+    assert LIE in found.wrong[0]
+
+
+@pytest.mark.interpreted
+def test_a_window_that_forbids_nothing(monkeypatch) -> None:
+    monkeypatch.setattr(LateWindows, "forbid_until", lambda windows, transaction, now: None)
+    assert LIE in finds(LATE, 5).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_other_clients_that_are_not_listened_to(monkeypatch) -> None:
+    monkeypatch.setattr(Ear, "_near", lambda ear, frame, asked: [])
+    found = finds(FOREIGN, 3)
+    assert found.path[-1] == "foreign answer"
+    assert LIE in found.wrong[0]
+
+
+@pytest.mark.interpreted
+def test_answers_of_any_unit(monkeypatch) -> None:
+    monkeypatch.setattr(Transaction, "accepts", lambda transaction, frame: transaction.asked.accepts(frame.pdu))
+    assert LIE in finds("read, read from other unit, answer, limit", 4, mode="ascii").wrong[0]
+
+
+@pytest.mark.interpreted
+def test_an_echo_that_counts_twice(monkeypatch) -> None:
+    """The second copy is another client's request: an answer to that follows the one to ours."""
+    is_echo = Ear._is_echo
+
+    def every_time(ear: Ear, *frame: object) -> bool:
+        ear._had_echo = False
+        return is_echo(ear, *frame)
+
+    monkeypatch.setattr(Ear, "_is_echo", every_time)
+    letters = "read, answer, foreign read, foreign answer, request has left, silence"
+    assert LIE in finds(letters, 7, "real that echoes").wrong[0]
+
+
+@pytest.mark.interpreted
+def test_an_echo_that_is_stripped_twice(monkeypatch) -> None:
+    """Of a write the answer goes with it."""
+    monkeypatch.setattr(Echo, "strip", lambda echo, data: data.replace(echo._sent, b""))
+    found = finds("write", 1, "direct with echo")
+    assert "does not believe" in found.wrong[0]
+
+
+@pytest.mark.interpreted
+def test_no_silence_before_a_request(monkeypatch) -> None:
+    tune = Line._tune
+
+    def tune_without(line: Line, latency: float) -> None:
+        tune(line, latency)
+        line._gap = 0.0
+
+    monkeypatch.setattr(Line, "_tune", tune_without)
+    assert "before the silence is over" in finds(LATE, 3).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_a_write_that_is_repeated(monkeypatch) -> None:
+    def may_repeat(line: Line, current: Transaction, now: float, at: float) -> bool:
+        current.gives_up_at = now + 10.0
+        return not current.retries
+
+    monkeypatch.setattr(Line, "_may_repeat", may_repeat)
+    assert "a write is sent again" in finds("write", 1).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_a_line_that_forgets_to_wake(monkeypatch) -> None:
+    deadline = Line.deadline
+    monkeypatch.setattr(Line, "deadline", lambda line: deadline(line) if line.is_busy else None)
+    assert "has no answer" in finds(LATE, 3).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_an_answer_that_is_given_twice(monkeypatch) -> None:
+    respond = Transaction.respond
+
+    def respond_twice(transaction: Transaction, pdu: bytes) -> None:
+        respond(transaction, pdu)
+        respond(transaction, pdu)
+
+    monkeypatch.setattr(Transaction, "respond", respond_twice)
+    assert "a second answer" in finds(LATE, 2).wrong[0]

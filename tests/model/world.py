@@ -1,0 +1,280 @@
+"""The real machine of a line between clients and the model of a wire.
+
+It is driven through its public side only: `submit` of its devices, `received`, `tick`, `deadline`, `port_up`,
+`port_down`, `finish`. What may happen to it is in `letters`. What it must keep to, whatever happens:
+
+- Each request is answered once, in time, with its own answer or with an exception that says the truth.
+- No write goes out twice. Nothing goes out that nobody asks for, nor before the line was silent, nor while the answer
+  to the last request may come in time.
+- Every wait ends.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.events import EchoHeard, Event
+from gateway.lines.device import Device, DeviceSettings, EveryDevice
+from gateway.lines.line import Line
+from gateway.lines.settings import LineSettings
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.pdu import parse_request
+from gateway.profiles.profile import Profile
+from gateway.request import Request
+from gateway.timing.budget import AnswerTime
+from gateway.timing.table import TimingTable
+from model.picture import EPOCH
+from model.picture import picture as picture_of
+from model.wire import LATENCY, TIMEOUT, Asking, Wire
+
+#: No request may take longer, in seconds.
+PATIENCE: Final = 20.0
+#: Times are compared to so many seconds.
+A_MOMENT: Final = 1e-6
+#: What the gateway answers itself: to what it has not sent, and to anything.
+_NOT_SENT: Final = (0x06, 0x0A)
+_NO_ANSWER: Final = 0x0B
+#: So often a line may be woken while time passes.
+_WAKES: Final = 1000
+
+_ANSWER_TIME: Final = AnswerTime(TimingTable(), margin=1.5, timeout=TIMEOUT)
+_UNITS: Final = {unit: DeviceSettings(f"unit-{unit}", unit, unit, Profile("generic"), _ANSWER_TIME) for unit in (1, 3)}
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A line as it is configured and as it is, what may happen to it, and what has happened before.
+
+    A real line takes its time. `echoes` says what the adapter does, whatever the settings of the line say.
+    """
+
+    name: str
+    line: LineSettings
+    is_real: bool
+    echoes: bool
+    letters: tuple[str, ...]
+    before: tuple[str, ...] = ()
+
+
+class Question:
+    """A client's request, as its Origin; `then` is what the client does when it is answered."""
+
+    host = "127.0.0.1"
+
+    def __init__(
+        self, world: "World", client: str, unit: int, pdu: bytes, then: Callable[["World"], None] | None
+    ) -> None:
+        self.client = client
+        self.unit = unit
+        self.pdu = pdu
+        self.asked_at = world.now
+        self.is_gone = False
+        self.answers: list[bytes | None] = []
+        #: How often it was sent, for all that can be seen on the wire.
+        self.sent = 0
+        self._world = world
+        self._then = then
+
+    @property
+    def only_reads(self) -> bool:
+        """Whether it may be sent more than once."""
+        return parse_request(self.pdu).only_reads
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether some device answers it."""
+        return self.unit != BROADCAST_UNIT and parse_request(self.pdu).is_answered
+
+    def wants(self, request: Request) -> bool:
+        return not self.is_gone
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        self.answers.append(pdu)
+        self._world.answered(self, pdu)
+        if self._then is not None:
+            self._then(self._world)
+
+    def __repr__(self) -> str:
+        return f"{self.client}'s {self.pdu.hex(' ')} to {self.unit}"
+
+
+class World:
+    """A line with all that is around it. `wrong` is what it did against the rules, `story` all that happened."""
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+        self.now = EPOCH
+        self.wrong: list[str] = []
+        self.story: list[str] = []
+        self.line = Line(setting.line, self._told)
+        self.devices = {unit: Device(settings, self.line) for unit, settings in _UNITS.items()}
+        self.everyone = EveryDevice(self.line)
+        self.wire = Wire(setting.line.timing, takes_time=setting.is_real)
+        self.open: list[Question] = []
+        #: The request on the line, and its echo that is still to come.
+        self.sent: Asking | None = None
+        self.echo = b""
+        #: What has come and is read only together with what comes next; None if nothing is held back.
+        self.held: bytes | None = None
+        #: The shape of the last answer, and its frame.
+        self.last: tuple[tuple[int, int], bytes] | None = None
+        self.is_up = False
+        self.is_finished = False
+        self.is_echo_told = False
+        self._silent_at = 0.0
+        self.plug()
+        self.pass_until(self.now + 1.0)
+
+    def picture(self) -> int:
+        """What matters of it, as one number."""
+        return picture_of(self, self.now)
+
+    def happens(self, what: str, does: Callable[["World"], None]) -> None:
+        """Let this happen."""
+        self._tell(what)
+        try:
+            does(self)
+        except Exception as error:  # noqa: BLE001 - the machine must not raise, whatever happens
+            self.wrong.append(f"{type(error).__name__}: {error}")
+        self._forget()
+
+    # --- what happens to the line ---
+
+    def ask(self, client: str, unit: int, pdu: bytes, then: Callable[["World"], None] | None) -> None:
+        """A client asks. A write of a register has a value of its own."""
+        if pdu[0] == 6:
+            taken = [each.pdu for each in (*self.open, *self.wire.askings)]
+            pdu = next(each for value in range(256) if (each := pdu[:-1] + bytes((value,))) not in taken)
+        question = Question(self, client, unit, pdu, then)
+        self.open.append(question)
+        (self.devices.get(unit) or self.everyone).submit(Request(unit, pdu, question, self.now), self.now)
+
+    def hear(self, data: bytes = b"", *, damaged: bool = False) -> None:
+        """The line delivers this, and before it the echo of what was sent."""
+        data, self.echo = self.echo + data, b""
+        if self.held == b"":
+            self.held = data
+            return
+        data, self.held = (self.held or b"") + data, None
+        if data:
+            self._tell(f"    << {data.hex(' ')}")
+            self._silent_at = max(self._silent_at, self.now + self.setting.line.silence_before_request)
+            self.line.received(data, self.now, damaged=damaged)
+
+    def answer(self, asking: Asking, pdu: bytes) -> None:
+        """A device answers, or goes on to answer."""
+        if asking.has_begun:
+            self.hear(self.wire.ends(asking))
+            return
+        frame = self.wire.answers(asking, pdu)
+        self.last = asking.shape, frame
+        if self.sent is not None and any(question in self.sent.questions for question in asking.questions):
+            self.sent = None  # answered; if that was on the wire twice, one more answer follows
+        self.hear(frame)
+
+    def pass_until(self, end: float) -> None:
+        """Let time pass as the driver does: the line is woken at each of its deadlines. Echoes do not wait."""
+        for _ in range(_WAKES):
+            self.hear()
+            deadline = self.line.deadline()
+            if deadline is None or deadline > end:
+                break
+            self.now = max(deadline, self.now)
+            self.line.tick(self.now)
+        else:
+            self.wrong.append("the line wakes again and again")
+        self.now = end
+        self._forget()
+
+    def oversleep(self) -> None:
+        """The gateway is busy elsewhere until a deadline of the line is over."""
+        self.hear()
+        self.now = max(self.now, (self.line.deadline() or 0.0) + A_MOMENT)
+
+    def plug(self) -> None:
+        """The port is there."""
+        self.is_up = True
+        self._silent_at = self.now + self.setting.line.silence_before_request
+        self.line.port_up(self._write, LATENCY, self.now, virtual=not self.setting.is_real)
+
+    def unplug(self) -> None:
+        """The port is lost, and what was under way to it."""
+        self.is_up = False
+        self.echo = b""
+        self.sent = None
+        self.wire.cut()
+        self.line.port_down(self.now)
+
+    def leave(self, client: str) -> None:
+        """A client closes its connection."""
+        for question in self.open:
+            question.is_gone = question.is_gone or question.client == client
+
+    def finish(self) -> None:
+        """The line is to end."""
+        self.is_finished = True
+        self.line.finish(self.now)
+
+    def _forget(self) -> None:
+        """What is over matters no more."""
+        self.wire.forget(self.now)
+        self._silent_at = max(self._silent_at, self.now)
+        sent = self.sent
+        if sent is not None and self.now >= (sent.fails_at if sent.is_owed else sent.left_at):
+            self.sent = None
+
+    # --- what the line does ---
+
+    def answered(self, question: Question, pdu: bytes | None) -> None:
+        """A client is answered."""
+        self._tell(f"    {question}: {'ends' if pdu is None else pdu.hex(' ')}")
+        if question in self.open:
+            self.open.remove(question)
+        trouble = self._trouble(question, pdu)
+        if trouble:
+            self.wrong.append(f"{question} got {pdu and pdu.hex(' ')}: {trouble}")
+
+    def _trouble(self, question: Question, pdu: bytes | None) -> str:
+        """What is wrong with an answer, if anything."""
+        if len(question.answers) > 1:
+            return "a second answer"
+        if self.now > question.asked_at + PATIENCE:
+            return "too late"
+        if pdu is None:
+            return "no answer, though its client is there" if question.is_answered and not question.is_gone else ""
+        if pdu[0] & EXCEPTION_BIT and pdu[1] in _NOT_SENT:
+            return "but it was sent" if question.sent else ""
+        if pdu[0] & EXCEPTION_BIT and pdu[1] == _NO_ANSWER:
+            return ""
+        its_own = [pdu for asking in self.wire.askings if question in asking.questions for pdu in asking.delivered]
+        return "" if pdu in its_own else "that is not the answer to it"
+
+    def _write(self, data: bytes) -> None:
+        self._tell(f"    >> {data.hex(' ')}")
+        questions = [each for each in self.open if (each.unit, each.pdu) == self.wire.decoded(data)]
+        if not self.is_up:
+            self.wrong.append("sent through a port that has gone")
+        if not questions:
+            self.wrong.append("sent, and nobody asks for it")
+        if self.now < self._silent_at - A_MOMENT:
+            self.wrong.append(f"sent {self._silent_at - self.now:.6f} s before the silence is over")
+        if self.sent is not None and self.sent.is_owed and self.now < self.sent.fails_at - A_MOMENT:
+            self.wrong.append("sent while the answer to the last request is still awaited")
+        for question in questions:
+            question.sent += 1
+            if question.sent > 1 and not question.only_reads:
+                self.wrong.append(f"a write is sent again: {question}")
+        asking = self.wire.asked(data, questions, self.now)
+        settings, is_answered = self.setting.line, any(question.is_answered for question in questions)
+        self.sent = asking if is_answered else None
+        silence = settings.silence_before_request if is_answered else settings.turnaround
+        self._silent_at = silence + (asking.left_at if self.setting.is_real else self.now)
+        if self.setting.echoes:
+            self.echo = data
+
+    def _told(self, event: Event) -> None:
+        self._tell(f"    {event.name}")
+        self.is_echo_told = self.is_echo_told or isinstance(event, EchoHeard)
+
+    def _tell(self, what: str) -> None:
+        self.story.append(f"{self.now - EPOCH:.6f} {what}")
