@@ -229,9 +229,10 @@ class Hearing:
         """Whether all that has come is, for what can be seen, the answer with a wrong check sum.
 
         While another answer is late, or another client awaits one, it may be that, with a damaged unit identifier.
+        While one to an earlier sending is, it may be that one.
         """
         current = self._current
-        if self._early or self._foreign or self._windows.windows:
+        if self._early or self._foreign or self._windows.windows or current.owed > 1:
             return False
         if not is_damaged(self._mode, self._heard, current.asked, current.answers_from):
             return False

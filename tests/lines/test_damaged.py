@@ -144,6 +144,17 @@ def test_not_while_another_answer_is_late(bench: Bench) -> None:
     assert not is_over(bench)
 
 
+def test_not_while_the_answer_to_an_earlier_sending_is_late(bench: Bench) -> None:
+    """It may be that one, and nobody speaks into the other."""
+    bench = Bench(timing=bench.settings.timing, retries=1)
+    bench.ask()
+    bench.hear("55")
+    bench.pass_time(LIMIT + 0.05)
+    assert len(bench.written) == 2
+    bench.hear(damaged(bench))
+    assert not is_over(bench)
+
+
 @pytest.mark.parametrize("unit", [1, 2])
 def test_not_when_another_client_was_heard_before(bench: Bench, unit: int) -> None:
     """It may be the answer to them, from whatever unit: that may be what was damaged."""
