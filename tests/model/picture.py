@@ -66,9 +66,8 @@ class _Walk:
             self.take(item)
 
     def _time(self, seconds: float) -> int:
-        if seconds < EPOCH / 2:
-            return round(seconds * 1e6)
-        return round(max(seconds - self._now, -_LONG_AGO) * 1e6)
+        since = seconds - self._now if seconds > EPOCH / 2 else seconds
+        return round(1e6 * max(-_LONG_AGO, min(since, EPOCH)))
 
     def _take_object(self, each: object) -> None:
         if id(each) in self._seen:

@@ -243,7 +243,7 @@ class World:
         if pdu is None:
             return "no answer, though its client is there" if question.is_answered and not question.is_gone else ""
         if pdu[0] & EXCEPTION_BIT and pdu[1] in _NOT_SENT:
-            return "but it was sent" if question.sent else ""
+            return "but it was sent" if question.sent and not question.is_gone else ""
         if pdu[0] & EXCEPTION_BIT and pdu[1] == _NO_ANSWER:
             return ""
         its_own = [pdu for asking in self.wire.askings if question in asking.questions for pdu in asking.delivered]
