@@ -45,12 +45,14 @@ class Ear:
 
     `awaits` says whether a frame is an answer that is late; `patience(asked)` after how many seconds nothing can answer
     `asked` any more, if the unit is the one that we ask at the moment. `strangers` are the unanswered requests of other
-    clients by unit, `doubts` those that the answer to the current request may belong to.
+    clients by unit, `doubts` those that the answer to the current request may belong to. `passed` is what was found in
+    the bytes that were looked at last.
     """
 
     def __init__(self, mode: Mode, awaits: Callable[[Frame], bool], patience: Callable[[RequestPdu], float]) -> None:
         self.strangers: dict[int, deque[Stranger]] = {}
         self.doubts: list[Stranger] = []
+        self.passed: list[Frame] = []
         #: Of how many requests in a row a copy was heard beside the answer.
         self.echoes_in_a_row = 0
         self._awaits = awaits
@@ -123,8 +125,11 @@ class Ear:
 
     def listen(self) -> list[Frame]:
         """Look at what was heard since the last time; the responses in it that other clients' requests were given."""
+        if not self._heard:
+            return []
         heard, self._heard = self._heard, []
         frames = [(frame, at) for at, data in heard for frame in self._cutter.received(data, at)]
+        self.passed = [frame for frame, _ in frames]
         return [frame for frame, at in frames if self._is_settled(frame, at)]
 
     def answered(self, frame: Frame) -> None:

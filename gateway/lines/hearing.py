@@ -11,15 +11,17 @@ from gateway.errors import AmbiguousResponse
 from gateway.lines.ear import ECHOES, Ear, Stranger
 from gateway.lines.echo import Echo
 from gateway.lines.late import LateWindows
-from gateway.lines.look import HELD_BACK, is_paced, look_at
-from gateway.lines.overheard import Overheard, Verdict, before, is_damaged, is_from, overheard
+from gateway.lines.look import HELD_BACK, is_paced, look_at, look_at_noise
+from gateway.lines.overheard import Overheard, Verdict, before, is_damaged, is_response, overheard
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Transaction
 from gateway.modbus.ascii import AsciiFramer
+from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame, ResponseFramer
 from gateway.modbus.pdu import RequestPdu
 from gateway.modbus.rtu import ResponseFramer as RtuFramer
+from gateway.modbus.rtu import ended_by_silence
 from gateway.timing.budget import Budget
 
 #: So much is kept to tell what was heard before an answer or instead of one.
@@ -74,6 +76,8 @@ class Hearing:
         self._early_answers = 0
         self._idle = bytearray()
         self._idle_at = 0.0
+        #: How much has come since the last silence.
+        self._unparted = 0
 
     def tune(self, budget: Budget, silence: float, *, virtual: bool) -> None:
         """So many seconds of silence end a frame of unknown size. A `virtual` port carries bytes at once."""
@@ -93,6 +97,7 @@ class Hearing:
             self._forget()
             self._framer.expect(transaction.answers_from, transaction.asked)
         self._sent = self._framer.encode(transaction.unit, transaction.asked.data)
+        self._unparted = 0
         if self._echo is not None:
             self._echo.expect(self._sent)
         return self._sent
@@ -127,9 +132,12 @@ class Hearing:
         self._ear.listen()
         if now - self._idle_at > _FRESH:
             self._idle.clear()
+        if now - self._idle_at - len(data) * self._budget.line.character > self._silence:
+            self._unparted = 0
         self._idle += data
         del self._idle[:-_SIZE]
         self._idle_at = now
+        self._unparted += len(data)
 
     def look_at(self, now: float) -> float | None:
         """When to look at the line again, because nothing that comes before can complete the answer; None: always.
@@ -144,9 +152,19 @@ class Hearing:
             return None
         return look_at(missing, character, now, 0.0 if self._is_virtual else HELD_BACK, proven=came > 0)
 
-    def is_idle_from(self, unit: int) -> bool:
-        """Whether a frame from `unit` has come while nothing was asked."""
-        return is_from(unit, self._mode, bytes(self._idle))
+    def look_at_idle(self, now: float) -> float | None:
+        """The same while nothing is asked."""
+        return look_at_noise(self._budget.line.character, now) if self._is_noisy else None
+
+    def have_spoken(self, units: set[int]) -> set[int]:
+        """Those of `units` that have sent a frame, while nothing was asked, which the bytes that came last complete.
+
+        In lasting noise no frame of unknown size is looked for.
+        """
+        frames = [frame for frame in self._ear.passed if len(self._framer.encode(*frame)) <= len(self._idle)]
+        if self._mode == "rtu" and not self._is_noisy:
+            frames += ended_by_silence(bytes(self._idle[-MAX_RTU_ADU:]), units)
+        return {frame.unit for frame in frames if frame.unit in units and is_response(frame)}
 
     def tick(self, now: float) -> Outcome:
         """Let time pass."""
@@ -205,6 +223,11 @@ class Hearing:
         framer = self._new_framer()
         framer.expect(unit, asked)
         return framer
+
+    @property
+    def _is_noisy(self) -> bool:
+        """Whether more has come without a silence than any frame has."""
+        return self._unparted > (MAX_ASCII_ADU if self._mode == "ascii" else MAX_RTU_ADU)
 
     def _stop_asking(self) -> None:
         self._ear.listen()

@@ -211,9 +211,9 @@ class Line:
 
     def look_at(self, now: float) -> float | None:
         """When to look at the port again: nothing that comes before decides anything. None: at the next byte."""
-        if self._current is None or self._windows.windows:
+        if self._windows.windows:
             return None
-        return self._hearing.look_at(now)
+        return self._hearing.look_at_idle(now) if self._current is None else self._hearing.look_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence may have ended a response, a limit may have run out, the line may be quiet again."""

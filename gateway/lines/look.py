@@ -1,4 +1,4 @@
-"""When to look at a line again while an answer comes in, byte by byte.
+"""When to look at a line again while an answer comes in, byte by byte, or noise.
 
 Each byte that wakes the gateway costs as much as all else that is done for a transaction, and nothing can be decided
 before the answer can be complete. So nobody looks until then. Why not have the driver gather bytes (VMIN):
@@ -18,6 +18,8 @@ WORTH: Final = 2
 LONGEST: Final = 0.05
 #: Nor for longer than this before bytes were seen to come at the line's pace: the rest may come at once.
 LONGEST_UNPROVEN: Final = 0.002
+#: So long nobody looks at noise, in seconds: a driver keeps what comes meanwhile at any rate.
+NOISE: Final = 0.005
 #: When a byte is read tells to half a character when it came.
 _ROUGHLY: Final = 0.5
 
@@ -34,3 +36,8 @@ def look_at(missing: int, character: float, now: float, held_back: float, *, pro
     """
     away = min((missing - AS_THEY_COME) * character - held_back, LONGEST if proven else LONGEST_UNPROVEN)
     return None if away < WORTH * character else now + away
+
+
+def look_at_noise(character: float, now: float) -> float | None:
+    """When to look again at a line that is noisy and on which nothing is asked; None: at the next byte."""
+    return None if WORTH * character > NOISE else now + NOISE

@@ -6,11 +6,11 @@ from enum import Enum, auto
 from typing import Final
 
 from gateway.errors import RequestError
-from gateway.modbus import rtu
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.ascii import encode as ascii_encode
 from gateway.modbus.chartime import Mode
 from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.foretell import response_size
 from gateway.modbus.frame import Frame
 from gateway.modbus.passing import frames_in
 from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
@@ -68,10 +68,14 @@ def before(mode: Mode, data: bytes, response: bytes) -> bytes:
     return head if found else data
 
 
-def is_from(unit: int, mode: Mode, data: bytes) -> bool:
-    """Whether `data` holds a frame that nobody but `unit` can have sent: a request to it may look like its response."""
-    frames = AsciiFramer().received(data, 0.0) if mode == "ascii" else rtu.responses_from(unit, data)
-    return any(frame.unit == unit and not _is_request(frame) for frame in frames)
+def is_response(frame: Frame) -> bool:
+    """Whether nobody but its unit can have sent `frame`: a request to it may look like its response."""
+    if response_size(frame.pdu) not in {0, len(frame.pdu)}:
+        return False
+    try:
+        return parse_request(frame.pdu).function not in KNOWN_FUNCTIONS
+    except RequestError:
+        return True
 
 
 def has_begun(mode: Mode, data: bytes, head: bytes) -> bool:
@@ -116,10 +120,3 @@ def _begins(mode: Mode, data: bytearray, head: bytes, unit: int | None) -> bool:
 def _plain(text: bytes | bytearray) -> bytes:
     """ASCII frames with seven bits a character and upper-case digits."""
     return bytes(character & 0x7F for character in text).upper()
-
-
-def _is_request(frame: Frame) -> bool:
-    try:
-        return parse_request(frame.pdu).function in KNOWN_FUNCTIONS
-    except RequestError:
-        return False

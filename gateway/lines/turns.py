@@ -145,8 +145,10 @@ class Turns:
 
     def heard_idle(self) -> None:
         """Something has come while nothing was asked, perhaps from a unit that rests."""
-        for device in [each for each in self._resting if self._hearing.is_idle_from(each.unit)]:
-            self.heard(device)
+        if self._resting:
+            spoken = self._hearing.have_spoken({device.unit for device in self._resting})
+            for device in [each for each in self._resting if each.unit in spoken]:
+                self.heard(device)
 
     def connected(self, has_arrived: HasArrived | None) -> None:
         """There is a port. A new connection holds nothing back."""

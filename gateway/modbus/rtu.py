@@ -30,8 +30,6 @@ _EXCEPTION_SIZE = OVERHEAD + 2
 _HEAD_SIZE = 2
 #: So many bytes before a frame can be what switching an RS-485 line leaves.
 _GLITCH = 3
-#: As much of a frame as foretelling its size looks at.
-_FORETOLD_BY = slice(1, MAX_PDU + 1)
 
 #: One of the functions of `foretell`.
 Foretell = Callable[[bytes], int]
@@ -316,12 +314,14 @@ class RequestFramer:
         The check sum alone does not tell the two ways to read a frame apart: it fits with a NUL behind a frame too. So
         the less likely one counts only when the other is out of the question.
         """
+        pdu = bytes(data[1 : MAX_PDU + 1])
         for foretell in self._readings(data):
-            size = _complete(data, foretell)
+            foretold = foretell(pdu)
+            size = _complete(data, foretold)
             if size and crc_fits(bytes(data[:size])):
                 self._asked_unit = data[0] if foretell is request_size else None
                 return size
-            if not size and not has_ended and foretell(bytes(data[_FORETOLD_BY])):
+            if not size and not has_ended and foretold:
                 return 0
         return 0
 
@@ -338,19 +338,17 @@ def responses_in(data: bytes) -> list[Frame]:
     return list(_frames(data, response_size))
 
 
-def responses_from(unit: int, data: bytes) -> Iterator[Frame]:
-    """The frames in `data` that read as responses from `unit`, wherever they begin: quick where there are none."""
-    at = data.find(unit)
-    while at >= 0:
-        frame = _first(data[at:], response_size)
-        if frame is not None:
-            yield frame
-        at = data.find(unit, at + 1)
+def ended_by_silence(data: bytes, units: Container[int]) -> list[Frame]:
+    """The frames of unknown size from one of `units` that `data` ends with, wherever they begin, if it is silent."""
+    starts = [at for at in range(len(data) - _SHORTEST + 1) if data[at] in units]
+    return [
+        Frame(data[at], data[at + 1 : -2]) for at in starts if not response_size(data[at + 1 :]) and crc_fits(data[at:])
+    ]
 
 
-def _complete(data: bytes | bytearray, foretell: Foretell) -> int:
-    """Size of the ADU at the start of `data` when all of it is there, else 0."""
-    size = foretell(bytes(data[_FORETOLD_BY])) + OVERHEAD
+def _complete(data: bytes | bytearray, foretold: int) -> int:
+    """Size of the ADU at the start of `data` when all of it is there, else 0; `foretold` is that of its PDU."""
+    size = foretold + OVERHEAD
     return size if _SHORTEST <= size <= min(len(data), MAX_RTU_ADU) else 0
 
 
@@ -376,7 +374,8 @@ def _frames(data: bytes, foretell: Foretell) -> Iterator[Frame]:
 
 def _first(data: bytes, foretell: Foretell) -> Frame | None:
     """The frame at the start of `data`, which silence has ended: of foretold size, or of unknown size up to the end."""
-    size = _complete(data, foretell) if foretell(data[1:]) else len(data)
+    foretold = foretell(data[1 : MAX_PDU + 1])
+    size = _complete(data, foretold) if foretold else len(data)
     if size < _SHORTEST or not crc_fits(data[:size]):
         return None
     return Frame(data[0], data[1 : size - 2])

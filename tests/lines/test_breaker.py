@@ -5,6 +5,7 @@ import pytest
 from gateway.events import UnitRecovered, UnitResting
 from gateway.lines.breaker import FAILURES, Breaker
 from gateway.modbus.chartime import LineTiming
+from gateway.modbus.codes import MAX_RTU_ADU
 from kit.asker import Asker
 from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench, frame, is_empty
 
@@ -204,6 +205,7 @@ def test_a_frame_that_nobody_awaits_any_more_ends_a_rest(timing: LineTiming, pdu
         pytest.param(2, RESPONSE, id="another unit"),
         pytest.param(1, READ, id="another client asks the unit"),
         pytest.param(1, "06 00 01 00 05", id="either of the two"),
+        pytest.param(1, "03 00 10 00 00", id="neither of the two"),
     ],
 )
 def test_a_frame_that_the_unit_may_not_have_sent_ends_no_rest(timing: LineTiming, unit: int, pdu: str) -> None:
@@ -212,6 +214,17 @@ def test_a_frame_that_the_unit_may_not_have_sent_ends_no_rest(timing: LineTiming
     bench.pass_time(WINDOW + 1.0)
     bench.respond(pdu, unit)
     assert bench.devices[1].breaker.rests(bench.now)
+
+
+@pytest.mark.parametrize(("noise", "ends"), [(MAX_RTU_ADU - 7, True), (MAX_RTU_ADU - 6, False)])
+def test_a_frame_of_unknown_size_is_not_looked_for_in_lasting_noise(bench: Bench, noise: int, ends: bool) -> None:
+    fail(bench)
+    bench.pass_time(WINDOW + 1.0)
+    answer = bench.frame(1, "41 01 02 03")
+    for _ in range(noise):
+        bench.hear("55")
+    bench.hear(answer)
+    assert bench.devices[1].breaker.rests(bench.now) != ends
 
 
 def test_a_broken_frame_ends_no_rest(bench: Bench) -> None:

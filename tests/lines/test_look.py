@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
-from gateway.lines.look import HELD_BACK, LONGEST, LONGEST_UNPROVEN, is_paced, look_at
+from gateway.lines.look import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, is_paced, look_at, look_at_noise
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming, Mode
+from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.rtu import encode
 from gateway.ports.memory import MemoryLine
 from kit.asker import Asker
 from kit.line_bench import ASCII, READ, REQUEST_TIME, SETTINGS, TIMING, Bench
+from kit.noise import noise
 from kit.virtual_time import VirtualTimeLoop
 
 CHARACTER = TIMING.character
@@ -63,6 +65,11 @@ def test_who_has_not_seen_the_line_s_pace_does_not_look_away_for_long() -> None:
 )
 def test_bytes_are_paced_that_take_as_long_as_on_a_line(came: int, seconds: float, paced: bool) -> None:
     assert is_paced(came, 0.001, seconds) == paced
+
+
+def test_at_noise_nobody_looks_byte_by_byte_if_bytes_come_quickly() -> None:
+    assert look_at_noise(NOISE / 2, now=5.0) == 5.0 + NOISE
+    assert look_at_noise(NOISE / 1.9, now=5.0) is None
 
 
 # --- what a line knows ---
@@ -157,6 +164,56 @@ def test_while_a_late_answer_is_awaited_every_byte_is_looked_at(bench: Bench) ->
     bench.ask("04 00 10 00 0A")
     bench.pass_time(REQUEST_TIME + 0.01)
     bench.hear("01")
+    assert away(bench) is None
+
+
+@pytest.fixture
+def noisy() -> Bench:
+    """A line on which more noise comes than a frame has, without a silence."""
+    bench = Bench()
+    hear_paced(bench, noise(MAX_RTU_ADU + 1))
+    return bench
+
+
+def test_lasting_noise_is_not_looked_at_byte_by_byte(noisy: Bench) -> None:
+    assert noisy.line.look_at(noisy.now) == noisy.now + NOISE
+    noisy.pass_time(NOISE)
+    hear(noisy, noise(int(NOISE / CHARACTER)))
+    assert noisy.line.look_at(noisy.now) == noisy.now + NOISE
+
+
+@pytest.mark.parametrize(("timing", "longest"), [(TIMING, MAX_RTU_ADU), (ASCII, MAX_ASCII_ADU)], ids=["rtu", "ascii"])
+def test_what_may_be_a_frame_is_looked_at(timing: LineTiming, longest: int) -> None:
+    bench = Bench(timing=timing)
+    hear_paced(bench, noise(longest))
+    assert away(bench) is None
+    hear_paced(bench, b"\x55")
+    assert away(bench) is not None
+
+
+def test_after_a_silence_each_byte_is_looked_at(noisy: Bench) -> None:
+    noisy.pass_time(0.01)
+    hear(noisy, b"\x55")
+    assert away(noisy) is None
+
+
+def test_a_late_answer_is_not_overslept_in_noise(noisy: Bench) -> None:
+    noisy.pass_time(0.01)
+    assert noisy.asks() == "83 0B"
+    noisy.ask("04 00 10 00 01")
+    hear_paced(noisy, noise(2 * MAX_RTU_ADU))
+    assert noisy.line.late_windows(noisy.now)
+    assert away(noisy) is None
+
+
+def test_behind_a_broadcast_noise_must_last_again() -> None:
+    """What comes first may be its echo."""
+    bench = Bench()
+    hear_paced(bench, noise(MAX_RTU_ADU + 1))
+    bench.broadcast("06 00 01 00 05")
+    bench.pass_time(bench.settings.silence_before_request + CHARACTER)
+    assert bench.written
+    hear(bench, b"\x55")
     assert away(bench) is None
 
 
@@ -266,6 +323,23 @@ async def test_so_often_an_answer_of_ten_registers_wakes_the_line_and_it_is_comp
             assert [len(answer) for answer in wired.client.answers] == [len("03 14") + 60]
             counted[baud] = wired.user.wakes
     assert counted == wakes
+
+
+@pytest.mark.parametrize("mode", ["rtu", "ascii"])
+async def test_noise_wakes_the_line_each_5_ms_and_a_request_leaves_when_it_is_over(mode: Mode) -> None:
+    async with Wired(LineTiming(mode, 115200, CharacterFormat.parse("8N1"))) as wired:
+        await wired.says(noise(MAX_ASCII_ADU))
+        before = wired.user.wakes
+        await wired.says(noise(11520, seed=1))
+        assert wired.user.wakes - before < 1.05 / NOISE
+        wired.device.submit(wired.client.ask(READ, now=wired.loop.time()), wired.loop.time())
+        gap = wired.driver.line.settings.silence_before_request
+        await wired.says(noise(1152, seed=2))
+        assert bool(wired.memory.written) == (gap == 0.0)
+        await asyncio.sleep(gap - CHARACTER)
+        assert bool(wired.memory.written) == (gap == 0.0)
+        await asyncio.sleep(gap + 2 * CHARACTER)
+        assert wired.memory.written
 
 
 async def test_a_port_that_cannot_wait_is_not_looked_at() -> None:

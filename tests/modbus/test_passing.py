@@ -1,5 +1,10 @@
 """Frames that pass on an RTU line: found wherever they begin and however they are cut, each once."""
 
+import random
+
+import pytest
+
+from gateway.modbus.codes import MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.passing import PassingFrames, frames_in, places
 from gateway.modbus.rtu import encode
@@ -11,6 +16,9 @@ EXCEPTION = Frame(2, bytes.fromhex("83 02"))
 WRITE = Frame(9, bytes.fromhex("10 00 01 00 02 04 00 01 00 02"))
 ALL = [REQUEST, RESPONSE, EXCEPTION, WRITE]
 STREAM = b"".join(encode(*frame) for frame in ALL)
+IDENTIFICATION = Frame(4, bytes.fromhex("2B 0E 01 00 00 00 02 00 03 61 62 63 01 02 78 79"))
+DIAGNOSTICS = Frame(4, bytes.fromhex("08 00 0B 00 00"))
+EACH = [encode(*frame) for frame in (*ALL, IDENTIFICATION, DIAGNOSTICS)]
 
 
 def passed(*chunks: bytes) -> list[Frame]:
@@ -31,6 +39,31 @@ def test_with_noise_before_between_and_behind():
 
 def test_a_frame_behind_a_beginning_that_never_ends():
     assert passed(bytes.fromhex("01 03 FA") + encode(*EXCEPTION)) == [EXCEPTION]
+
+
+def looked_at_again(chunks: list[bytes]) -> list[list[Frame]]:
+    """What is found with each chunk by looking at everything that may be part of a frame, each time."""
+    found, kept = [], b""
+    for chunk in chunks:
+        data = kept + chunk
+        ends = sorted({end: start for start, end in places(data) if end > len(kept)}.items())
+        found.append([Frame(data[start], data[start + 1 : end - 2]) for end, start in ends])
+        kept = b"" if ends and ends[-1][0] == len(data) else data[1 - MAX_RTU_ADU :]
+    return found
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_whoever_looks_at_each_byte_once_finds_the_same(seed: int):
+    """Frames in frames, halves of them and noise; some tell their size bit by bit."""
+    dice = random.Random(seed)
+    frames = [*EACH, encode(3, bytes((3, len(STREAM))) + STREAM)]
+    chunks = []
+    for _ in range(500):
+        data = dice.choice(frames) + dice.randbytes(dice.choice((0, 0, 1, 9)))
+        begin = dice.choice((0, 0, 0, dice.randrange(len(data))))
+        chunks += random_chunks(data[begin:], dice.randrange(1000), dice.choice((1, 7, 100)))
+    passing = PassingFrames()
+    assert [passing.received(chunk, 0.0) for chunk in chunks] == looked_at_again(chunks)
 
 
 def test_what_silence_ends_or_is_damaged_or_too_long_is_not_found():

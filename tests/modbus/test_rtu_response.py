@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from gateway.modbus.checks import crc_fits, with_crc
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response, parse_request
-from gateway.modbus.rtu import ResponseFramer, encode, responses_from
+from gateway.modbus.rtu import ResponseFramer, encode, ended_by_silence
 from kit.noise import chunkings, noise
 from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
 
@@ -289,17 +289,16 @@ def test_the_rest_of_a_response_completes_it_after_it_was_given_up():
     assert framer.received(GOOD[5:], 1.0) == [(UNIT, ANSWER)]
 
 
-def test_responses_of_one_unit_are_found_wherever_they_begin():
-    foreign, refused = encode(UNIT + 1, ANSWER), encode(UNIT, b"\x83\x02")
-    data = bytes((UNIT,)) + GOOD + foreign + b"\x55" + refused + GOOD[:-1]
-    assert list(responses_from(UNIT, data)) == [(UNIT, ANSWER), (UNIT, b"\x83\x02")]
-    assert list(responses_from(UNIT + 2, data)) == []
-
-
 def test_a_response_of_an_unknown_function_reaches_to_the_end():
     odd = encode(UNIT, b"\x41\x01\x02")
-    assert list(responses_from(UNIT, b"\x55" + odd)) == [(UNIT, b"\x41\x01\x02")]
-    assert list(responses_from(UNIT, odd + b"\x55")) == []
+    assert ended_by_silence(b"\x55" + odd, {UNIT}) == [(UNIT, b"\x41\x01\x02")]
+    assert ended_by_silence(b"\x55" + odd, {UNIT + 2}) == []
+    assert ended_by_silence(odd + b"\x55", {UNIT}) == []
+    assert ended_by_silence(odd[:3], {UNIT}) == []
+
+
+def test_a_response_of_a_known_function_is_not_ended_by_silence():
+    assert ended_by_silence(GOOD, {UNIT}) == []
 
 
 # --- responses that tell their own size ---
