@@ -55,11 +55,7 @@ class PassingFrames:
         self._received = offset + len(data)
         self._look_for_beginnings(data, known, offset)
         ends = self._ended(data, offset)
-        if self._received in ends:
-            self._begun.clear()
-            self._buffer = b""
-        else:
-            self._buffer = data[1 - MAX_RTU_ADU :]
+        self._buffer = data[1 - MAX_RTU_ADU :]
         return [_frame(data, start - offset, end - offset) for end, start in ends.items()]
 
     def _look_for_beginnings(self, data: bytes, known: int, offset: int) -> None:

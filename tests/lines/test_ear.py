@@ -86,6 +86,17 @@ def test_an_answer_that_looks_like_something_else_where_it_is_cut() -> None:
     assert bench.client.answers == ["83 0B"]
 
 
+def test_a_request_that_looks_like_an_answer_where_it_is_cut() -> None:
+    """03 04 00 83 00 is a frame of its own, of no registers, whose check sum fits."""
+    bench = Bench()
+    bench.ask("04 00 66 00 02", unit=3)
+    theirs = bench.frame(3, "04 00 83 00 02")
+    bench.hear(theirs[: 3 * 5])
+    bench.hear(theirs[3 * 5 :])
+    bench.respond("04 04 4A 83 4A 84", unit=3)
+    assert bench.client.answers == ["84 0B"]
+
+
 def test_together_with_a_late_answer(bench: Bench) -> None:
     bench.ask()
     bench.pass_time(0.3)
