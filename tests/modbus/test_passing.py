@@ -52,7 +52,7 @@ def looked_at_again(chunks: list[bytes]) -> list[list[Frame]]:
     return found
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_whoever_looks_at_each_byte_once_finds_the_same(seed: int):
     """Frames in frames, halves of them and noise; some tell their size bit by bit."""
     dice = random.Random(seed)
