@@ -189,6 +189,8 @@ class Ear:
         self._copies += self._is_asking or _is_echo_shaped(asked)
         if _is_echo_shaped(asked):
             return True
+        if asked.expects_answer and not self._is_asking:
+            return False  # it comes before the answer, or is too late to be told from another client's request
         is_first, self._had_echo = not self._had_echo, True
         return is_first and (self._echoes or at < self._echo_until)
 

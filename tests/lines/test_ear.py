@@ -347,6 +347,22 @@ def test_an_adapter_that_echoes_does_so_once(bench: Bench) -> None:
     assert bench.client.answers == [RESPONSE, "83 0B"]
 
 
+def test_no_echo_comes_behind_the_answer(bench: Bench) -> None:
+    """It came before, so another client asks what we have asked last."""
+    bench = Bench(timing=bench.settings.timing, echo=True)
+    bench.ask()
+    bench.respond(READ)
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
+    bench.pass_time(0.05)
+    bench.respond(READ)
+    bench.pass_time(0.05)
+    bench.ask(THEIRS)
+    bench.respond(THEIRS)
+    bench.respond(LIE)
+    assert bench.client.answers == [RESPONSE, "83 0B"]
+
+
 def test_two_copies_as_ours_leaves_are_an_echo_and_another_client(bench: Bench) -> None:
     bench = Bench(timing=bench.settings.timing, virtual=False)
     bench.ask()
