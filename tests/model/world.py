@@ -70,8 +70,9 @@ class Question:
         self.asked_at = world.now
         self.is_gone = False
         self.answers: list[bytes | None] = []
-        #: How often it was sent, for all that can be seen on the wire.
+        #: How often it may have been sent, and whether it was: equal reads look alike on the wire.
         self.sent = 0
+        self.was_sent = False
         self._world = world
         self._then = then
 
@@ -243,7 +244,7 @@ class World:
         if pdu is None:
             return "no answer, though its client is there" if question.is_answered and not question.is_gone else ""
         if pdu[0] & EXCEPTION_BIT and pdu[1] in _NOT_SENT:
-            return "but it was sent" if question.sent and not question.is_gone else ""
+            return "but it was sent" if question.was_sent and not question.is_gone else ""
         if pdu[0] & EXCEPTION_BIT and pdu[1] == _NO_ANSWER:
             return ""
         its_own = [pdu for asking in self.wire.askings if question in asking.questions for pdu in asking.delivered]
@@ -262,6 +263,7 @@ class World:
             self.wrong.append("sent while the answer to the last request is still awaited")
         for question in questions:
             question.sent += 1
+            question.was_sent = question.was_sent or len(questions) == 1
             if question.sent > 1 and not question.only_reads:
                 self.wrong.append(f"a write is sent again: {question}")
         asking = self.wire.asked(data, questions, self.now)
