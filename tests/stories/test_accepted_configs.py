@@ -38,7 +38,10 @@ NOTHING = b""
 MOST_ASKED, UNKNOWN_ASKED = 10, 3
 #: An answer may be later by so much than what `check` prints as the longest wait (P3).
 MORE = 0.02
-LONG = 3600.0
+#: A device's answer behind the end of the request, in seconds.
+QUICK = 0.0005
+#: Nothing here takes longer, whatever is printed; how long a test waits for somebody who may stay silent.
+LONG, PATIENCE = 60.0, 10.0
 
 READS = {1: Area.COILS, 2: Area.DISCRETE, 3: Area.HOLDING, 4: Area.INPUT}
 
@@ -77,7 +80,7 @@ class Everybody:
         if self._echo:
             yield Answer(sent, data)
         response = self.says(frame.unit, frame.pdu)
-        yield Answer(sent + timing.frame(len(response)), self._encode(frame.unit or 99, response))
+        yield Answer(sent + QUICK, self._encode(frame.unit or 99, response))
 
     def says(self, unit: int, pdu: bytes) -> bytes:
         """What `unit` answers: a number of the wire and its own, as often as there is room, or exception 04."""
@@ -155,7 +158,8 @@ class Scene:
             line = MemoryLine(port, latency=0.005)
             line = home.lines.setdefault(port.removeprefix("/dev/"), line)
             line.on_write = line.deliver if server.line.echo else None
-        behind = [device for owner in (*plan.lines, *plan.upstreams) for device in owner.devices]
+        behind = [device for line in plan.lines for device in line.shared]
+        behind += [device for upstream in plan.upstreams for device in upstream.devices]
         self.profiles = {device.known_as: device.profile for device in behind}
         self.lines = {one.line.name: one for one in plan.lines}
 
@@ -201,7 +205,7 @@ class Scene:
         encode = ascii_framing.encode if server["mode"] == "ascii" else rtu.encode
         line = self.home.lines[server["port"].removeprefix("/dev/")]
         line.deliver(encode(unit, pdu))
-        await asyncio.sleep(5.0)
+        await asyncio.sleep(PATIENCE)
         right = self.everybody[place.port].says(place.unit, pdu)
         assert line.take_written() in {b"", encode(unit, right), encode(unit, exception_response(pdu[0], BUSY))}
 
@@ -215,8 +219,9 @@ class Scene:
         client = Client(self.home.gateway, listener=self._listener)
         client.ask(0 if unit == self._unit0 else unit, pdu.hex())
         is_silent = self.printed.picture["listeners"][self._listener]["on_failure"] == "silent"
+        wait = min(self.printed.waits.get(place, 0.0), PATIENCE if is_silent else LONG) + MORE
         try:
-            async with asyncio.timeout(self.printed.waits.get(place, 0.0) + MORE):
+            async with asyncio.timeout(wait):
                 _, _, response = await client.responses.get()
         except TimeoutError:
             if is_silent:
