@@ -1,6 +1,5 @@
 """What must fit together in a config, though each of its tables is good by itself."""
 
-import os
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import replace
 from itertools import groupby, pairwise
@@ -198,7 +197,7 @@ def _check_role(line: Line) -> Iterator[Problem]:
 
 
 def _check_control(config: Config) -> Iterator[Problem]:
-    if config.control is not None and len(os.fsencode(config.control.socket or "")) > _LONGEST_SOCKET_PATH:
+    if config.control is not None and len((config.control.socket or "").encode()) > _LONGEST_SOCKET_PATH:
         yield error((*config.control.path, "socket"), f"is longer than {_LONGEST_SOCKET_PATH} bytes")
 
 
