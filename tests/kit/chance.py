@@ -5,10 +5,10 @@
     line.deliver(chance.spoil(chunk))
 
 Half an answer and what follows it are a frame once in 256 times on ASCII, once in 65536 on RTU. No client of the line
-could know, so those who look for lies leave it out: one bit of such a frame is turned.
+could know, so those who look for lies leave it out: one bit of such a frame is turned. On RTU only where it would be the
+answer to what is asked: elsewhere such frames are many, and to turn a bit would damage what others have sent.
 """
 
-import re
 from collections import deque
 from typing import Final
 
@@ -22,8 +22,6 @@ _END: Final = b"\r\n"
 _SEVEN_BITS: Final = bytes(range(128)) * 2
 #: So many messages may be on their way, in pieces.
 _SENT: Final = 512
-#: A unit identifier, and behind it a function or its exception.
-_BEGIN: Final = re.compile(rb"(?s)[\x01-\xf7](?=[\x01-\x18\x2b\x41\x81-\x98\xab\xc1])")
 
 
 class Chance:
@@ -32,7 +30,9 @@ class Chance:
     def __init__(self, mode: Mode) -> None:
         self._sent: deque[bytes] = deque(maxlen=_SENT)
         self._before = b""
-        self._ends = _ends_in_ascii if mode == "ascii" else _ends_in_rtu
+        #: The unit that is asked, and the function.
+        self.asked = b""
+        self._ends = _ends_in_ascii if mode == "ascii" else self._ends_in_rtu
         self._read = _without_parity if mode == "ascii" else bytes
 
     def sent(self, message: bytes) -> None:
@@ -48,6 +48,16 @@ class Chance:
                 chunk = flipped(chunk, 8 * (end - 1 - known))
         self._before = (self._before + self._read(chunk))[-MAX_ASCII_ADU:]
         return chunk
+
+    def _ends_in_rtu(self, data: bytes, known: int) -> list[tuple[int, int]]:
+        """Where answers to what is asked begin and end, those that end in the first `known` bytes left out."""
+        found, start = [], data.find(self.asked, max(0, known - MAX_RTU_ADU))
+        while self.asked and start >= 0:
+            end = start + response_size(data[start + 1 : start + 5]) + 3
+            if known < end <= len(data) and end > start + 3 and crc_fits(data[start:end]):
+                found.append((start, end))
+            start = data.find(self.asked, start + 1)
+        return found
 
 
 def _without_parity(text: bytes) -> bytes:
@@ -70,14 +80,3 @@ def _is_ascii_frame(digits: bytes) -> bool:
     except ValueError:
         return False
     return len(body) > 2 and lrc(body[:-1]) == body[-1]
-
-
-def _ends_in_rtu(data: bytes, known: int) -> list[tuple[int, int]]:
-    """Likewise, for responses that tell their size."""
-    found = []
-    for begin in _BEGIN.finditer(data, max(0, known - MAX_RTU_ADU)):
-        start = begin.start()
-        end = start + response_size(data[start + 1 : start + 5]) + 3
-        if known < end <= len(data) and end > start + 3 and crc_fits(data[start:end]):
-            found.append((start, end))
-    return found

@@ -204,6 +204,7 @@ class FaultyLine:
             return [Answer(left, data)] if self._echo else []
         device = self._devices[frame.unit]
         asked = parse_request(frame.pdu)
+        self.chance.asked = bytes((frame.unit, frame.pdu[0]))
         limit, _ = self.limit(device, asked)
         exchange = _Exchange(device, asked, data, now, left, left + limit, limit)
         fault = self._choose(exchange)
