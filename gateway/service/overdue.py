@@ -22,6 +22,10 @@ from gateway.service.shared_file import Entries, SharedFile
 
 FILE_NAME: Final = "late.json"
 
+#: No late window is longer, in seconds: an entry that says so is damaged.
+LONGEST: Final = 86_400.0
+UNITS: Final = range(256)
+
 _PSEUDO_TERMINALS: Final = Path("/dev/pts")
 
 Entry = dict[str, Any]
@@ -91,9 +95,10 @@ def is_entry(value: Any) -> bool:
     """Whether this can be an entry of the file."""
     try:
         answers = [_overdue(answer, 0.0) for answer in value["answers"]]
-        sound = all(each.asked.function and each.unit >= 0 and each.owed > 0 for each in answers)
-        return bool(value["at"] >= 0) and sound
-    except (LookupError, TypeError, ValueError, RequestError):
+        sound = all(each.asked.function and each.unit in UNITS and each.owed > 0 for each in answers)
+        longest = max((each.ends_at for each in answers), default=0.0) - value["at"]
+        return bool(value["at"] >= 0) and longest < LONGEST and sound
+    except (ArithmeticError, LookupError, TypeError, ValueError, RequestError):
         return False
 
 

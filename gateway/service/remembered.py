@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from gateway.config.plan import LinePlan, Plan
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.lines.device import DeviceSettings
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.service.state import Memory
 
 
@@ -28,7 +29,8 @@ def addresses(line: LinePlan, memory: Memory) -> Mapping[str, int]:
     """The address of each device of the line, by name: where it moved to, unless another device is there now."""
     now = {each.name: memory.recall(address_key(line, each), each.unit) for each in line.devices}
     taken = Counter(now.values())
-    return {each.name: now[each.name] if taken[now[each.name]] == 1 else each.unit for each in line.devices}
+    free = {name for name, unit in now.items() if taken[unit] == 1 and FIRST_UNIT <= unit <= LAST_UNIT}
+    return {each.name: now[each.name] if each.name in free else each.unit for each in line.devices}
 
 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:

@@ -61,22 +61,33 @@ class SharedFile:
 
     def read(self) -> Entries:
         """All entries; none if there is no file, or it cannot be read, which is told."""
+        content = Content({})
         try:
             content = read_content(self.file, self._is_entry)
+            if content.damage:
+                content = self._mend()
         except OSError as error:
-            self._emit(StateNotKept(str(self.file), f"it cannot be read: {error.strerror}"))
-            return {}
-        self._entries = content.entries
-        if content.damage:
-            try:
-                with _locked(self.file):
-                    self._move_aside(content.damage)
-            except OSError as error:
+            reason = f"it cannot be read: {error.strerror}"
+            if content.damage:
                 reason = f"{content.damage}; it cannot be moved aside: {error.strerror}"
-                self._emit(StateDamaged(str(self.file), reason))
+            self._emit(StateDamaged(str(self.file), reason))
+        self._entries = content.entries
+        return dict(content.entries)
+
+    def _mend(self) -> Content:
+        """Move a damaged file aside and keep what could be read of it, unless another gateway has done so meanwhile.
+
+        Raises:
+            OSError: it cannot be read or moved.
+        """
+        with _locked(self.file):
+            content = read_content(self.file, self._is_entry)
+            if content.damage:
+                self._move_aside(content)
+        if content.damage:
             for key, entry in content.entries.items():
                 self.change(key, entry)
-        return dict(content.entries)
+        return content
 
     def change(self, key: str, entry: object | None) -> None:
         """Write an entry soon; None takes it out."""
@@ -105,8 +116,8 @@ class SharedFile:
             try:
                 with _locked(self.file):
                     self._replace(changes)
-            except OSError as error:
-                self._failed(error.strerror or str(error))
+            except Exception as error:  # noqa: BLE001 - whatever a file holds, later changes must find a writer
+                self._failed(getattr(error, "strerror", None) or str(error))
                 if not self._may_try_again(changes, pause):
                     return
                 pause = min(2 * pause, LONGEST_PAUSE)
@@ -140,15 +151,16 @@ class SharedFile:
         content = read_content(self.file, self._is_entry)
         entries = content.entries
         if content.damage:
-            self._move_aside(content.damage)
+            self._move_aside(content)
             entries = self._entries | entries
         self._entries = {key: entry for key, entry in (entries | changes).items() if entry is not None}
         _write_anew(self.file, self._entries)
 
-    def _move_aside(self, damage: str) -> None:
-        aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S}")
+    def _move_aside(self, content: Content) -> None:
+        aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S-%f}")
         self.file.rename(aside)
-        self._emit(StateDamaged(str(self.file), f"{damage}; it is now {aside}"))
+        left = f"{len(content.entries)} entries of it could be read"
+        self._emit(StateDamaged(str(self.file), f"{content.damage}; {left}; it is now {aside}"))
 
     def _failed(self, reason: str) -> None:
         if not self._fails:
@@ -172,7 +184,7 @@ def read_content(file: Path, is_entry: IsEntry) -> Content:
     except FileNotFoundError:
         return Content({})
     except (ValueError, RecursionError) as error:
-        return Content({}, str(error))
+        return Content({}, f"it is no JSON, or only a part of it ({error})")
     if not isinstance(entries, dict):
         return Content({}, "it is not a file of this gateway")
     sound = {key: entry for key, entry in entries.items() if is_entry(entry)}

@@ -15,6 +15,7 @@ from gateway.events import Emit
 from gateway.service.shared_file import Entries, SharedFile, read_content
 
 FILE_NAME: Final = "whereabouts.json"
+_HIGHEST_RATE: Final = 100_000_000
 
 
 def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0) -> Path:
@@ -86,4 +87,9 @@ class StateFile(Memory):
 
 
 def _is_entry(value: object) -> bool:
-    return isinstance(value, dict) and all(isinstance(value.get(key), int) for key in ("configured", "now"))
+    return isinstance(value, dict) and all(_is_value(value.get(key)) for key in ("configured", "now"))
+
+
+def _is_value(value: object) -> bool:
+    """Whether it can be an address or a rate."""
+    return isinstance(value, int) and 0 <= value <= _HIGHEST_RATE

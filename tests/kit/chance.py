@@ -5,8 +5,8 @@
     line.deliver(chance.spoil(chunk))
 
 Half an answer and what follows it are a frame once in 256 times on ASCII, once in 65536 on RTU. No client of the line
-could know, so those who look for lies leave it out: one bit of such a frame is turned. On RTU only where it would be the
-answer to what is asked: elsewhere such frames are many, and to turn a bit would damage what others have sent.
+could know, so those who look for lies leave it out: one bit of such a frame is turned. On RTU only where it would be
+the answer to what is asked: elsewhere such frames are many, and to turn a bit would damage what others have sent.
 """
 
 from collections import deque

@@ -110,7 +110,8 @@ ANSWER = {"unit": 1, "answers_from": 1, "pdu": "03 00 07 00 01", "owed": 1, "end
         *(
             {"at": 1.0, "answers": [ANSWER | {key: value}]}
             for key, value in [
-                ("unit", "x"), ("pdu", "xy"), ("pdu", ""), ("pdu", "03 00"), ("owed", 0), ("ends_at", None),
+                ("unit", "x"), ("unit", 5000), ("pdu", "xy"), ("pdu", ""), ("pdu", "03 00"), ("owed", 0),
+                ("ends_at", None), ("ends_at", 10**400), ("ends_at", float("inf")), ("ends_at", float("nan")),
             ]
         ),
     ],
@@ -121,7 +122,7 @@ def test_a_foreign_file_is_moved_aside(tmp_path: Path, entry: object) -> None:
     process = Process(tmp_path)
     (event,) = process.events
     assert isinstance(event, StateDamaged)
-    assert event.damage.startswith("1 of 1 entries are none of this gateway's; it is now ")
+    assert event.damage.startswith("1 of 1 entries are none of this gateway's; 0 entries of it could be read; it is ")
     assert Path(event.damage.rpartition("it is now ")[2]).read_text() == content
 
 

@@ -3,6 +3,7 @@
 import fcntl
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -119,6 +120,37 @@ def test_at_the_end_it_is_tried_once_more(shared, told) -> None:
     shared.file.parent.unlink()
     shared.close()
     assert shared.read() == {"a": 1}
+
+
+def test_what_another_gateway_has_mended_meanwhile_stays(shared, told, monkeypatch) -> None:
+    shared.file.parent.mkdir()
+    shared.file.write_text("{")
+    lock = shared_file._locked
+
+    @contextmanager
+    def locked_late(file):
+        with lock(file):
+            file.write_text('{"of-another": 2}')
+            yield
+
+    monkeypatch.setattr(shared_file, "_locked", locked_late)
+    assert shared.read() == {"of-another": 2}
+    assert told == []
+
+
+def test_whatever_goes_wrong_later_changes_are_written(tmp_path, told) -> None:
+    def is_entry(entry: object) -> bool:
+        return 1 / entry > 0
+
+    shared = SharedFile(tmp_path / "entries.json", is_entry, told.append)
+    shared.file.write_text('{"a": 0}')
+    shared.change("b", 1)
+    while not told:
+        time.sleep(0.01)
+    shared.file.unlink()
+    shared.change("c", 2)
+    shared.close()
+    assert shared.read() == {"b": 1, "c": 2}
 
 
 @pytest.mark.parametrize("name", ["entries.lock", "entries.new"])

@@ -80,6 +80,8 @@ DAMAGED = [
     "[" * 100_000,
     '{"hall-a": 5}',
     '{"hall-a": {"configured": 1, "now": "x"}}',
+    '{"hall-a": {"configured": 1, "now": 1' + 400 * "0" + "}}",
+    '{"hall-a": {"configured": 9600, "now": -5}}',
 ]
 
 
