@@ -14,6 +14,7 @@ from math import inf, nextafter
 from typing import Final, NamedTuple
 
 from gateway.errors import RequestError
+from gateway.lines.late import LateWindows
 from gateway.lines.transaction import Transaction
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import Mode
@@ -43,19 +44,19 @@ class Stranger(NamedTuple):
 class Ear:
     """Hears one line. What is heard is looked at by `listen`, or not at all when `skip` says that it is the answer.
 
-    `awaits` says whether a frame is an answer that is late; `patience(asked)` after how many seconds nothing can answer
+    `windows` are those of our own late answers; `patience(asked)` says after how many seconds nothing can answer
     `asked` any more, if the unit is the one that we ask at the moment. `strangers` are the unanswered requests of other
     clients by unit, `doubts` those that the answer to the current request may belong to. `passed` is what was found in
     the bytes that were looked at last.
     """
 
-    def __init__(self, mode: Mode, awaits: Callable[[Frame], bool], patience: Callable[[RequestPdu], float]) -> None:
+    def __init__(self, mode: Mode, windows: LateWindows, patience: Callable[[RequestPdu], float]) -> None:
         self.strangers: dict[int, deque[Stranger]] = {}
         self.doubts: list[Stranger] = []
         self.passed: list[Frame] = []
         #: Of how many requests in a row a copy was heard beside the answer.
         self.echoes_in_a_row = 0
-        self._awaits = awaits
+        self._windows = windows
         self._patience = patience
         self._cutter = AsciiFramer() if mode == "ascii" else PassingFrames()
         self._heard: list[tuple[float, bytes]] = []
@@ -150,7 +151,7 @@ class Ear:
         if self._settle(frame):
             return True
         is_ours = asked is not None and self._is_echo(frame, at, asked)
-        if not (is_ours or self._awaits(frame)):
+        if not (is_ours or self._windows.awaits(frame)):
             self._remember(frame, at)
         return False
 
@@ -171,7 +172,11 @@ class Ear:
         ]
 
     def _settle(self, frame: Frame) -> bool:
-        """Forget the oldest request that `frame` answers; False if there is none."""
+        """Forget the oldest request that `frame` answers; False if there is none.
+
+        Where one of our own late answers may look the same, it may have been that one: then the other is still to come,
+        and the window lasts until it cannot come any more.
+        """
         strangers = self.strangers.get(frame.unit, ())
         for stranger in strangers:
             asked = stranger.asked
@@ -179,6 +184,8 @@ class Ear:
             if not is_repeated and asked.accepts(frame.pdu):
                 self.strangers[frame.unit].remove(stranger)
                 self._drop_empty(frame.unit)
+                if self._asked is not None and self._windows.awaits(frame):
+                    self._windows.extend(frame, stranger.at + self._patience(asked))
                 return True
         return False
 

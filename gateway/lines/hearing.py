@@ -52,7 +52,7 @@ class Hearing:
         self._mode = settings.timing.mode
         self._late_window = settings.late_window
         self._report = report
-        self._ear = Ear(self._mode, windows.awaits, self._patience)
+        self._ear = Ear(self._mode, windows, self._patience)
         self.hear = self._ear.hear
         self.listen = self._ear.listen
         self._echo = Echo() if settings.echo else None
@@ -191,6 +191,10 @@ class Hearing:
     def instead(self) -> bytes:
         """What was heard instead of an answer; nothing if it is late answers to older requests, or came too early."""
         return b"" if self._is_early or self.verdict is Verdict.NOTHING else self._all_heard()
+
+    def may_be_others(self) -> bool:
+        """Whether another client waits for an answer of the unit that was asked."""
+        return self._ear.may_doubt(self._current)
 
     def has_answered(self, now: float) -> bool:
         """Whether what was heard is the answer, damaged: then it is not owed any more."""

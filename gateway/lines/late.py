@@ -122,6 +122,12 @@ class LateWindows:
         """Whether `frame` is one of the late answers."""
         return any(window.question.accepts(frame) for window in self.windows)
 
+    def extend(self, frame: Frame, until: float) -> None:
+        """What `frame` looks like may come once more, until then."""
+        for window in self.windows:
+            if window.question.accepts(frame):
+                window.ends_at = max(window.ends_at, until)
+
     def received(self, data: bytes, now: float, others: list[Frame], *, damaged: bool = False) -> list[LateResponse]:
         """Take bytes that the line delivers; responses that are complete with them. The last one closes its window.
 

@@ -326,18 +326,18 @@ class Line:
     def _give_up(self, current: Transaction, now: float) -> None:
         """No answer has come: send the request again if that may help, else say what was heard instead.
 
-        After silence it may help once the late window is over.
+        After silence it may help once the late window is over, and likewise if another client waits for an answer.
         """
         self._hearing.conclude()
         current.owed -= self._hearing.has_answered(now)
         if current.owed:  # else the unit has answered, only not well
             self._turns.failed(current, self._hearing.instead(), now)
-        at_once = self._hearing.verdict is Verdict.BROKEN
+        at_once = self._hearing.verdict is Verdict.BROKEN and not self._hearing.may_be_others()
         if not self._may_repeat(current, now, now if at_once else self._turns.window_end(current, now)):
             self._lose(current, now)
             return
-        current.retries += 1
         if at_once:
+            current.retries += 1
             self.busy_seconds += now - self._sent_at
             self._again, self._current = current, None
         else:
@@ -369,10 +369,11 @@ class Line:
         """
         overdue = self._turns.await_late(current, self._hearing.hand_over(), now) if current.owed else []
         if outcome is None:
-            self._turns.put_back(current)
+            self._turns.put_back(current.again())
         response = outcome if isinstance(outcome, Frame) else None
+        if self._current is not None:
+            self.busy_seconds += now - self._sent_at
         self._current = None
-        self.busy_seconds += now - self._sent_at
         if self._rate_has_changed:
             self._follow_rate(now)
         try:

@@ -307,6 +307,8 @@ class WaitingQueue:
         newest = row.waiting[-1]
         request = next(each for each in newest.requests if each.origin.client == row.client)
         self._withdraw(request)
+        if request in newest.requests:
+            return newest  # it was its only one
         return type(newest)(request, newest.asked, newest.device)
 
     def _greediest(self, origin: Origin) -> _Row | None:

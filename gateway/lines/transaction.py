@@ -74,6 +74,15 @@ class Transaction:
         self.ends_at = now + budget.request_wire_time(self.asked)
         self.limit = budget.limit(self.asked, self.device.answer_time)
 
+    def again(self) -> "Transaction":
+        """The same, to be sent once more. A late answer may still come to this one, from where it was sent to."""
+        again = type(self)(self.requests[0], self.asked, self.device)
+        again.requests = self.requests
+        again.yields = self.yields
+        again.retries = self.retries + 1
+        again.gives_up_at = self.gives_up_at
+        return again
+
     @property
     def answers_from(self) -> int | None:
         """The unit that an answer comes from; None when that is not known before."""

@@ -642,6 +642,17 @@ def test_the_silence_before_a_request_is_kept_before_a_second_sending_too() -> N
     assert bench.written == [READ_FRAME, READ_FRAME]
 
 
+def test_the_time_that_a_repeated_read_takes_the_line_counts_once() -> None:
+    bench = Bench(retries=1, gap=0.01)
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + LIMIT - 0.001)
+    bench.hear("55")
+    bench.pass_time(0.002)
+    bench.hear("55")
+    assert bench.client.answers == ["83 0B"]
+    assert bench.line.busy_seconds == pytest.approx(REQUEST_TIME + LIMIT, abs=0.002)
+
+
 def test_a_line_that_stays_loud_is_given_up_without_a_second_sending() -> None:
     bench = Bench(retries=1, gap=0.5)
     bench.ask()

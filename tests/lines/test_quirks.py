@@ -6,6 +6,7 @@ from gateway.events import AddressMoved, BaudChanged, Event
 from gateway.lines.line import RATE_CHANGE_PAUSE
 from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.profiles.profile import Profile
+from kit.asker import Asker
 from kit.line_bench import RESPONSE, Bench, frame
 
 WEIGHER = Profile("weigher", functions=frozenset({3, 16}), quirks=frozenset({"moves", "changes_baud"}))
@@ -21,8 +22,8 @@ RATE_SET = "10 02 00 00 02"
 class Hall(Bench):
     """A bench with a restless device of unit 1, known as silo-1."""
 
-    def __init__(self, *, is_alone: bool = True) -> None:
-        super().__init__()
+    def __init__(self, *, is_alone: bool = True, **settings: object) -> None:
+        super().__init__(**settings)
         self.whereabouts = Whereabouts()
         self.remembered: list[int] = []
         self.rates: list[int] = []
@@ -83,6 +84,30 @@ def test_after_two_moves_that_nobody_confirmed_it_is_sought_at_three_places_and_
         + hall.whereabouts.is_free(1, "another")
         == 2
     )
+
+
+def test_a_read_that_is_sent_again_elsewhere_leaves_its_window_where_it_was_asked() -> None:
+    hall = Hall(retries=1)
+    hall.silo.submit(hall.client.ask(MOVE_TO_5, now=hall.now), hall.now)
+    hall.pass_time(0.05)
+    hall.unplug()
+    hall.plug()
+    hall.pass_time(0.1)
+    hall.silo.submit(hall.client.ask("03 00 00 00 01", now=hall.now), hall.now)
+    while len(hall.client.answers) < 2:
+        hall.pass_time(0.02)
+    hall.silo.submit(hall.client.ask("03 00 01 00 01", now=hall.now), hall.now)
+    hall.pass_time(0.03)
+    hall.respond("03 02 AA AA")
+    assert "03 02 AA AA" not in hall.client.answers
+
+
+def test_a_move_that_a_full_queue_has_no_room_for_is_refused() -> None:
+    hall = Hall(queue=2)
+    greedy, modest = Asker("10.0.0.8:1", host="10.0.0.8"), Asker("10.0.0.7:1", host="10.0.0.7")
+    for client, pdu in [(hall.client, READ), (greedy, "03 00 02 00 02"), (greedy, MOVE_TO_5), (modest, READ)]:
+        hall.silo.submit(client.ask(pdu, now=hall.now), hall.now)
+    assert greedy.answers == ["90 06"]
 
 
 def test_a_late_change_of_rate_waits_for_the_end_of_the_transaction_on_the_line(hall: Hall) -> None:
