@@ -22,19 +22,30 @@ from model.search import search
 from model.settings import ALPHABETS, settings
 
 
+def _search(alphabets: list[str], depth: int, number: int) -> tuple[str, int, int, bool]:
+    """What was found on one line, in words, its states and happenings, and whether something is wrong.
+
+    By number and in plain values: what was compiled cannot be sent to another process.
+    """
+    found = search(list(settings(*alphabets))[number], depth=depth)
+    return str(found), found.states, found.happenings, bool(found.wrong)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--depth", type=int, default=4, help="so many happenings, one behind the other")
     parser.add_argument("--alphabet", action="append", choices=ALPHABETS, help="what may happen; by default everything")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     args = parser.parse_args()
+    alphabets = args.alphabet or ["everything"]
     begin, states, happenings, wrong = time.monotonic(), 0, 0, 0
     with ProcessPoolExecutor(args.jobs) as pool:
-        for found in pool.map(partial(search, depth=args.depth), settings(*args.alphabet or ["everything"])):
-            print(found, flush=True)
-            states += found.states
-            happenings += found.happenings
-            wrong += bool(found.wrong)
+        lines = range(len(list(settings(*alphabets))))
+        for story, more_states, more_happenings, is_wrong in pool.map(partial(_search, alphabets, args.depth), lines):
+            print(story, flush=True)
+            states += more_states
+            happenings += more_happenings
+            wrong += is_wrong
     elapsed = time.monotonic() - begin
     print(f"{states} states, {happenings} happenings, {wrong} lines with something wrong, {elapsed:.0f} s")
     return 1 if wrong else 0
