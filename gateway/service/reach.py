@@ -7,6 +7,7 @@ that line's wire, whatever other clients call the device there.
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
+from gateway.images.mirror_driver import MirrorDriver
 from gateway.lines.device import Device
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, SERVER_UNIT
 from gateway.request import Target
@@ -41,16 +42,21 @@ def one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mappi
 
 
 def _known_as(devices: Collection[Device], elsewhere: Mapping[int, Target]) -> KnownAs:
-    """By which units the routes of all other clients, `elsewhere`, lead to each address.
+    """By which units the routes of all other clients, `elsewhere`, lead to each address: by its own, or by mirrors.
 
     An address to which none leads counts by its own number, unless somebody else has that. At address 0 are devices
     that have no address in the config, and take broadcasts.
     """
     known: list[list[int]] = [[] for _ in AS_NUMBERED]
     for device in devices:
-        if elsewhere.get(device.settings.known_as) is device:
-            known[device.settings.unit].append(device.settings.known_as)
+        own = device.settings.known_as
+        known[device.settings.unit] += [own] if elsewhere.get(own) is device else _mirrors_of(device, elsewhere)
     for address in range(FIRST_UNIT, LAST_UNIT + 1):
         if not known[address] and address not in elsewhere:
             known[address].append(address)
     return tuple(map(tuple, known))
+
+
+def _mirrors_of(device: Device, routes: Mapping[int, Target]) -> list[int]:
+    """The units of the mirrors that pass on to a device what they cannot answer themselves."""
+    return [unit for unit, target in routes.items() if isinstance(target, MirrorDriver) and target.device is device]

@@ -340,3 +340,44 @@ async def test_without_a_row_that_names_it_a_door_of_one_line_gives_no_right_tha
                 home.client("10.0.0.9:1", host=host, listener=HALL).ask(address, WRITE)
             await asyncio.sleep(3)
             assert all(called[unit] <= allowed for unit in wires.written("hall"))
+
+
+PASSING = '[[line]]\nname = "hall"\nport = "/dev/hall"\n'
+MIRRORS = """
+[[image]]
+unit = 5
+of   = "hall/5"
+read = [{ holding = "0-1", every = "10 s" }]
+
+[[image]]
+unit = 45
+of   = "hall/3"
+read = [{ holding = "0-1", every = "10 s" }]
+"""
+#: A line without devices, alone or beside another, and which units other clients use for each of its addresses.
+ALONE = LISTEN.partition('[[listen]]\nname  = "yard')[0] + PASSING + MIRRORS, {1: {1}, 3: {3}, 5: {5}}
+BESIDE = LISTEN + PASSING + LINES.partition("\n]\n")[2] + MIRRORS, {3: {45}, 5: {5}}
+
+
+@pytest.mark.parametrize(("config", "called"), [ALONE, BESIDE], ids=["alone", "beside"])
+@pytest.mark.parametrize("seed", range(120, 140))
+async def test_a_mirror_is_not_got_round(config: str, called: dict[int, set[int]], seed: int) -> None:
+    rows = Rows(seed)
+    rows.rows = [row for row in rows.rows if YARD not in row[1]] or [(None, (), (5,), False), (None, (), None, True)]
+    async with house(config + str(rows)) as home:
+        for host in HOSTS:
+            for address, units in called.items():
+                for unit in units:
+                    assert await may_write(home, host, SCADA, unit) == rows.let(host, SCADA, unit, unit)
+                expected = all(rows.let(host, HALL, address, unit) for unit in units)
+                assert await may_write(home, host, HALL, address) == expected
+
+
+async def test_who_may_only_read_a_mirror_writes_nothing_to_its_device() -> None:
+    rows = '[[access]]\nunits = 5\nallow = ["read"]\n' + ALL
+    async with house(BESIDE[0] + rows) as home:
+        wires = Wires(home)
+        assert await home.client(listener=SCADA).asks(5, WRITE) == "86 01"
+        assert await home.client(listener=HALL).asks(5, WRITE) == "86 01"
+        assert await home.client(listener=HALL).asks(6, WRITE) == "06 00 01 00 07"
+        assert [unit for _, unit, function in wires.heard if function == 6] == [6]
