@@ -54,10 +54,12 @@ def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> It
     if listen.reserve >= listen.clients:
         remedy = f"make clients larger, or reserve less than {listen.clients}"
         yield error(path, "leaves no place for clients that no row of [[access]] names", remedy)
-    named = [row for row in config.access if row.networks and (row.listen is None or listen.label in row.listen)]
+    here = [row for row in config.access if row.listen is None or listen.label in row.listen]
+    named = any(row.networks and (row.allow or row.functions) for row in here)
     if listen.reserve and config.access and not named and "access" not in failed:
         remedy = 'name them in a row: from = ["10.2.0.7"]'
-        yield warning(path, "places are kept for addresses that [[access]] names, and no row names any", remedy)
+        what = "places are kept for addresses that [[access]] names, and no row gives any a right"
+        yield warning(path, what, remedy)
 
 
 def _this_machine(listen: Listen, config: Config) -> str:
@@ -85,9 +87,11 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
         elif name in cables and row.networks is not None:
             what = f'clients of "{name}" have no network, so a row with from never means them'
             yield warning(path, what, "name it in a row of its own, without from")
-    kinds = {name in _for_one_line(config) for name in row.listen or () if name in known}
-    if len(kinds) > 1:
-        what = "names listeners for one line and others: units are addresses on a wire there, and not elsewhere"
+    named = [name for name in row.listen or () if name in known]
+    by_unit = [f'"{name}"' for name in named if name not in _for_one_line(config)]
+    if 0 < len(by_unit) < len(named):
+        there = " and ".join(by_unit)
+        what = f"names listeners for one line, where units are addresses on its wire, and {there}, where they are not"
         yield error((*row.path, "listen"), what, "write a row for each kind")
 
 

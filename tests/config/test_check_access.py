@@ -204,9 +204,11 @@ def test_a_reserve_leaves_places_for_others():
     assert access(NAMED, listen=SCADA + SOME) == []
 
 
-@pytest.mark.parametrize("row", ["", 'listen = ["field"]\n' + NAMED])
+@pytest.mark.parametrize("row", ["", 'listen = ["field"]\n' + NAMED, NAMED + "allow = []\n"])
 def test_a_reserve_is_for_somebody(row):
-    what = "warning: listen[0].reserve: places are kept for addresses that [[access]] names, and no row names any"
+    what = (
+        "warning: listen[0].reserve: places are kept for addresses that [[access]] names, and no row gives any a right"
+    )
     remedy = 'name them in a row: from = ["10.2.0.7"]'
     assert f"{what} | {remedy}" in access(row, listen=SCADA + SOME + FIELD)
 

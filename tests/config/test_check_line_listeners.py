@@ -1,5 +1,7 @@
 """Listeners for one line: each rule with a file that breaks it, and what rows mean there."""
 
+import json
+
 import pytest
 
 from gateway.config.load import parse
@@ -91,14 +93,20 @@ def test_broadcasts_to_a_line_that_takes_none():
     ]
 
 
-@pytest.mark.parametrize("others", ["all", "panel", "control"])
-def test_a_row_names_listeners_of_one_kind(others):
-    row = f'[[access]]\nlisten = ["port-a", "{others}"]\nallow = ["read"]\n'
+@pytest.mark.parametrize(
+    ("others", "named"),
+    [
+        (["all"], '"all"'),
+        (["panel"], '"panel"'),
+        (["control"], '"control"'),
+        (["all", "control"], '"all" and "control"'),
+    ],
+)
+def test_a_row_names_listeners_of_one_kind(others, named):
+    row = f'[[access]]\nlisten = {json.dumps(["port-a", *others])}\nallow = ["read"]\n'
+    what = "names listeners for one line, where units are addresses on its wire"
     assert said(SHARED + A + LINE_A + PANEL + row) == [
-        (
-            "error: access[0].listen: names listeners for one line and others: units are addresses on a wire there, and"
-            " not elsewhere | write a row for each kind"
-        )
+        f"error: access[0].listen: {what}, and {named}, where they are not | write a row for each kind"
     ]
 
 
