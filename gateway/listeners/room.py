@@ -67,6 +67,7 @@ class Room(Generic[AnyClient]):
         if habit is None:
             return
         habit.look(client, now)
+        habit.rights = None
         self._left.pop(habit.origin, None)
         self._left[habit.origin] = habit
         if len(self._left) > MOST_REMEMBERED:
@@ -96,7 +97,7 @@ class Room(Generic[AnyClient]):
     def _rivals(self, host: str, rights: Rights, settings: ListenSettings) -> list[AnyClient] | None:
         """Those of whom one has to go for a client from `host`; None as long as there is a place."""
         if settings.reserve and not rights.names(host):
-            strangers = [client for client in self if not rights.names(client.host)]
+            strangers = [client for client, habit in self._habits.items() if not habit.is_named_by(rights, client.host)]
             if len(strangers) >= settings.clients - settings.reserve:
                 return strangers
         return list(self) if len(self) >= settings.clients else None

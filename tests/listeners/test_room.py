@@ -11,7 +11,8 @@ from gateway.routing.access import DEFAULT_ROWS, READING, Door, Rights, Row
 
 EVERYBODY = Rights(DEFAULT_ROWS, Door("scada"))
 #: The control room is named.
-NAMED = Rights((Row(READING, networks=(ip_network("10.0.0.0/24"),)), Row(READING)), Door("scada"))
+NAMED_ROWS = (Row(READING, networks=(ip_network("10.0.0.0/24"),)), Row(READING))
+NAMED = Rights(NAMED_ROWS, Door("scada"))
 LOOK = 0.25
 
 
@@ -279,6 +280,34 @@ def test_those_whom_rows_name_take_the_other_places_too_as_long_as_there_are_any
         lobby.comes(f"10.0.0.{number}")
     assert lobby.makes_room("A").host == "10.0.0.0"
     assert lobby.makes_room("10.0.0.9").host == "10.0.0.1"
+
+
+def test_clients_are_not_looked_up_again_for_everybody_who_comes() -> None:
+    """More than rights remember at a time."""
+    found: list[str] = []
+
+    class Told(Rights):
+        def names(self, host: str) -> bool:
+            found.append(host)
+            return super().names(host)
+
+    lobby = Lobby(places=2001, reserve=1, rights=Told(NAMED_ROWS, Door("scada")))
+    for number in range(2000):
+        lobby.comes(f"10.1.{number // 250}.{number % 250}")
+    lobby.makes_room("A")
+    found.clear()
+    lobby.makes_room("B")
+    assert len(found) <= 2
+
+
+def test_new_rights_count_for_those_who_are_in() -> None:
+    lobby = Lobby(places=4, reserve=2, rights=NAMED)
+    for host in ("A", "B", "10.0.0.1"):
+        lobby.comes(host)
+    lobby.makes_room("C")
+    lobby.rights = Rights((Row(READING, networks=(ip_network("192.0.2.0/24"),)), Row(READING)), Door("scada"))
+    assert isinstance(lobby.comes("10.0.0.2"), Client)
+    assert lobby.makes_room("10.0.0.3").host == "10.0.0.1"
 
 
 # --- a crowd: promise P18 ---
