@@ -15,9 +15,9 @@ PAUSE: Final = 10.0
 STEADY: Final = 60.0
 
 #: What an event is about. Of a client its host counts: each connection has another port. Which unit it names does not
-#: count: it may name all of them.
+#: count: it may name all of them. What became of its writes does: one host may be many clients behind a router.
 _KEY: Final = ("line", "unit", "listener", "client", "problem")
-_KEY_OF_CLIENT: Final = ("line", "listener", "client")
+_KEY_OF_CLIENT: Final = ("line", "listener", "client", "result")
 
 
 class Subject(NamedTuple):
@@ -57,12 +57,14 @@ class _Story:
 class Limiter:
     """Lets through at most `lines` about one subject in any `seconds`, and counts the rest.
 
-    Once `seconds` are over that began with a suppressed event, the count is due. The last line is kept for it. What
-    goes on for STEADY without a PAUSE is only counted from then on, and its count is due once in STEADY.
+    Once `seconds` are over that began with a suppressed event, the count is due. The last line is kept for it, but the
+    only one is not: then the count is a line more. What goes on for `steady` seconds without a PAUSE is only counted
+    from then on, and its count is due once in STEADY.
     """
 
     lines: int = 10
     seconds: float = 1.0
+    steady: float = STEADY
     #: The subject that rests longest is the first.
     _stories: dict[Subject, _Story] = field(default_factory=dict)
     #: What is counted at the moment, and when that is due.
@@ -81,8 +83,8 @@ class Limiter:
         story = self._stories.pop(subject, None) or _Story(now, now, deque(maxlen=self.lines))
         self._stories[subject] = story
         story.came(now)
-        is_steady = now - story.since >= STEADY
-        room = self.lines - (subject in self._suppressed)
+        is_steady = now - story.since >= self.steady
+        room = self.lines - (self._keeps_a_line and subject in self._suppressed)
         if not is_steady and sum(time > now - self.seconds for time in story.written) < room:
             story.written.append(now)
             return True
@@ -96,9 +98,13 @@ class Limiter:
         """The counts that are due: to be written, each as one line about its subject."""
         while self._due and self._due[0][0] <= now:
             _, _, subject = heappop(self._due)
-            if subject in self._stories:
+            if self._keeps_a_line and subject in self._stories:
                 self._stories[subject].written.append(now)
             yield subject, self._suppressed.pop(subject)
+
+    @property
+    def _keeps_a_line(self) -> bool:
+        return self.lines > 1
 
     def _told_apart(self, subject: Subject, now: float) -> Subject:
         """The subject, or what it counts as when there are too many."""

@@ -12,9 +12,6 @@ from gateway.events import ClientRejected, WriteAudit
 from gateway.observe.backlog import Backlog, Entry, Missing
 from gateway.observe.limiter import Limiter, Subject, subject_of
 
-#: What is told of clients that are sent away, and of writes that are refused.
-_REFUSALS: Final = (ClientRejected.name, WriteAudit.name)
-
 #: How long a gateway that ends waits for its log to be read, in seconds.
 CLOSING_PATIENCE: Final = 0.5
 
@@ -59,7 +56,12 @@ class Writer:
     def __init__(self, write: Callable[[Entry], object]) -> None:
         self._write_one = write
         self._usual = Limiter()
-        self._refused = Limiter(lines=1, seconds=10.0)  # for what any stranger can cause, as often as it likes
+        # What others can cause as often as they like. However many are sent away, writes that are refused are told.
+        self._of_refusals = {
+            ClientRejected.name: Limiter(lines=1, seconds=10.0),
+            WriteAudit.name: Limiter(lines=1, seconds=10.0, steady=inf),
+        }
+        self._limiters = (self._usual, *self._of_refusals.values())
         self._backlog = Backlog()
         self._missing = Missing()
         # A daemon, because a write that hangs must not keep the process from ending.
@@ -84,16 +86,17 @@ class Writer:
         self._write_counts(inf)
 
     def _until_next_count(self) -> float | None:
-        due = [each.next_due for each in (self._usual, self._refused) if each.next_due is not None]
+        due = [each.next_due for each in self._limiters if each.next_due is not None]
         return max(0.0, min(due) - time.monotonic()) if due else None
 
     def _admits(self, entry: Entry) -> bool:
-        limiter = self._refused if entry.name in _REFUSALS else self._usual
+        limiter = self._of_refusals.get(entry.name, self._usual)
         return not entry.is_limited or limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
 
     def _write_counts(self, now: float) -> None:
-        for subject, count in (*self._usual.due(now), *self._refused.due(now)):
-            self._write(_count(subject, count))
+        for limiter in self._limiters:
+            for subject, count in limiter.due(now):
+                self._write(_count(subject, count))
 
     def _write(self, entry: Entry) -> None:
         try:

@@ -46,14 +46,15 @@ def test_ten_lines_pass_and_the_rest_is_counted_once_the_second_is_over() -> Non
     assert list(limiter.due(inf)) == []
 
 
-def test_one_line_in_ten_seconds_is_the_event_and_then_the_count() -> None:
-    limiter = Limiter(lines=1, seconds=10.0)
-    assert [limiter.admits(SILO, n) for n in range(11)] == [True] + [False] * 10
-    assert list(limiter.due(10.9)) == []
-    assert list(limiter.due(11.0)) == [(SILO, 10)]
-    assert [limiter.admits(SILO, n) for n in (12.0, 20.9)] == [False] * 2
-    assert list(limiter.due(22.0)) == [(SILO, 2)]
-    assert limiter.admits(SILO, 32.0)
+def test_of_one_line_in_ten_seconds_the_count_takes_no_place() -> None:
+    lines, counts = written_of(Limiter(lines=1, seconds=10.0), [0.1 * n for n in range(300)])
+    assert lines == pytest.approx([0.0, 10.0, 20.0])
+    assert [number for _, number in counts] == [99, 99]
+
+
+def test_what_is_never_steady_is_told_for_ever() -> None:
+    lines, _ = written_of(Limiter(lines=1, seconds=10.0, steady=inf), [0.5 * n for n in range(7200)])
+    assert lines == [10.0 * n for n in range(360)]
 
 
 def test_one_subject_takes_nothing_from_another() -> None:
@@ -75,20 +76,24 @@ def test_at_the_end_every_count_is_due() -> None:
     assert list(limiter.due(inf)) == [(SILO, 1), (PRESS, 1)]
 
 
-def lines_of(limiter: Limiter, times: list[float]) -> list[float]:
-    """When lines are written about something that comes at these times; none of them may be lost."""
-    lines, told = [], 0
+def written_of(limiter: Limiter, times: list[float]) -> tuple[list[float], list[tuple[float, int]]]:
+    """When something that comes at these times is written, and the counts with theirs. None of it may be lost."""
+    lines, counts = [], []
     for now in times:
         while limiter.next_due is not None and limiter.next_due <= now:
             due = limiter.next_due
-            for _, number in limiter.due(due):
-                lines.append(due)
-                told += number
+            counts += [(due, number) for _, number in limiter.due(due)]
         if limiter.admits(SILO, now):
             lines.append(now)
-            told += 1
-    assert told + sum(number for _, number in limiter.due(inf)) == len(times)
-    return lines
+    rest = sum(number for _, number in limiter.due(inf))
+    assert len(lines) + sum(number for _, number in counts) + rest == len(times)
+    return lines, counts
+
+
+def lines_of(limiter: Limiter, times: list[float]) -> list[float]:
+    """When lines are written about something that comes at these times, counts too."""
+    lines, counts = written_of(limiter, times)
+    return [*lines, *(due for due, _ in counts)]
 
 
 def test_what_goes_on_for_a_minute_is_told_once_a_minute_from_then_on() -> None:

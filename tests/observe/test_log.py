@@ -258,6 +258,28 @@ def test_of_writes_that_were_refused_one_of_each_client_is_told_and_the_others_a
     ]
 
 
+def test_a_count_of_refused_writes_hides_no_other_reason_behind_the_same_address() -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for result in ("denied", "denied", "denied", "queue_full", "line_down", "queue_full"):
+            emit(written(0, result))
+    assert [(line["result"], line.get("suppressed")) for line in logged(stream)] == [
+        ("denied", None), ("queue_full", None), ("line_down", None), ("denied", 2), ("queue_full", 1),
+    ]  # fmt: skip
+
+
+def test_strangers_however_many_are_sent_away_hide_no_refused_write(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.observe.limiter.MOST_SUBJECTS", 20)
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for host in range(30):
+            emit(ClientRejected("scada", f"10.1.0.{host}:49152", "access"))
+        for host in ("10.0.0.7", "10.0.0.9"):
+            emit(WriteAudit(f"{host}:49152", "scada", 1, 6, 0, 1, "line_down", "0B", 1.0))
+    told = [line["client"] for line in logged(stream) if line["event"] == "write_audit"]
+    assert told == ["10.0.0.7:49152", "10.0.0.9:49152"]
+
+
 def test_refused_writes_however_many_leave_room_for_those_that_were_carried_out() -> None:
     stream = SlowStream()
     with open_log("info", "json", stream) as emit:

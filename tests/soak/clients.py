@@ -40,8 +40,8 @@ MOST_SLOWER = 1.5
 #: How much memory an attack may cost, in KiB, and what it costs after it has ended.
 MOST_KIB = {"half-open": 500 * 20, "connections": 64 * 1024, "slow reader": 1024}
 MOST_KIB_ELSEWHERE = 5 * 1024
-#: Lines of log about one thing in so many seconds; about clients of one address that are sent away.
-MOST_LINES, MOST_LINES_SENT_AWAY = (10, 1.0), (1, 10.0)
+#: Lines of log about one thing in so many seconds; about clients of one address that are sent away, one and a count.
+MOST_LINES, MOST_LINES_SENT_AWAY = (10, 1.0), (2, 10.0)
 #: An attack that needs more than a moment to show what becomes of it, in seconds.
 LASTS = {"half-open": 12.0, "slow reader": 35.0}
 #: How long an attack may take to get going, and the gateway to forget it, in seconds.
