@@ -13,6 +13,8 @@ DEFAULT_PORTS: Final = {"tcp": 502, "udp": 502, "tls": 802}
 _ADDRESS = re.compile(r"([a-z+]+)://(?:\[([^\[\]/@]*)\]|([^\[\]:/@]*))(?::([0-9]{1,20}))?/?")
 _LABEL = r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)"
 _HOST_NAME = re.compile(rf"{_LABEL}(?:\.{_LABEL})*")
+#: The network interface behind an IPv6 address, fe80::1%eth0: as long as Linux lets its name be (IFNAMSIZ).
+_INTERFACE = re.compile(r"[!-~]{1,15}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +106,9 @@ def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
 
 def _check_host(host: str, *, in_brackets: bool) -> None:
     if in_brackets:
-        if not isinstance(_ip(host), IPv6Address):
-            raise WrongValue(f'"{host}" is no IPv6 address', "such as [::1] or [fe80::1%eth0]")
+        ip = _ip(host)
+        if not isinstance(ip, IPv6Address) or (ip.scope_id and _INTERFACE.fullmatch(ip.scope_id) is None):
+            raise WrongValue(f"{host!a} is no IPv6 address", "such as [::1] or [fe80::1%eth0]")
     elif host.replace(".", "").isdecimal():
         if _ip(host) is None:
             raise WrongValue(f'"{host}" is no IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7")

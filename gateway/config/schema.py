@@ -29,6 +29,7 @@ from gateway.config.values import (
     Ranges,
     SerialPort,
     ServerAddress,
+    SocketPath,
     Unit0,
     Units,
     UnitsOrAll,
@@ -477,7 +478,7 @@ class Web(Table):
 class Control(Table):
     """The control socket, through which the other commands talk to the daemon."""
 
-    socket: Annotated[str, Field(min_length=1)] | None = Field(
+    socket: SocketPath | None = Field(
         None,
         description="Its path. Default: `/run/modbus-gateway/control.sock`; without root "
         "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config when that is not set. "

@@ -7,7 +7,7 @@ from functools import partial
 from ipaddress import IPv4Network, IPv6Network, ip_interface, ip_network
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, PlainValidator, Strict
+from pydantic import AfterValidator, Field, PlainValidator, Strict
 
 from gateway.config.address import Address, parse_address
 from gateway.config.duration import (
@@ -84,8 +84,17 @@ def parse_port(value: object) -> str | Address:
         return parse_address(value, tuple(DEVICE_SERVER_MODES))
     if not value.startswith("/"):
         raise WrongValue(f'"{value}" is no absolute path', f'did you mean "/dev/{value}"?')
+    return check_path(value)
+
+
+def check_path(value: str) -> str:
+    """A path that the system takes, and a log can show.
+
+    Raises:
+        WrongValue: it has characters that cannot be seen, such as the NUL at which the system would end it.
+    """
     if not value.isprintable():
-        raise WrongValue("has characters that cannot be seen", "modbus-gateway ports lists the paths of ports")
+        raise WrongValue("has characters that cannot be seen")
     return value
 
 
@@ -223,6 +232,7 @@ DurationOrOffOrAuto = Annotated[
 DurationOrZeroOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_zero_or_auto), _DURATION_OR_AUTO]
 Format = Annotated[CharacterFormat, PlainValidator(parse_format), Kind('text such as `"8E1"`')]
 SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address")]
+SocketPath = Annotated[str, Field(min_length=1), AfterValidator(check_path), Kind("path")]
 Unit0 = Annotated[
     Literal["refuse", "broadcast"] | int,
     PlainValidator(parse_unit0),

@@ -44,8 +44,10 @@ def test_scheme_host_and_port(text, address):
         ("tcp://\u0000:1", "'\\x00' is no host name", NO_NAME),
         ("tcp://10.0.0.256:1", '"10.0.0.256" is no IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7"),
         ("tcp://10.0.0:1", '"10.0.0" is no IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7"),
-        ("tcp://[::g]:1", '"::g" is no IPv6 address', "such as [::1] or [fe80::1%eth0]"),
-        ("tcp://[10.0.0.1]:1", '"10.0.0.1" is no IPv6 address', "such as [::1] or [fe80::1%eth0]"),
+        ("tcp://[::g]:1", "'::g' is no IPv6 address", "such as [::1] or [fe80::1%eth0]"),
+        ("tcp://[10.0.0.1]:1", "'10.0.0.1' is no IPv6 address", "such as [::1] or [fe80::1%eth0]"),
+        ("tcp://[fe80::1%lo\0x]:1", "'fe80::1%lo\\x00x' is no IPv6 address", "such as [::1] or [fe80::1%eth0]"),
+        (f"tcp://[::1%{'x' * 16}]:1", f"'::1%{'x' * 16}' is no IPv6 address", "such as [::1] or [fe80::1%eth0]"),
     ],
 )
 def test_what_is_no_address_is_refused(value, what, remedy):

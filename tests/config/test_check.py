@@ -119,6 +119,11 @@ def test_a_control_socket_whose_path_is_too_long():
     assert problems(LINE + control.replace("/run/", "/run/x")) == ["error: control.socket: is longer than 107 bytes"]
 
 
+def test_a_control_socket_whose_path_no_system_takes():
+    control = '[control]\nsocket = "/tmp/\\u0000x"\n'
+    assert problems(LINE + control) == ["error: control.socket: has characters that cannot be seen"]
+
+
 def test_the_name_of_the_control_socket_is_taken():
     text = LINE + '[[listen]]\nname = "control"\nbind = "tcp://127.0.0.1:1"\n'
     assert problems(text) == ['error: listen[0].name: "control" is what [[access]] calls the control socket']
