@@ -2,7 +2,7 @@
 
 import asyncio
 import os
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import hypothesis
@@ -11,6 +11,8 @@ import pytest
 import gateway
 from gateway.ports.exact_loop import exact_loop
 from kit.virtual_time import VirtualTimeLoop
+
+pytest_plugins = ["kit.skips"]
 
 _TESTS = Path(__file__).parent
 #: Folders whose tests meet sockets, terminals and processes: they run in real time, after all others.
@@ -22,21 +24,6 @@ os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])
 hypothesis.settings.register_profile("dev", deadline=None)
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--skip-only", action="append", metavar="WHY", help="fail what is skipped for another reason")
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    report = yield
-    expected = item.config.getoption("--skip-only")
-    if report.skipped and expected is not None:
-        _, _, why = report.longrepr
-        if not any(each in why for each in expected):
-            report.outcome, report.longrepr = "failed", f"{why}: this was not expected here"
-    return report
 
 
 def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[], asyncio.AbstractEventLoop]]:
