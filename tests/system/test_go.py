@@ -1,9 +1,12 @@
 """`./deploy/go`, in a small checkout and with an installer that only notes what it is asked for."""
 
+import os
 import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -38,6 +41,20 @@ COMPILE = f"import pathlib, sys\npathlib.Path(sys.argv[1], '{COMPILED}').touch()
 MAIN = "import gateway, sys\nprint(gateway.__version__, sys.argv[1:])\n"
 SET_UP = ["venv .venv", "pip requirements.txt"]
 TOOLS = ["pip requirements-dev.txt"]
+
+#: Makes root heed what it must not write.
+ORDINARY = [shutil.which("setpriv"), "--bounding-set=-dac_override"] if os.geteuid() == 0 else []
+
+
+@contextmanager
+def no_rights_in(folder: Path) -> Iterator[None]:
+    """Nothing can be made or removed in it, nor in what it has."""
+    folders = [folder, *(path for path in folder.rglob("*") if path.is_dir())]
+    for each in folders:
+        each.chmod(0o555)
+    yield
+    for each in folders:
+        each.chmod(0o755)
 
 
 class Checkout:
@@ -75,7 +92,7 @@ class Checkout:
         (self.programs / name).chmod(0o755)
 
     def start(self, *words: str) -> subprocess.Popen[str]:
-        command = [self.root / "deploy/go", *words]
+        command = [*ORDINARY, self.root / "deploy/go", *words]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.own)
 
     def go(self, *words: str) -> tuple[int, str, str]:
@@ -83,6 +100,9 @@ class Checkout:
         with self.start(*words) as process:
             shown, said = process.communicate(timeout=PATIENCE)
             return process.returncode, shown, said
+
+    def files(self) -> set[Path]:
+        return set(self.root.rglob("*"))
 
     def is_compiled(self) -> bool:
         return any(self.root.rglob(COMPILED))
@@ -188,6 +208,45 @@ def test_without_any_python_it_names_the_package_to_install(checkout: Checkout) 
     status, shown, said = checkout.go()
     assert (status, shown) == (1, "")
     assert "apt install python3 python3-venv" in said
+
+
+def test_without_flock_it_names_the_package_to_install(checkout: Checkout) -> None:
+    for needed in ("dirname", "readlink"):
+        (checkout.programs / needed).symlink_to(shutil.which(needed))
+    checkout.own["PATH"] = str(checkout.programs)
+    status, shown, said = checkout.go()
+    assert (status, shown) == (1, "")
+    assert said == "deploy/go: flock is needed and was not found. On Debian: apt install util-linux\n"
+
+
+@pytest.mark.parametrize("part", [".", ".venv/lib"])
+@pytest.mark.parametrize("changed", ["requirements.txt", "requirements-dev.txt", "compile"])
+def test_who_must_not_install_is_told_so_once_and_nothing_changes(checkout: Checkout, part: str, changed: str) -> None:
+    checkout.go("compile")
+    checkout.write(f"deploy/{changed}", "# changed\n")
+    before = checkout.files()
+    with no_rights_in(checkout.root / part):
+        status, shown, said = checkout.go("compile")
+    assert (status, shown, said.count("\n")) == (1, "", 1)
+    assert "is not yours to write" in said
+    assert checkout.files() == before
+
+
+def test_who_must_not_install_runs_what_is_there(checkout: Checkout) -> None:
+    checkout.go()
+    with no_rights_in(checkout.root):
+        assert checkout.go() == (0, "1 []\n", "")
+
+
+def test_a_gateway_that_runs_loses_nothing_to_an_installation_that_fails(checkout: Checkout) -> None:
+    checkout.go()
+    checkout.write("gateway/__init__.py", '__version__ = "2"\n')
+    checkout.program("cp", "#!/bin/sh\nexit 1\n")
+    assert checkout.go()[0] == 1
+    command = checkout.root / ".venv/bin/modbus-gateway"
+    assert subprocess.check_output([command], env=checkout.own, text=True) == "1 []\n"
+    (checkout.programs / "cp").unlink()
+    assert checkout.go()[:2] == (0, "2 []\n")
 
 
 def test_what_uv_has_made_needs_uv_for_more_and_runs_without(checkout: Checkout) -> None:
