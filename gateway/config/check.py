@@ -27,6 +27,8 @@ PortTrouble = Callable[[str], str | None]
 #: What keeps a machine from listening at an address, as far as can be seen without that; None if nothing does.
 AddressTrouble = Callable[[str], str | None]
 
+#: The service has no right to open those below: modbus-gateway.socket does it.
+_FIRST_FREE_PORT: Final = 1024
 #: As Linux has it: sockaddr_un(7).
 _LONGEST_SOCKET_PATH: Final = 107
 
@@ -134,10 +136,16 @@ def _check_binds(config: Config) -> Iterator[Problem]:
 def _check_ipv6(config: Config) -> Iterator[Problem]:
     for listen in config.listen:
         ipv4 = next((other for other in config.listen if listen.bind.takes_ipv4_of(other.bind)), None)
-        if ipv4 is not None and not ipv4.bind.is_wildcard:
+        if ipv4 is None:
+            continue
+        if not ipv4.bind.is_wildcard:
             remedy = f'to serve every IPv4 address, write "{replace(ipv4.bind, host="0.0.0.0")}" in {ipv4.source}'  # noqa: S104 - advice
             what = f"takes IPv6 clients only, because {ipv4.source} has an IPv4 address with the same port"
             yield warning((*listen.path, "bind"), what, remedy)
+        if ipv4.bind.port < _FIRST_FREE_PORT:
+            what = f"the service does not start with it and {listen.source}, unless modbus-gateway.socket names both"
+            remedy = 'without it [::] takes IPv4 clients too; for both see "Other addresses" in docs/operations.md'
+            yield warning((*ipv4.path, "bind"), what, remedy)
 
 
 def _check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Problem]:

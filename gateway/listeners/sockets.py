@@ -37,6 +37,10 @@ _NO_RIGHT: Final = (
     "give modbus-gateway.socket {}"
 )
 _TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change it there to {}"
+_SHARED_WITH_US: Final = (
+    "{} has this port, by modbus-gateway.socket: of several [[listen]] on one port each is named there, beside [::] "
+    "with BindIPv6Only=ipv6-only; add {}"
+)
 _EVERY_ADDRESS: Final = "::"
 _EVERY_IPV4_ADDRESS: Final = "0.0.0.0"  # noqa: S104 - nothing is bound by it here
 _IPV4_MAPPED: Final = "::ffff:"
@@ -210,7 +214,8 @@ def _matter_of_systemd(settings: ListenSettings, error: OSError | UnicodeError, 
     key = "ListenDatagram" if is_udp else "ListenStream"
     wanted = f"{key}={written(settings.host, settings.port)}, then systemctl restart modbus-gateway.socket"
     if ours := ready.at(socket.SOCK_DGRAM if is_udp else socket.SOCK_STREAM, settings.port):
-        return _TAKEN_BY_US.format(", ".join(ours), wanted)
+        taken = _SHARED_WITH_US if settings.shares_port else _TAKEN_BY_US
+        return taken.format(", ".join(ours), wanted)
     return _NO_RIGHT.format(wanted) if error.errno == errno.EACCES else ""
 
 

@@ -209,6 +209,18 @@ def test_an_ipv4_listener_leaves_the_wildcard_of_ipv6_no_ipv4_clients(ipv4):
         assert not [one for one in problems(text) if said[:22] in one]
 
 
+@pytest.mark.parametrize(
+    ("port", "ipv4", "is_told"), [(502, "0.0.0.0", True), (502, "10.2.0.1", True), (1024, "0.0.0.0", False)]
+)
+def test_a_port_of_the_socket_unit_is_not_shared_unless_that_says_so(port, ipv4, is_told):
+    text = LINE + f'[[listen]]\nbind = "tcp://0.0.0.0:{port}"\n[[listen]]\nbind = "tcp://[::]:{port}"\n'
+    told = (
+        "warning: listen[0].bind: the service does not start with it and gateway.toml:7, unless modbus-gateway.socket "
+        'names both | without it [::] takes IPv4 clients too; for both see "Other addresses" in docs/operations.md'
+    )
+    assert (told in problems(text.replace("0.0.0.0", ipv4))) == is_told
+
+
 # Ports
 
 

@@ -138,10 +138,12 @@ def test_without_a_listener_clients_come_from_this_machine_only():
 
 
 def test_ipv4_clients_go_where_an_ipv4_address_is():
-    both = '[[listen]]\nname = "six"\nbind = "tcp://[::]:502"\n' + SCADA
+    both = '[[listen]]\nname = "six"\nbind = "tcp://[::]:5020"\n' + SCADA.replace(
+        "tcp://0.0.0.0:502", "tcp://0.0.0.0:5020"
+    )
     assert access('from = ["10.2.0.0/24"]\n', listen=both) == []
     assert access('from = ["10.2.0.0/24"]\nlisten = ["six"]\n', listen=both) == [
-        "warning: access[0].from[0]: nobody comes from 10.2.0.0/24: six takes IPv6 clients only (tcp://[::]:502)"
+        "warning: access[0].from[0]: nobody comes from 10.2.0.0/24: six takes IPv6 clients only (tcp://[::]:5020)"
     ]
 
 

@@ -117,5 +117,7 @@ def test_a_socket_of_ipv6_serves_no_listener_of_ipv4(host: str) -> None:
 
 @needs_ipv6
 def test_of_two_listeners_on_one_port_none_takes_what_is_for_both(everywhere: socket.socket) -> None:
-    with pytest.raises(ListenError, match="has this port, by modbus-gateway"):
+    with pytest.raises(ListenError, match="has this port, by modbus-gateway") as caught:
         opened(everywhere, "127.0.0.1", shares_port=True)
+    port = everywhere.getsockname()[1]
+    assert f"BindIPv6Only=ipv6-only; add ListenStream=127.0.0.1:{port}, then systemctl restart" in str(caught.value)

@@ -258,6 +258,15 @@ def test_every_address_of_the_socket_unit_has_its_listener(system: BootedSystem)
         assert asked(datagrams) == RIGHT
 
 
+def test_two_listeners_share_a_port_once_the_socket_unit_names_both(system: BootedSystem) -> None:
+    system.override(SOCKET, "[Socket]\nBindIPv6Only=ipv6-only\nListenStream=0.0.0.0:502\n")
+    system.write(FILE, CONFIG + '[[listen]]\nbind = "tcp://0.0.0.0:502"\n')
+    start(system)
+    for host in ("127.0.0.1", "::1"):
+        with system.connect(host) as client:
+            assert asked(client) == RIGHT
+
+
 def test_events_are_entries_of_the_journal_with_fields(system: BootedSystem) -> None:
     start(system)
     with system.connect() as client:
