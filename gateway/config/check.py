@@ -10,6 +10,7 @@ from gateway.config.check_access import CONTROL, check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_units import (
+    check_asked,
     check_device_rows,
     check_overlaps,
     check_passing_through,
@@ -79,6 +80,7 @@ def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], 
     yield from check_overlaps(config)
     yield from check_passing_through(config, failed)
     yield from check_line_listeners(config, failed)
+    yield from check_asked(config, failed)
     yield from check_references(config, failed)
     yield from check_images(config, failed)
     yield from check_addresses(config)

@@ -19,6 +19,8 @@ class Claim:
     path: Path
     source: str
     remedy: str = ""
+    #: What mirrors call the units, in their order.
+    names: tuple[str, ...] = ()
 
 
 def client_lines(config: Config) -> list[Line]:
@@ -31,14 +33,14 @@ def claims(config: Config) -> Iterator[Claim]:
     for line in client_lines(config):
         for row in line.devices or ():
             path = (*row.path, "unit" if row.known_as is None else "as")
-            yield Claim(
-                row.client_units, f'of line "{line.label}"', path, row.source, 'give clients other units with "as"'
-            )
+            owner, remedy = f'of line "{line.label}"', 'give clients other units with "as"'
+            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(line.device_names(row)))
     for image in config.image:
         yield Claim((image.unit,), f'of image "{image.label}"', (*image.path, "unit"), image.source)
     for upstream in config.upstream:
         for units in upstream.units:
-            yield Claim(units.known_as, f'of upstream "{upstream.label}"', (*units.path, "as"), units.source)
+            owner, names = f'of upstream "{upstream.label}"', tuple(upstream.unit_names(units))
+            yield Claim(units.known_as, owner, (*units.path, "as"), units.source, names=names)
 
 
 def served_units(config: Config) -> frozenset[int]:
@@ -65,9 +67,11 @@ def check_overlaps(config: Config) -> Iterator[Problem]:
 
 def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """A line without devices takes every unit, so it must be the only one that is not apart. `failed` as in `check`."""
-    together = [line for line in client_lines(config) if not config.is_apart(line)]
+    lines = client_lines(config)
+    together = [line for line in lines if not config.is_apart(line)]
     for line in together:
-        if line.devices is None and len(together) > 1 and "listen" not in failed:
+        is_beside_others = len(together) > 1 or (len(lines) > 1 and not _is_asked(line, config))
+        if line.devices is None and is_beside_others and "listen" not in failed:
             yield error(
                 line.path,
                 "has no devices beside another client line: nobody knows which units are on it",
@@ -78,6 +82,23 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
             yield error(line.path, "has no devices, and no unit is left to pass through", "take it out")
         if line.devices == ():
             yield error((*line.path, "devices"), "is empty", "leave it out, and every unit 1-247 passes through")
+
+
+def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Where every listener is for one line, who answers for a unit elsewhere can be asked by other ways.
+
+    Those are server lines, mirrors, and a listener for its own line. `failed` as in `check`.
+    """
+    if config.leads_everywhere or failed & {"listen", "line", "image"}:
+        return
+    served, mirrored = _served_to_outside_clients(config), _mirrored(config)
+    own = {line.path for line in client_lines(config) if config.listeners_for(line)}
+    for claim in claims(config):
+        polled = {unit for unit, name in zip(claim.units, claim.names, strict=False) if name in mirrored}
+        unasked = set(claim.units) - served - polled
+        if unasked and claim.path[:2] not in own:
+            what = f"no listener leads to {show_units(unasked)}: each is for one line"
+            yield warning(claim.path, what, "add a [[listen]] without line")
 
 
 def check_device_rows(config: Config) -> Iterator[Problem]:
@@ -101,6 +122,21 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
         unknown = set(line.serves or ()) - served
         if unknown:
             yield error((*line.path, "serves"), f"nobody answers for unit {show_units(unknown)}")
+
+
+def _is_asked(line: Line, config: Config) -> bool:
+    """Whether anybody can ask on a line without devices that is not apart."""
+    units = _served_to_outside_clients(config).intersection(passing_units(config))
+    return config.leads_everywhere or bool(units) or not _mirrored(config).isdisjoint(line.all_device_names)
+
+
+def _served_to_outside_clients(config: Config) -> frozenset[int]:
+    return frozenset(unit for line in config.line for unit in line.serves or ())
+
+
+def _mirrored(config: Config) -> frozenset[str]:
+    """The names of devices that have a mirror."""
+    return frozenset(image.of for image in config.image if image.of is not None)
 
 
 def _check_row(row: Device) -> Iterator[Problem]:

@@ -511,6 +511,11 @@ class Config(Table):
     control: Control | None = None
     log: Log = Log()
 
+    @property
+    def leads_everywhere(self) -> bool:
+        """Whether a listener leads to all units: one that is not for a line, or the one that is there without any."""
+        return not self.listen or any(listen.line is None for listen in self.listen)
+
     def listeners_for(self, line: Line) -> list[Listen]:
         """The listeners that are for this line alone."""
         return [listen for listen in self.listen if listen.line == line.label]

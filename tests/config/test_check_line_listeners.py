@@ -47,6 +47,69 @@ def test_one_line_without_devices_can_do_without_a_listener_of_its_own():
     assert problem.startswith("error: line[1]: has no devices beside another client line")
 
 
+APART = (
+    "error: line[1]: has no devices beside another client line: nobody knows which units are on it"
+    " | name its devices, such as devices = [{ unit = 1 }], or give it a [[listen]] of its own, with"
+)
+
+
+@pytest.mark.parametrize("line_a", [LINE_A, '[[line]]\nname = "a"\nport = "/dev/a"\n'])
+def test_a_line_without_devices_to_which_nobody_leads(line_a):
+    assert said(A + line_a + LINE_B) == [f'{APART} line = "b"']
+
+
+MIRROR = '[[image]]\nunit = {0}\nof = "b/17"\nread = [{{ holding = "0", every = "1 s" }}]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "is_asked"),
+    [
+        (PANEL.replace("41", "17"), True),
+        (PANEL + LINE_C + "devices = [{ unit = 41 }]\n", False),
+        (MIRROR.format(17) + PANEL.replace("41", "17"), True),
+        (MIRROR.format(200) + PANEL.replace("41", "200"), True),
+    ],
+)
+def test_a_panel_and_a_mirror_lead_to_a_line_without_devices_too(text, is_asked):
+    found = said(A + '[[line]]\nname = "a"\nport = "/dev/a"\n' + LINE_B + text)
+    assert any(each.startswith(APART) for each in found) == (not is_asked)
+
+
+UPSTREAM = '[[upstream]]\nto = "tcp://10.1.0.5:502"\nunits = [{ as = "71-73", unit = "1-3" }]\n'
+
+
+def dead(place, units):
+    return f"warning: {place}: no listener leads to {units}: each is for one line | add a [[listen]] without line"
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "units"),
+    [
+        ("[[image]]\nunit = 255\nholding = 1\n", "image[0].unit", "255"),
+        (UPSTREAM, "upstream[0].units[0].as", "71-73"),
+        (LINE_C + 'devices = [{ unit = "1-2", as = "61-62" }]\n', "line[1].devices[0].as", "61-62"),
+        (LINE_C + 'devices = [{ unit = "61-62" }]\n', "line[1].devices[0].unit", "61-62"),
+        (MIRROR.replace("b/17", "a/41").format(200), "image[0].unit", "200"),
+    ],
+)
+def test_a_unit_to_which_nobody_leads(text, place, units):
+    assert said(A + LINE_A + text) == [dead(place, units)]
+    assert said(SHARED + A + LINE_A + text) == []
+    assert said(LINE_A + text) == []
+
+
+def test_a_panel_and_a_mirror_lead_to_units_too():
+    assert said(A + LINE_A + UPSTREAM + PANEL.replace("41", "71")) == [dead("upstream[0].units[0].as", "72-73")]
+    panel = PANEL.replace("41", "[200, 71, 73]")
+    mirror = MIRROR.replace("b/17", "tcp://10.1.0.5:502/72").format(200)
+    assert said(A + LINE_A + UPSTREAM + mirror + panel) == []
+
+
+def test_nobody_is_blamed_when_a_listener_could_not_be_read():
+    (problem,) = said(A + '[[listen]]\nbind = "nowhere"\n' + LINE_A + UPSTREAM)
+    assert problem.startswith("error: listen[1].bind")
+
+
 def test_a_line_whose_listener_could_not_be_read_is_not_blamed():
     (problem,) = said('[[listen]]\nbind = "nowhere"\nline = "b"\n' + LINE_B + LINE_C)
     assert problem.startswith("error: listen[0].bind")
