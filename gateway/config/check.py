@@ -9,6 +9,7 @@ from gateway.config.address import Address
 from gateway.config.check_access import CONTROL, check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
+from gateway.config.check_repeats import check_repeats
 from gateway.config.check_units import (
     check_asked,
     check_device_rows,
@@ -56,10 +57,12 @@ def check(
     """
     unbuilt = unbuilt_tables(config)
     looked_at = (*_look_at_ports(config, port_trouble), *_look_at_addresses(config, address_trouble))
-    for problem in (*_misfits(config, failed, real_path), *looked_at):
-        if not any(problem.path[: len(path)] == path for path in unbuilt):
-            yield problem
-    yield from check_built(config)
+    misfits = (*_misfits(config, failed, real_path), *looked_at)
+    found = [problem for problem in misfits if not any(problem.path[: len(path)] == path for path in unbuilt)]
+    found += check_built(config)
+    yield from found
+    if not failed and all(problem.severity == "warning" for problem in found):
+        yield from check_repeats(config)
 
 
 def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:

@@ -69,6 +69,17 @@ def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
     return plan.line.max_wait + plan.line.silence_before_request + longest
 
 
+def least_for_repeat(plan: LinePlan) -> float:
+    """The shortest `retry_within` with which any read can be sent again after silence; 0 if there are no reads."""
+    needed = (
+        _needed_for_repeat(one, plan.line, device)
+        for device in plan.devices
+        for one in function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
+        if one.function in READING_FUNCTIONS
+    )
+    return min(needed, default=0.0)
+
+
 def longest_wait_behind(plan: UpstreamPlan) -> float:
     """The longest a client may wait for a unit behind another server: for a place on the connection, and the answer."""
     return plan.upstream.max_wait + plan.upstream.timeout
@@ -103,10 +114,17 @@ def _repeated(limits: FunctionLimits, line: LineSettings, device: DeviceSettings
     within = line.retry_within
     if within is not None:
         return within
-    window = line.late_window
-    if window is None:
-        window = max(2 * limits.most_items, device.answer_time.slowest)
-    return 2 * (limits.most_items + window)
+    return 2 * (limits.most_items + _late_window(limits.most_items, line, device))
+
+
+def _late_window(limit: float, line: LineSettings, device: DeviceSettings) -> float:
+    """How long a late answer is awaited behind this limit."""
+    return max(2 * limit, device.answer_time.slowest) if line.late_window is None else line.late_window
+
+
+def _needed_for_repeat(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
+    """From the first sending of a read of one item until its second one has failed, after silence."""
+    return 2 * (limits.request + limits.one_item) + _late_window(limits.one_item, line, device)
 
 
 def _functions(profile: Profile) -> Iterator[int]:

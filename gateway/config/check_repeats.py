@@ -1,0 +1,35 @@
+"""Cross-checks of reads that are sent again."""
+
+from collections.abc import Iterator
+from math import ceil
+
+from gateway.config.check_units import client_lines
+from gateway.config.duration import show_duration
+from gateway.config.forecast import least_for_repeat
+from gateway.config.plan import resolve
+from gateway.config.problem import Problem, warning
+from gateway.config.schema import Config, Line
+
+
+def check_repeats(config: Config) -> Iterator[Problem]:
+    """`retry_within` means something, and leaves time for one repeat. The config must have passed all other checks."""
+    lines = client_lines(config)
+    if all(line.retry_within is None for line in lines):
+        return
+    for line, plan in zip(lines, resolve(config).lines, strict=True):
+        yield from _check(line, least_for_repeat(plan))
+
+
+def _check(line: Line, needed: float) -> Iterator[Problem]:
+    path = (*line.path, "retry_within")
+    if line.retry_within is not None and not line.retries:
+        yield warning(path, "means nothing without retries", "add retries = 1, or leave it out")
+    elif line.retry_within is not None and line.retry_within < needed:
+        what = f"is too short for one repeat after silence (needs {show_duration(_rounded_up(needed))})"
+        remedy = "make it longer, or timeout or late_window shorter; reads are repeated after broken answers only"
+        yield warning(path, what, remedy)
+
+
+def _rounded_up(seconds: float) -> float:
+    """To what `show_duration` shows in full."""
+    return ceil(seconds) if seconds > 10 else ceil(seconds * 100) / 100
