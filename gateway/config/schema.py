@@ -88,9 +88,7 @@ class Listen(Table):
     clients: Count = Field(
         32,
         description="Connections at once; with `udp://` clients that are known at once. When full, one without a "
-        "request under way is closed for the next: first what one address has beyond others (an IPv6 /64 that is not "
-        "on a link of this machine counts as one), then who was never served, then who is idle longest measured by "
-        "its own interval. Who asks as usual stays.",
+        "request under way is closed for the next, in [this order](operations.md#when-a-listener-is-full).",
     )
     reserve: Annotated[int, Field(ge=0)] = Field(
         0,
@@ -243,9 +241,9 @@ class Line(Table):
     )
     retry_within: DurationOrAuto = Field(
         None,
-        description="A read that is sent again ends by then, counted from its first sending; it is answered 0B if it "
-        "has failed, or could not end in time. `max_wait` does not count for it. "
-        '`"auto"`: twice the sum of its limit and its late window, which is time for one more sending after silence.',
+        description="The longest that a read and its repeats may take, from the first sending. A repeat that could not "
+        "end by then is not sent: the client gets 0B at once. After silence it needs at least limit + late window + "
+        'limit. `max_wait` does not count for repeats. `"auto"`: twice the sum of limit and late window.',
     )
     rest: DurationOrOffOrAuto = Field(
         None,
