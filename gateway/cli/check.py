@@ -30,16 +30,20 @@ from gateway.config.unitset import show_units
 from gateway.errors import StateError
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.lines.device import DeviceSettings
+from gateway.lines.settings import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import url
 from gateway.service.remembered import in_force
 from gateway.service.state import kept_in, state_folder
 
+_LONGEST_WAIT: Final = "Longest wait = max_wait + gap + longest request on the wire + its time limit."
+_LONGEST_WAIT_FOR_REPEATS: Final = "With retries it is max_wait + gap + retry_within, if that is longer."
 _ADVICE: Final = """\
-Longest wait = max_wait + gap + longest request on the wire + its time limit.
 Set each client's time-out above the longest wait of the units that it asks.
 It holds for up to in_flight requests at once on a connection: what a client
 sends beyond that is not read meanwhile."""
+
+_SILENCE: Final = "no answer in place of 06, 0A and 0B."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -104,8 +108,13 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts += images_as_text(plan)
     parts += _remembered(plan)
     if plan.lines or plan.upstreams:
-        parts.append(_ADVICE)
+        parts.append(_advice(plan))
     return "\n\n".join([*parts, _verdict(loaded.problems)])
+
+
+def _advice(plan: Plan) -> str:
+    repeats = [_LONGEST_WAIT_FOR_REPEATS] if any(line.line.retries for line in plan.lines) else []
+    return "\n".join([_LONGEST_WAIT, *repeats, _ADVICE])
 
 
 def _verdict(problems: tuple[Problem, ...]) -> str:
@@ -120,7 +129,9 @@ def _counted(number: int, noun: str) -> str:
 
 def _listeners(listeners: tuple[ListenSettings, ...]) -> str:
     rows = [(one.name, _address(one), _places(one), _idle(one), str(one.unit0), _leads_to(one)) for one in listeners]
-    return "Listeners\n" + aligned([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0", "LEADS TO"), *rows], "  ")
+    table = aligned([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0", "LEADS TO"), *rows], "  ")
+    silent = [f"  Through {one.name}: {_SILENCE}" for one in listeners if one.on_failure == "silent"]
+    return "\n".join(["Listeners", table, *silent])
 
 
 def _leads_to(listener: ListenSettings) -> str:
@@ -146,11 +157,20 @@ def _line(plan: LinePlan, whole: Plan) -> str:
         [
             f"Line {plan.line.name}: {plan.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}, wire {wire}",
+            *_failures(plan.line),
             aligned([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
             *_ways_in(plan, whole),
             *_limits(units),
         ]
     )
+
+
+def _failures(line: LineSettings) -> Iterator[str]:
+    """What happens after a failure, where that is not the default."""
+    if line.retries:
+        yield f"  retries {line.retries}, retry_within {show_duration(line.retry_within)}"
+    if line.rest is not None:
+        yield f"  rest {show_duration(line.rest) if line.rest else 'off'}"
 
 
 def _ways_in(plan: LinePlan, whole: Plan) -> Iterator[str]:
@@ -195,6 +215,7 @@ def _server(server: ServerPlan, plan: Plan) -> str:
             f"  {timing.mode} {timing.baud} {timing.format}, silence before a response {silence}, wire {wire}",
             aligned([("UNIT", "WHO ANSWERS", "LONGEST WAIT"), *rows], "  "),
             f"  An answer that is not there within {show_duration(line.answer_within)} is not put on the line.",
+            *([f"  On failure: {_SILENCE}"] if line.on_failure == "silent" else []),
             f"  Broadcasts go to: {server.broadcast_to}.",
             f"  Set the outside client's time-out above {_rounded_up(longest_wait_outside(server, plan))}.",
         ]
@@ -321,6 +342,9 @@ def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
         "turnaround_ms": milliseconds(plan.line.turnaround),
         "latency_ms": milliseconds(plan.latency),
         "wire": foreseen(plan.line.wire, plan.port),
+        "retries": plan.line.retries,
+        "retry_within_ms": None if plan.line.retry_within is None else milliseconds(plan.line.retry_within),
+        "rest_ms": None if plan.line.rest is None else milliseconds(plan.line.rest),
         "passes_through": plan.passes_through,
         "shared": bool(plan.shared),
         "own_listeners": _listeners_for(plan, whole),

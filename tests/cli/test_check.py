@@ -243,6 +243,9 @@ def test_the_picture_as_json(config, capsys):
         "turnaround_ms": 100.0,
         "latency_ms": 5.0,
         "wire": "serial",
+        "retries": 0,
+        "retry_within_ms": None,
+        "rest_ms": None,
         "passes_through": False,
         "shared": True,
         "own_listeners": [],
@@ -391,6 +394,51 @@ def test_units_behind_servers_as_json(config, capsys):
             ],
         }
     ]
+
+
+FAILURES = """\
+[[listen]]
+name = "scada"
+bind = "tcp://127.0.0.1:1502"
+on_failure = "silent"
+
+[[line]]
+name = "hall-a"
+port = "/dev/null"
+devices = [{ unit = 41, profile = "weigher" }]
+%s
+
+[[line]]
+name = "panel"
+port = "/dev/zero"
+role = "server"
+serves = 41
+on_failure = "silent"
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "shown", "retries", "retry_within", "rest"),
+    [
+        ('retries = 2\nretry_within = "9 s"\nrest = "5 s"', ["retries 2, retry_within 9 s", "rest 5 s"], 2, 9000, 5000),
+        ('retries = 1\nrest = "off"', ["retries 1, retry_within auto", "rest off"], 1, None, 0),
+        ("", [], 0, None, None),
+    ],
+)
+def test_what_happens_after_a_failure_where_that_is_not_the_default(
+    keys, shown, retries, retry_within, rest, config, capsys
+):
+    path = config(FAILURES % keys)
+    assert main(["check", path]) == 0
+    said = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert [line for line in said if line.startswith(("retries", "rest "))] == shown
+    assert "Through scada: no answer in place of 06, 0A and 0B." in said
+    assert "On failure: no answer in place of 06, 0A and 0B." in said
+    footnote = "With retries it is max_wait + gap + retry_within, if that is longer."
+    assert (footnote in said) == bool(retries)
+    main(["check", "--json", path])
+    line = json.loads(capsys.readouterr().out)["lines"][0]
+    assert (line["retries"], line["retry_within_ms"], line["rest_ms"]) == (retries, retry_within, rest)
 
 
 REMEMBERED = '{"/dev/null silo-1": {"configured": 1, "now": 5}, "/dev/null": {"configured": 19200, "now": 9600}}'
