@@ -26,14 +26,17 @@ class Router:
     broadcast, or that of another unit.
     """
 
-    def __init__(self, door: Door, clock: Callable[[], float], emit: events.Emit) -> None:
-        """`clock` tells the time of the requests."""
+    def __init__(
+        self, door: Door, clock: Callable[[], float], emit: events.Emit, why_no_route: str = "no such unit"
+    ) -> None:
+        """`clock` tells the time of the requests. The log says `why_no_route` of a unit that is not there."""
         self.door = door
         self.routes: Mapping[int, Target] = {}
         self.rights = Rights((), door)
         self.counts = Counts()
         self._clock = clock
         self._emit = emit
+        self._why_no_route = why_no_route
 
     def submit(self, request: Request, now: float) -> None:
         """Hand the request to its unit's target. Without a route it is answered 0A, without a right 01."""
@@ -52,7 +55,7 @@ class Router:
             request.origin = Audited(request.origin, self.door.name, self._clock, self._emit, is_broadcast=is_broadcast)
         if target is None:
             self.counts.no_route += 1
-            refusal = errors.NoRoute("no such unit")
+            refusal = errors.NoRoute(self._why_no_route)
             self._emit(events.RequestRefused.of(request, refusal))
             request.fail(refusal)
             return

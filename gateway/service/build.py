@@ -182,7 +182,10 @@ def _image(settings: ImageSettings, store: Store | None, emit: Emit) -> Image:
 
 
 def _listener(settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit) -> Listener:
-    router = Router(_door(settings), loop.time, emit)
+    why_no_route = "no such unit"
+    if settings.line:
+        why_no_route += f": {settings.name} leads to line {settings.line} only"
+    router = Router(_door(settings), loop.time, emit, why_no_route)
     return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from gateway.config.load import parse
 from gateway.config.plan import resolve
+from gateway.events import RequestRefused
 from gateway.modbus import rtu
 from gateway.service.build import build
 from kit.house import House, house
@@ -127,6 +128,20 @@ async def test_nothing_else_can_be_reached() -> None:
             assert {await client.asks(unit, READ) for unit in missing} == {"81 0A"}
             assert {await client.asks(unit, WRITE) for unit in missing} == {"86 0A"}
         assert wires.heard == []
+
+
+@pytest.mark.parametrize(
+    ("listener", "unit", "why"),
+    [
+        (SCADA, 7, "no such unit"),
+        (HALL, 41, "no such unit: hall port leads to line hall only"),
+        (YARD, 255, "no such unit: yard port leads to line yard only"),
+    ],
+)
+async def test_the_log_says_where_the_listener_leads(listener: int, unit: int, why: str) -> None:
+    async with house(CONFIG + ALL) as home:
+        await home.client(listener=listener).asks(unit, READ)
+        assert [event.why for event in home.events if isinstance(event, RequestRefused)] == [why]
 
 
 async def test_devices_keep_their_profile_limits_and_name() -> None:
