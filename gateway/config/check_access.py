@@ -129,8 +129,13 @@ def _for_one_line(config: Config) -> frozenset[str]:
 
 
 def _check_units(row: Access, config: Config) -> Iterator[Problem]:
-    if row.units != "all" and not _answered(row, config) & set(row.units):
-        yield warning((*row.path, "units"), f"nobody answers for {show_units(row.units)}, so the row means nothing")
+    answered = _answered(row, config)
+    if row.units != "all" and not answered & set(row.units):
+        remedy = ""
+        if not _for_one_line(config).isdisjoint(row.listen or ()):
+            remedy = f"through a listener for one line, units are addresses on its wire: {show_units(answered)}"
+        what = f"nobody answers for {show_units(row.units)}, so the row means nothing"
+        yield warning((*row.path, "units"), what, remedy)
 
 
 def _answered(row: Access, config: Config) -> frozenset[int]:

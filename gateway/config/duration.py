@@ -12,6 +12,9 @@ _LONGEST: Final = 7 * 24 * 3600.0
 #: What a network, an adapter and a clock can keep apart. Less is mostly a wrong unit.
 SHORTEST: Final = 0.001
 
+#: How else "off" is said, in lower case.
+_MEANT_OFF: Final = (False, 0, "off", "never", "none", "no", "false", "0", "0 ms", "0 s")
+
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
 
 
@@ -52,7 +55,7 @@ def parse_duration_or_auto(value: object) -> float | None:
     Raises:
         WrongValue: `value` is neither.
     """
-    return None if value == "auto" else parse_duration(value)
+    return None if value == "auto" else parse_duration(_no_word(value, '"auto"'))
 
 
 def parse_duration_or_zero_or_auto(value: object) -> float | None:
@@ -61,7 +64,7 @@ def parse_duration_or_zero_or_auto(value: object) -> float | None:
     Raises:
         WrongValue: `value` is neither.
     """
-    return None if value == "auto" else parse_duration_or_zero(value)
+    return None if value == "auto" else parse_duration_or_zero(_no_word(value, '"auto"'))
 
 
 def parse_duration_or_off_or_auto(value: object) -> float | None:
@@ -70,7 +73,11 @@ def parse_duration_or_off_or_auto(value: object) -> float | None:
     Raises:
         WrongValue: `value` is none of them.
     """
-    return 0.0 if value == "off" else parse_duration_or_auto(value)
+    if value == "off":
+        return 0.0
+    if value in _MEANT_OFF or (isinstance(value, str) and value.strip().lower() in _MEANT_OFF):
+        raise WrongValue('must be a duration, "auto" or "off"', 'did you mean "off"?')
+    return None if value == "auto" else parse_duration(_no_word(value, '"auto", "off"'))
 
 
 def show_duration(seconds: float | None) -> str:
@@ -84,6 +91,17 @@ def show_duration(seconds: float | None) -> str:
     if seconds >= 60 and seconds % 60 == 0:
         return f"{seconds / 60:.0f} min"
     return f"{_three_figures(seconds)} s"
+
+
+def _no_word(value: object, words: str) -> object:
+    """The value, if it is none that should be one of the `words`.
+
+    Raises:
+        WrongValue: it is text, and no duration.
+    """
+    if isinstance(value, str) and _DURATION.fullmatch(value.strip()) is None:
+        raise WrongValue(f'"{value}" is no duration', f'write {words}, or a number and a unit, such as "250 ms"')
+    return value
 
 
 def _seconds(number: str, unit: str) -> float:

@@ -77,7 +77,9 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
         line = wrong.object.count(b"\n", 0, wrong.start) + 1
         return _hopeless(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
     except FileNotFoundError:
-        return _hopeless(error((), "there is no such file", "name a file: modbus-gateway run FILE"), file, 0, 0)
+        return _hopeless(
+            error((), "there is no such file", "write it, or name another file behind the command"), file, 0, 0
+        )
     except OSError as wrong:
         remedy = f"sudo chmod 644 {file}" if isinstance(wrong, PermissionError) else ""
         return _hopeless(error((), f"cannot be read: {wrong.strerror}", remedy), file, 0, 0)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from typing import Final, Literal, Self
 
 #: The way from the top of the file to a key or a value: keys, and indices in lists.
@@ -12,6 +12,8 @@ Severity = Literal["error", "warning"]
 
 #: More names than this are no help. The longest table has 24 keys.
 _MOST_NAMES: Final = 30
+#: More names that are equally near are a list, too.
+_MOST_NEAREST: Final = 3
 
 
 class WrongValue(ValueError):  # noqa: N818 - it is a value that is wrong, not the program
@@ -79,9 +81,18 @@ def dotted(path: Path) -> str:
 
 
 def did_you_mean(written: str, known: Iterable[str]) -> str:
-    """A remedy for a name that is none of the `known` ones: the one that was meant, or all unless they are too many."""
+    """A remedy for a name that is none of the `known` ones: the nearest, or all unless they are too many."""
     names = list(dict.fromkeys(known))
-    close = get_close_matches(written, names, n=1)
-    if close:
-        return f'did you mean "{close[0]}"?'
+    close = get_close_matches(written, names, n=_MOST_NEAREST + 1)
+    nearest = [name for name in close if _likeness(name, written) == _likeness(close[0], written)]
+    if 0 < len(nearest) <= _MOST_NEAREST:
+        return f"did you mean {_either(nearest)}?"
     return f"known here: {', '.join(names)}" if 0 < len(names) <= _MOST_NAMES else ""
+
+
+def _likeness(one: str, other: str) -> float:
+    return SequenceMatcher(None, one, other).ratio()
+
+
+def _either(names: list[str]) -> str:
+    return " or ".join(f'"{name}"' for name in sorted(names))

@@ -21,6 +21,10 @@ _COLON = re.compile(r"\s*([\w.-]+)\s*:\s*(.+?)\s*")
 #: How tomllib says that text does not end where it should.
 _NO_CLOSING_QUOTE = ("Illegal character '\\n'", "Found invalid character '\\n'", "Unterminated string", 'Expected "\'"')
 
+#: Quotes that TOML does not know.
+_TYPOGRAPHIC_QUOTES = "\u201c\u201d\u201e\u201f\u2018\u2019\u201a\u00ab\u00bb"
+
+_WHOLE_NUMBER = re.compile(r"[0-9]+")
 _NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
 
 _SYNTAX_ERROR = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
@@ -117,7 +121,8 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
         return error(path, f"must be {choices}", f"did you mean {meant}?" if meant in choices else "")
     if kind in _LIMITS:
         return error(path, _LIMITS[kind].format(**context))
-    is_quoted = kind in {"int_type", "float_type"} and _NUMBER.fullmatch(str(found["input"]))
+    number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
+    is_quoted = number is not None and isinstance(found["input"], str) and number.fullmatch(found["input"])
     remedy = f"write it without quotes: {path[-1]} = {found['input']}" if is_quoted else ""
     return error(path, _TYPES.get(kind, f"cannot be used: {found['msg']}"), remedy)
 
@@ -152,11 +157,13 @@ def _missing_quotes(line: str) -> str:
     return ""
 
 
-def _as_toml(key: str, value: str) -> str:
-    """How to write a value that is no TOML."""
+def _as_toml(key: str, written: str) -> str:
+    """How to write a value that is no TOML. A text editor may have put other quotes around it."""
+    value = written.strip(_TYPOGRAPHIC_QUOTES)
     if key in _number_keys():
-        return f"{key} is a number: digits only, not {value}"
-    return f'put the value in quotes: {key} = "{value}"'
+        return f"{key} is a number: digits only, not {written}"
+    what = "put the value in quotes" if value == written else "put the value in straight quotes"
+    return f'{what}: {key} = "{value}"'
 
 
 def _number_keys() -> set[str]:

@@ -84,7 +84,9 @@ def _replace_left_over(path: Path, device: str) -> None:
     if path.is_char_device() and not path.resolve().is_relative_to(_VIRTUAL_PORTS):
         raise PortError(f"{path} is a real port; devices are simulated on a virtual one only: name a path that is free")
     if path.exists() and not _leads_to_somebody_else(path):
-        raise PortError(f"{path} exists already; name a path that is free, or remove it if no simulator uses it")
+        is_ours = path.is_symlink() and path.resolve().is_relative_to(_VIRTUAL_PORTS)
+        advice = ", or remove this link if no simulator uses it" if is_ours else ""
+        raise PortError(f"{path} exists already; name a path that is free{advice}")
     fresh = path.with_name(f"{path.name}.{os.getpid()}")
     try:
         fresh.symlink_to(device)

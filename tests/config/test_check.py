@@ -557,7 +557,7 @@ def test_a_mirror_of_a_unit_behind_another_server():
     upstream = '[[upstream]]\nname = "x"\nto = "tcp://10.0.0.1"\nunits = [{ as = "2-3", unit = "7-8" }]\n'
     assert problems(upstream + MIRROR.replace("one", "x/3")) == []
     assert problems(upstream + MIRROR.replace("one", "x/7")) == [
-        'error: image[0].of: there is no device "x/7" | did you mean "x/3"?'
+        'error: image[0].of: there is no device "x/7" | did you mean "x/2" or "x/3"?'
     ]
 
 

@@ -121,6 +121,23 @@ def test_a_line_that_does_not_exist():
     ]
 
 
+def test_lines_that_are_equally_near_are_all_named():
+    lines = "".join(line.replace('"a"', '"hall-a"').replace('"c"', '"hall-b"') for line in (LINE_A, LINE_C))
+    lines += "devices = [{ unit = 5 }]\n"
+    assert said(SHARED + A.replace('"a"', '"hall-x"') + lines) == [
+        'error: listen[1].line: there is no line "hall-x" | did you mean "hall-a" or "hall-b"?'
+    ]
+
+
+def test_the_units_of_a_row_for_one_line_are_addresses():
+    assert said(SHARED + A + LINE_A + '[[access]]\nlisten = ["port-a"]\nunits = [46]\nallow = ["read"]\n') == [
+        (
+            "warning: access[0].units: nobody answers for 46, so the row means nothing"
+            " | through a listener for one line, units are addresses on its wire: 1-2"
+        )
+    ]
+
+
 def test_a_line_where_we_are_a_server():
     assert said(SHARED + A.replace('"a"', '"panel"') + LINE_A + PANEL) == [
         (

@@ -36,10 +36,27 @@ def test_a_duration_may_be_off(text, seconds):
     assert parse_duration_or_off_or_auto(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["0", "0 s", "never", False])
+@pytest.mark.parametrize("text", ["0", "0 s", 0, "never", "none", "Off", False])
 def test_off_is_said_in_one_way(text):
-    with pytest.raises(WrongValue):
+    with pytest.raises(WrongValue) as caught:
         parse_duration_or_off_or_auto(text)
+    assert caught.value.remedy == 'did you mean "off"?'
+
+
+@pytest.mark.parametrize(
+    ("parse", "words"),
+    [
+        (parse_duration_or_auto, '"auto"'),
+        (parse_duration_or_zero_or_auto, '"auto"'),
+        (parse_duration_or_off_or_auto, '"auto", "off"'),
+    ],
+)
+def test_words_that_are_allowed_are_named(parse, words):
+    with pytest.raises(WrongValue) as caught:
+        parse("forever")
+    assert caught.value.remedy == f'write {words}, or a number and a unit, such as "250 ms"'
+    with pytest.raises(WrongValue, match="needs a unit"):
+        parse("5")
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,10 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
             ),
         ),
         (
+            "[[line]]\nrest = \u201c5 s\u201d\n",
+            'gateway.toml:2:8: error: invalid value\n  help: put the value in straight quotes: rest = "5 s"',
+        ),
+        (
             "[[line]]\nport = /dev/ttyUSB0\n",
             'gateway.toml:2:8: error: invalid value\n  help: put the value in quotes: port = "/dev/ttyUSB0"',
         ),
@@ -161,6 +165,8 @@ def test_a_file_that_is_nested_too_deeply_is_a_problem_too():
             "[[image]]\nunit = '5'",
             "gateway.toml:2:8: error: image[0].unit: must be a whole number\n  help: write it without quotes: unit = 5",
         ),
+        ("[[image]]\nunit = 1.5", "gateway.toml:2:8: error: image[0].unit: must be a whole number"),
+        ("[[image]]\nunit = '1.5'", "gateway.toml:2:8: error: image[0].unit: must be a whole number"),
         ("[[image]]\nunit = 'x'", "gateway.toml:2:8: error: image[0].unit: must be a whole number"),
         (
             "[[line]]\nname = 'motion'\nport = '/dev/x'\nmode = 'ASCII'",
@@ -312,7 +318,7 @@ def test_a_file_is_read(tmp_path):
 def test_a_file_that_does_not_exist_is_one_problem(tmp_path):
     file = tmp_path / "gateway.toml"
     assert [str(one) for one in load(file).problems] == [
-        f"{file}: error: there is no such file\n  help: name a file: modbus-gateway run FILE"
+        f"{file}: error: there is no such file\n  help: write it, or name another file behind the command"
     ]
     assert load(str(file)).config is None
 

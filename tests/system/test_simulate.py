@@ -178,7 +178,7 @@ def test_a_link_left_behind_is_replaced(port: Path) -> None:
 def test_another_file_is_left_alone(port: Path, capsys: pytest.CaptureFixture[str]) -> None:
     port.write_text("precious")
     assert main(["simulate", "generic", "--port", str(port)]) == 1
-    assert f"{port} exists already" in capsys.readouterr().err
+    assert capsys.readouterr().err.endswith(f"{port} exists already; name a path that is free\n")
     assert port.read_text() == "precious"
 
 
@@ -286,7 +286,7 @@ def test_the_link_of_a_killed_simulator_is_replaced_though_somebody_else_has_its
 
 async def test_two_lines_cannot_have_one_port(port: Path) -> None:
     async with SimulatedLine(port, [Generic(1)]):
-        with pytest.raises(PortError, match="exists already"):
+        with pytest.raises(PortError, match="exists already; name a path that is free, or remove this link"):
             await SimulatedLine(port, [Generic(1)]).__aenter__()
 
 
