@@ -22,9 +22,11 @@ def check_repeats(config: Config) -> Iterator[Problem]:
 
 def _check(line: Line, needed: float) -> Iterator[Problem]:
     path = (*line.path, "retry_within")
-    if line.retry_within is not None and not line.retries:
+    if line.retry_within is None:
+        return
+    if not line.retries:
         yield warning(path, "means nothing without retries", "add retries = 1, or leave it out")
-    elif line.retry_within is not None and line.retry_within < needed:
+    elif line.retry_within < needed:
         what = f"is too short for one repeat after silence (needs {show_duration(_rounded_up(needed))})"
         remedy = "make it longer, or timeout or late_window shorter; reads are repeated after broken answers only"
         yield warning(path, what, remedy)

@@ -85,9 +85,9 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
 
 
 def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Where every listener is for one line, who answers for a unit elsewhere can be asked by other ways.
+    """Somebody can ask each unit where every listener is for one line. `failed` as in `check`.
 
-    Those are server lines, mirrors, and a listener for its own line. `failed` as in `check`.
+    Server lines and mirrors lead to units too.
     """
     if config.leads_everywhere or failed & {"listen", "line", "image"}:
         return
