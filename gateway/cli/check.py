@@ -4,7 +4,7 @@ import argparse
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from math import ceil
+from math import ceil, floor, log10
 from typing import Any, Final
 
 from gateway.cli.columns import aligned
@@ -202,7 +202,11 @@ def _row(unit: _Unit) -> tuple[str, ...]:
 
 
 def _rounded_up(seconds: float) -> str:
-    return show_duration(ceil(seconds * 100) / 100) if seconds else "at once"
+    """To three figures, as they are shown, and never less."""
+    if not seconds:
+        return "at once"
+    step = max(0.01, 10.0 ** (floor(log10(seconds)) - 2))
+    return show_duration(ceil(seconds / step) * step)
 
 
 def _server(server: ServerPlan, plan: Plan) -> str:

@@ -47,7 +47,8 @@ _PROFILE: Final = "profile"
 _OF_NO_CONCERN: Final = frozenset(
     {
         *("baud", "format", "rs485", "echo", "latency", "timeout", "gap", "turnaround", "late_window", "queue"),
-        *("max_wait", "retries", "retry_within", "coalesce", "broadcast", "priority", "clients", "idle", "in_flight"),
+        *("max_wait", "retries", "retry_within", "rest", "wire", "coalesce", "broadcast", "priority"),
+        *("clients", "idle", "in_flight", "on_failure"),
     }
 )
 
