@@ -50,7 +50,7 @@ class LineDriver:
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """These bytes became readable."""
-        self._border.run(self._receive_damaged if damaged else self._receive, data, self._time())
+        self._border.run(self._receive, data, self._time(), damaged)
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; requests fail at once until it is back."""
@@ -103,13 +103,14 @@ class LineDriver:
         if self._border.port is not None:
             self._border.port.look()
 
-    def _receive(self, data: bytes, now: float) -> None:
-        self.line.received(data, now)
+    def _receive(self, data: bytes, now: float, damaged: bool) -> None:  # noqa: FBT001 - a step of the border
+        """Take bytes, and look away if that can be. Pieces of one read may still come while the port is paused."""
+        self.line.received(data, now, damaged=damaged)
         look_at, port = self.line.look_at(now), self._border.port
-        self._look_at = look_at if look_at is not None and port is not None and port.pause() else None
-
-    def _receive_damaged(self, data: bytes, now: float) -> None:
-        self.line.received(data, now, damaged=True)
+        if look_at is not None and port is not None and port.pause():
+            self._look_at = look_at
+        elif self._look_at is not None:
+            self._look_at = now
 
     def _down(self) -> None:
         self._look_at = None

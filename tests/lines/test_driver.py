@@ -147,7 +147,7 @@ async def test_a_defect_ends_at_the_border_requests_fail_and_the_port_is_reopene
     driven.ask()
     await asyncio.sleep(0.01)
 
-    def defect(data: bytes, now: float) -> None:
+    def defect(data: bytes, now: float, *, damaged: bool) -> None:
         raise ZeroDivisionError
 
     driven.line.received = defect  # type: ignore[method-assign]

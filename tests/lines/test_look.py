@@ -294,11 +294,12 @@ class User:
     def __init__(self, driver: LineDriver) -> None:
         self.driver = driver
         self.lost = driver.port_down
+        self.damaged = False
         self.wakes = 0
 
     def received(self, data: bytes) -> None:
         self.wakes += 1
-        self.driver.received(data)
+        self.driver.received(data, damaged=self.damaged)
 
 
 @pytest.mark.parametrize(
@@ -325,9 +326,11 @@ async def test_so_often_an_answer_of_ten_registers_wakes_the_line_and_it_is_comp
     assert counted == wakes
 
 
+@pytest.mark.parametrize("damaged", [False, True])
 @pytest.mark.parametrize("mode", ["rtu", "ascii"])
-async def test_noise_wakes_the_line_each_5_ms_and_a_request_leaves_when_it_is_over(mode: Mode) -> None:
+async def test_noise_wakes_the_line_each_5_ms_and_a_request_leaves_when_it_is_over(mode: Mode, damaged: bool) -> None:
     async with Wired(LineTiming(mode, 115200, CharacterFormat.parse("8N1"))) as wired:
+        wired.user.damaged = damaged
         await wired.says(noise(MAX_ASCII_ADU))
         before = wired.user.wakes
         await wired.says(noise(11520, seed=1))
@@ -348,6 +351,20 @@ async def test_a_port_that_cannot_wait_is_not_looked_at() -> None:
         limit_ends = wired.driver.line.deadline()
         wired.memory.deliver(TEN[:3])
         assert wired.driver._deadline() == limit_ends
+
+
+async def test_who_has_looked_away_between_two_pieces_of_one_read_looks_again_after_the_last_one() -> None:
+    """A read with damaged characters in it is handed over in pieces: the later ones may say that each byte counts."""
+    async with Wired() as wired:
+        await wired.asks()
+        await wired.says(TEN[:1])
+        await asyncio.sleep(3 * CHARACTER)
+        wired.driver.received(TEN[1:4])
+        assert wired.driver._look_at > wired.loop.time() + CHARACTER
+        wired.driver.received(TEN[4:-1])
+        await asyncio.sleep(0.0001)
+        await wired.says(TEN[-1:])
+        assert [answer[:5] for answer in wired.client.answers] == ["03 14"]
 
 
 async def test_an_exception_is_answered_on_its_last_byte_though_a_long_answer_was_awaited() -> None:
