@@ -104,6 +104,15 @@ def test_without_the_echo_nothing_is_an_answer(announced: Bench) -> None:
     assert announced.client.answers == ["83 0B"]
 
 
+def test_another_clients_copy_stands_for_an_echo_that_was_lost(announced: Bench) -> None:
+    """What nobody can detect (ADR 5): where the documents say so, they say what is."""
+    announced.ask(WRITE)
+    announced.pass_time(0.1)
+    announced.hear(WRITE_FRAME)
+    announced.hear(WRITE_FRAME)
+    assert announced.client.answers == [WRITE]
+
+
 def test_the_echo_of_a_broadcast_is_nothing_to_the_next_request(announced: Bench) -> None:
     announced.broadcast(WRITE)
     announced.hear(frame(0, WRITE))
