@@ -64,6 +64,11 @@ class LineDriver:
             self._border.port.change_baud(baud)
 
     @property
+    def is_renewing(self) -> bool:
+        """Whether the line has closed its connection and waits for the next one."""
+        return self.line.is_renewing
+
+    @property
     def is_busy(self) -> bool:
         """Whether a request is on the line."""
         return self.line.is_busy

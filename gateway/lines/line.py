@@ -119,6 +119,11 @@ class Line:
         self._renewed_until = now + RENEWAL
 
     @property
+    def is_renewing(self) -> bool:
+        """Whether what waits goes on waiting for a new connection."""
+        return self._renewed_until > 0.0
+
+    @property
     def is_busy(self) -> bool:
         """Whether a request is on the line."""
         return self._current is not None or self._again is not None

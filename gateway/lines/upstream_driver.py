@@ -19,6 +19,8 @@ class UpstreamDriver:
     foresaw ends here: it is told, all requests of the upstream fail, and the connection is closed too.
     """
 
+    is_renewing = False
+
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self.upstream = upstream
         self._emit = emit

@@ -21,6 +21,8 @@ class SerialListener:
     reopened.
     """
 
+    is_renewing = False
+
     def __init__(self, settings: ServerSettings, router: Target, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self.session = SerialSession(settings, router, self._wake, emit)
         self.wire: Wire = settings.wire

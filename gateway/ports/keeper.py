@@ -25,6 +25,10 @@ _ABSENT_WORDS: Final = ("does not exist", "has no hardware behind it")
 class PortOwner(Protocol):
     """Whose port is kept open: a line, a serial listener. It starts without a port."""
 
+    @property
+    def is_renewing(self) -> bool:
+        """Whether it has closed the port itself to have another one, at once."""
+
     def port_up(self, port: Port) -> None:
         """The port is open and may be written to at once."""
 
@@ -64,7 +68,7 @@ class Keeper:
             except PortError as error:
                 self.failed(error)
             await asyncio.sleep(self._pause)
-            self._pause = min(2 * self._pause, LONGEST_PAUSE)
+            self._pause = min(max(2 * self._pause, FIRST_PAUSE), LONGEST_PAUSE)
 
     def failed(self, error: PortError) -> None:
         """The port could not be opened. Each kind of trouble is told once until the port is open again."""
@@ -120,7 +124,9 @@ class Keeper:
             self._told.add(_ABSENT)
         self._lost_at = _now()
         # A port that opens and fails at once is as good as absent: only one that stayed renews the short pause.
-        if self._lost_at - self._opened_at > LONGEST_PAUSE:
+        if self._owner.is_renewing:
+            self._pause = 0.0
+        elif self._lost_at - self._opened_at > LONGEST_PAUSE:
             self._pause = FIRST_PAUSE
 
     def _tell(self, error: PortError) -> None:

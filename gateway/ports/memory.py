@@ -11,8 +11,8 @@ class MemoryLine:
     """The devices' end of a line in memory, and the plug between the two ends.
 
     Hand `open_port` to the gateway. What it writes is added to `written` at once, and handed to `on_write` in the
-    loop's next turn, because no device answers inside a write. Nothing here takes time: a test's clock decides.
-    `has_arrived` makes it a connection: see Port.
+    loop's next turn, because no device answers inside a write. Nothing here takes time, unless opening it takes
+    `opens_in` seconds: a test's clock decides. `has_arrived` makes it a connection: see Port.
     """
 
     def __init__(
@@ -28,6 +28,7 @@ class MemoryLine:
         self.has_arrived = has_arrived
         self.written = bytearray()
         self.openings = 0
+        self.opens_in = 0.0
         self.baud = 0
         self._port: MemoryPort | None = None
         self._absent: str | None = None
@@ -43,6 +44,8 @@ class MemoryLine:
         Raises:
             PortError: the line is unplugged, or its end is held already.
         """
+        if self.opens_in:
+            await asyncio.sleep(self.opens_in)
         if self._absent is not None:
             raise PortError(self._absent)
         if self._port is not None:

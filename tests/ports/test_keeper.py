@@ -28,6 +28,8 @@ def not_opened(number: int) -> str:
 class Owner:
     """Notes what a line would be told."""
 
+    is_renewing = False
+
     def __init__(self):
         self.told = []
         self.port = None
@@ -124,6 +126,21 @@ async def test_pauses_double_up_to_a_second(house):
         await asyncio.sleep(4)
     pauses = [later - earlier for earlier, later in pairwise(attempts)]
     assert pauses == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.0, 1.0])
+
+
+async def test_an_owner_that_renews_its_port_has_the_next_one_at_once_however_often(house):
+    async with house.kept():
+        house.owner.is_renewing = True
+        for _ in range(10):
+            house.owner.port.close()
+            await asyncio.sleep(0.01)
+        assert house.line.openings == 11
+        house.owner.is_renewing = False
+        house.owner.port.close()
+        await asyncio.sleep(0.09)
+        assert house.line.openings == 11
+        await asyncio.sleep(0.02)
+        assert house.line.openings == 12
 
 
 async def test_a_port_that_fails_as_soon_as_it_is_open_is_not_opened_ten_times_a_second(house):

@@ -148,6 +148,7 @@ async def test_what_waits_meanwhile_is_asked_over_the_new_connection() -> None:
     async with house(STALLING) as home:
         server, client = Server(home), home.client()
         server.devices[0].silent = True
+        home.lines[PORT].opens_in = 0.1
         assert await client.asks(1, READ) == "83 0B"
         server.devices[0].silent = False
         await asyncio.sleep(WINDOW - 0.1)
@@ -163,6 +164,7 @@ async def test_a_server_that_takes_no_new_connection_is_down_as_any_other() -> N
     async with house(STALLING) as home:
         server, client, line = Server(home), home.client(), home.lines[PORT]
         server.stalled = True
+        home.lines[PORT].opens_in = 0.1
         assert await client.asks(1, READ) == "83 0B"
         await asyncio.sleep(WINDOW - 0.1)
         client.ask(1, READ)

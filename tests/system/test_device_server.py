@@ -48,6 +48,8 @@ class User:
 class Owner:
     """A line that only notes."""
 
+    is_renewing = False
+
     def __init__(self):
         self.port = None
         self.downs = 0

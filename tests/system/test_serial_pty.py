@@ -52,6 +52,8 @@ class User:
 class Owner:
     """A line that only notes."""
 
+    is_renewing = False
+
     def __init__(self):
         self.port = None
         self.heard = b""
