@@ -6,9 +6,9 @@ from typing import Final, Protocol
 from gateway.listeners.session import NEVER
 from gateway.routing.access import Rights
 
-#: Whoever asks more often than at this interval asks much, in seconds. Listeners look at their clients more often.
-MUCH: Final = 0.4
-#: As long as a client has not asked for so many seconds, its interval counts as no shorter.
+#: Who has left so many seconds between two requests has shown its interval. Listeners look at their clients more often.
+PAUSE: Final = 0.4
+#: Who asks more often has shown it after so many seconds on a connection. Until then its interval counts as no shorter.
 ORDINARY: Final = 1.0
 #: Who has been silent for so many of its intervals does not ask as usual any more.
 PATIENCE: Final = 2.0
@@ -37,6 +37,8 @@ class Habit:
     `longest` is the longest time that it has lately left between two requests, 0.0 while it has not asked twice. It is
     forgotten once the client has asked for twice as long without another. `interval` is at what interval it asks: a few
     requests in a moment do not tell, the next one may come much later.
+
+    `began_at` is when it first asked, on the connection on which its interval was shown or will be.
     """
 
     origin: str
@@ -69,25 +71,38 @@ class Habit:
         """Whether it has asked: who has no request under way then was answered."""
         return self.asked_at > NEVER
 
+    @property
+    def is_known(self) -> bool:
+        """Whether it has shown at what interval it asks."""
+        return self.longest >= PAUSE or self._has_asked_for_long
+
     def has_stopped(self, now: float) -> bool:
         """Whether it has been silent for longer than it usually is."""
-        return now - self.active_at >= PATIENCE * max(self.interval, MUCH)
+        return now - self.active_at >= PATIENCE * max(self.interval, PAUSE)
 
     def is_usual(self, now: float) -> bool:
-        """Whether it asks as it usually does, which is known, and not much."""
-        return self.longest >= MUCH and not self.has_stopped(now)
+        """Whether it asks as it usually does, which is known."""
+        return self.is_known and not self.has_stopped(now)
 
-    def order(self, now: float) -> tuple[bool, bool, float, float]:
+    def order(self, now: float) -> tuple[bool, bool, float]:
         """For comparing: the greatest is the first to make room."""
-        has_stopped, silence = self.has_stopped(now), (now - self.active_at) / self.interval
-        shortness = 0.0 if has_stopped else MUCH - min(self.interval, MUCH)
-        return not self.was_served, has_stopped, shortness, silence
+        return not self.was_served, self.has_stopped(now), (now - self.active_at) / self.interval
+
+    def come_back(self, now: float) -> None:
+        """It has connected again. Who was closed before its interval was known shows that anew."""
+        self.active_at = now
+        if not self._has_asked_for_long:
+            self.began_at = NEVER
+
+    @property
+    def _has_asked_for_long(self) -> bool:
+        return self.asked_at - self.began_at >= ORDINARY
 
     def _has_asked(self, at: float) -> None:
         if self.was_served:
             pause = at - self.asked_at
             self.longest = max(pause, self.longest - pause / 2)
-        else:
+        if self.began_at == NEVER:
             self.began_at = at
         self.asked_at = self.active_at = at
-        self.interval = max(self.longest, 0.0 if at - self.began_at >= ORDINARY else ORDINARY)
+        self.interval = max(self.longest, 0.0 if self._has_asked_for_long else ORDINARY)

@@ -4,8 +4,8 @@ When there is no place, the first of these is closed, and nobody who has a reque
 
 1. who is from the address with most connections, as long as others have fewer;
 2. who was never served;
-3. who has stopped asking as it usually does, and of those who has been silent for most of its own intervals;
-4. who asks much, the most first; then whose interval is not known yet, in the order of 3.
+3. who has stopped asking as it usually does;
+4. whose interval is not known yet; of these, as of those before, who has been silent for most of its own intervals.
 
 All others ask as usual, and stay. Nobody goes for an address that has more connections already: whoever floods a
 listener only drives out itself. If nobody may go, the one who comes is sent away.
@@ -58,7 +58,7 @@ class Room(Generic[AnyClient]):
         habit = self._left.pop(origin, None)
         if habit is None or now - habit.active_at > MEMORY:
             habit = Habit(origin, now)
-        habit.active_at = now
+        habit.come_back(now)
         self._habits[client] = habit
 
     def leave(self, client: AnyClient, now: float) -> None:
@@ -107,7 +107,7 @@ class Room(Generic[AnyClient]):
         share = Counter(habit.origin for habit in self._habits.values())
         own = share[origin]
         fewest = min([*share.values(), own + 1])
-        may_go: list[tuple[tuple[int, bool, bool, float, float], AnyClient]] = []
+        may_go: list[tuple[tuple[int, bool, bool, float], AnyClient]] = []
         for client in rivals:
             habit = self._habits[client]
             has = share[habit.origin]
