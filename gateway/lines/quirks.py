@@ -34,7 +34,7 @@ _UNITS: Final = range(FIRST_UNIT, LAST_UNIT + 1)
 #: Functions that carry the values they write to holding registers, behind everything else.
 _WRITES: Final = frozenset({6, 16, 23})
 #: Rates that a line can follow to; anything else is a misunderstanding.
-_BAUD_RATES: Final = range(300, 1_000_001)
+BAUD_RATES: Final = range(300, 1_000_001)
 
 
 class QuirkyLine(TakesTransactions, Protocol):
@@ -235,7 +235,7 @@ class RestlessDevice(Device):
             return
         if response is None:
             advice = "old or new: no answer came, so the device may speak at either rate"
-        elif self._is_alone and baud in _BAUD_RATES:
+        elif self._is_alone and baud in BAUD_RATES:
             self._change_rate(int(baud))
             advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
         else:

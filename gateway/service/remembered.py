@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from gateway.config.plan import LinePlan, Plan
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.lines.device import DeviceSettings
+from gateway.lines.quirks import BAUD_RATES
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.service.state import Memory
 
@@ -22,7 +23,9 @@ def address_key(line: LinePlan, device: DeviceSettings) -> str:
 
 def rate(line: LinePlan, memory: Memory) -> int:
     """The rate that the line was left at."""
-    return memory.recall(rate_key(line), line.line.timing.baud)
+    configured = line.line.timing.baud
+    now = memory.recall(rate_key(line), configured)
+    return now if now in BAUD_RATES else configured
 
 
 def addresses(line: LinePlan, memory: Memory) -> Mapping[str, int]:

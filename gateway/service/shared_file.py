@@ -6,6 +6,7 @@ it serves on. What is written is never a file that a link leads to: the folder's
 
 import json
 import os
+import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,6 +28,8 @@ CLOSING_DEADLINE: Final = 1.0
 FIRST_PAUSE: Final = 1.0
 LONGEST_PAUSE: Final = 60.0
 _LOCK_STEP: Final = 0.02
+#: More of a file is not read, in bytes: it is damaged then.
+_LARGEST: Final = 1 << 20
 
 Entries = dict[str, Any]
 IsEntry = Callable[[object], bool]
@@ -180,7 +183,7 @@ def read_content(file: Path, is_entry: IsEntry) -> Content:
         OSError: it cannot be read.
     """
     try:
-        entries = json.loads(file.read_text(encoding="utf-8"))
+        entries = json.loads(_text(file))
     except FileNotFoundError:
         return Content({})
     except (ValueError, RecursionError) as error:
@@ -191,6 +194,18 @@ def read_content(file: Path, is_entry: IsEntry) -> Content:
     if len(sound) < len(entries):
         return Content(sound, f"{len(entries) - len(sound)} of {len(entries)} entries are none of this gateway's")
     return Content(sound)
+
+
+def _text(file: Path) -> bytes:
+    """What is in a plain file of a size that it can have.
+
+    Raises:
+        OSError: it cannot be read, or is something else: a pipe, a device.
+    """
+    with open(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:  # noqa: PTH123 - nothing but open takes this
+        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            raise OSError(None, "it is no plain file")
+        return stream.read(_LARGEST)
 
 
 @contextmanager
@@ -218,7 +233,7 @@ def _opened(file: Path, flags: int) -> TextIO:
     """
 
     def open_here(path: str, mode: int) -> int:
-        return os.open(path, mode & ~os.O_TRUNC | os.O_NOFOLLOW | flags, 0o644)
+        return os.open(path, mode & ~os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK | flags, 0o644)
 
     stream = open(file, "w", encoding="utf-8", opener=open_here)  # noqa: SIM115 - Path.open has no opener
     give_to_owner_of_folder(file)

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from kit.free_port import free_port
 from kit.process import COMMAND, PATIENCE
 
 
-@pytest.fixture
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
+@pytest.fixture(name="free_port")
+def port() -> int:
+    return free_port()
 
 
 def can_connect(port: int) -> bool:

@@ -3,7 +3,7 @@
 from gateway.config.load import parse
 from gateway.config.plan import Plan, resolve
 from gateway.events import AddressRemembered, BaudRemembered
-from gateway.service.remembered import address_key, addresses, in_force, rate_key
+from gateway.service.remembered import address_key, addresses, in_force, rate, rate_key
 from gateway.service.state import Memory
 
 HALL = """
@@ -71,3 +71,11 @@ def test_a_device_is_not_asked_where_the_config_has_another_one_by_now() -> None
     memory = left_behind(("silo-1", 1, 5))
     (line,) = plan(HALL.replace("unit = 2,", "unit = 5,")).lines
     assert addresses(line, memory) == {"silo-1": 1, "silo-2": 5}
+
+
+def test_what_no_device_can_have_counts_for_nothing() -> None:
+    (line,) = plan().lines
+    for unit, baud in ((0, 0), (248, 1), (999, 100_000_000)):
+        memory = left_behind(("silo-1", 1, unit), baud=baud)
+        assert rate(line, memory) == 9600
+        assert addresses(line, memory)["silo-1"] == 1

@@ -1,6 +1,7 @@
 """Files in the state folder that several gateways may share: who changes what, and who waits for how long."""
 
 import fcntl
+import os
 import threading
 import time
 from contextlib import contextmanager
@@ -174,3 +175,13 @@ def test_a_file_that_is_damaged_meanwhile_is_moved_aside_and_written_anew(shared
     shared.close()
     assert [type(event) for event in told] == [StateDamaged]
     assert shared.read() == {"a": 1, "b": 2}
+
+
+@pytest.mark.parametrize("name", ["entries.json", "entries.lock"])
+def test_a_pipe_in_place_of_a_file_holds_nothing_up(shared, told, name) -> None:
+    shared.file.parent.mkdir()
+    os.mkfifo(shared.file.parent / name)
+    assert shared.read() == {}
+    shared.change("a", 1)
+    shared.close()
+    assert told

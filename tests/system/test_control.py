@@ -6,13 +6,14 @@ import socket
 import stat
 import threading
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from gateway import __version__
 from kit.device import SimulatedDevice, SimulatedLine
+from kit.free_port import free_port
 from kit.process import PATIENCE, GatewayProcess, command
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
@@ -126,10 +127,7 @@ def test_a_broken_file_under_load_fails_no_transaction(tmp_path: Path, config: s
 
 
 def test_a_listener_that_changes_keeps_its_address(tmp_path: Path, config: str) -> None:
-    with closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    config = config.replace("127.0.0.1:0", f"127.0.0.1:{port}")
+    config = config.replace("127.0.0.1:0", f"127.0.0.1:{free_port()}")
     with GatewayProcess(tmp_path, config) as gateway, connected(gateway) as client:
         assert asked(client) == RIGHT
         gateway.config.write_text(gateway.config.read_text().replace('name = "scada"', 'name = "scada"\nclients = 3'))

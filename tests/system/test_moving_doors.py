@@ -10,6 +10,7 @@ import pytest
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import OpenSockets, addresses, doors
+from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE, GatewayProcess, command
 
@@ -30,14 +31,7 @@ MOVES = [
 @pytest.fixture
 def port() -> int:
     """One that is free for TCP and for UDP."""
-    while True:
-        with socket.socket() as tcp, socket.socket(type=UDP) as udp:
-            tcp.bind(("127.0.0.1", 0))
-            try:
-                udp.bind(tcp.getsockname())
-            except OSError:
-                continue
-            return tcp.getsockname()[1]
+    return free_port()
 
 
 @pytest.fixture
@@ -201,8 +195,7 @@ def test_a_listener_stays_when_another_one_cannot_come(
 def test_two_names_of_one_address_are_rejected_before_anything_changes(
     tmp_path: Path, stack: ExitStack, port: int
 ) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        stays = probe.getsockname()[1]
+    stays = free_port()
     moving = Moving(stack, tmp_path, config(f"tcp://127.0.0.1:{stays}"))
     # a name that only the system knows for what it is
     three = (f"tcp://127.0.0.1:{stays}", f"tcp://0x7f000001:{port}", f"tcp://127.0.0.1:{port}")

@@ -34,6 +34,7 @@ from gateway.ports import lookup
 from gateway.request import Request
 from gateway.routing.access import EVERYTHING, Rights, Row
 from kit.crossroads import to_everywhere
+from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
 from kit.process import COMMAND, PATIENCE
 
@@ -644,8 +645,7 @@ async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
 @needs_ipv6
 @pytest.mark.parametrize("order", [("0.0.0.0", "::"), ("::", "0.0.0.0")])
 async def test_an_ipv6_listener_leaves_ipv4_to_another_one_when_it_is_told_to(order: tuple[str, str]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     events: dict[str, list[Event]] = {host: [] for host in order}
     listeners = [
         TcpListener(

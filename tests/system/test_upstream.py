@@ -13,6 +13,7 @@ from typing import Self
 
 from gateway.modbus.mbap import MbapFramer, encode
 from kit.device import SimulatedDevice, SimulatedLine
+from kit.free_port import free_port
 from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
@@ -46,11 +47,6 @@ asyncio.run(StartAsyncTcpServer(context, address=("127.0.0.1", int(sys.argv[1]))
 
 def config(number: int, timeout: str = "1 s", in_flight: int = 16) -> str:
     return CONFIG.format(number=number, timeout=timeout, in_flight=in_flight)
-
-
-def free_number() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 class Client:
@@ -160,7 +156,7 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
 
 
 def test_pymodbus_killed_and_started_again_under_traffic(tmp_path: Path) -> None:
-    number, stop = free_number(), threading.Event()
+    number, stop = free_port(), threading.Event()
     wrong: list[str] = []
     counts = {"good": 0, "83 0A": 0, "83 0B": 0, "83 06": 0}
 
