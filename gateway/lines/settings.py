@@ -12,9 +12,9 @@ class LineSettings:
 
     `idle_chars` is the silence that ends an RTU frame for all its devices, in characters. `gap` is the silence before
     each request, None for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a
-    late answer may come, None for what the device's answer times say. A read that is sent again ends `retry_within` so
-    long from its first sending; None for twice its limit and late window. `rest` is the longest rest of a unit that
-    does not answer, None for the usual one, 0 for none. `wire` says whether bytes take their time.
+    late answer may come, None for what the device's answer times say. A read and its repeats take `retry_within` at
+    most, from its first sending on; None for twice the sum of its limit and late window. `rest` is the longest rest of
+    a unit that does not answer, None for the usual one, 0 for none. `wire` says whether bytes take their time.
     """
 
     name: str

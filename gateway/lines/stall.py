@@ -3,7 +3,8 @@
 A request that timed out may stand in the server as long as the server likes. If an equal one follows it there, the unit
 answers both, and its first answer is taken for the second. What comes on one connection is put on the line in that
 order, so an answer shows that all that was asked before has left the server. When a late window ends, and nothing
-was answered of what was asked since, only a new connection owes nothing for sure (ADR 6).
+was answered of what was asked since, a new connection is made: it owes nothing, as far as the server forgets what the
+old one has left (ADR 5).
 """
 
 from collections.abc import Callable
