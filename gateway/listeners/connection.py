@@ -146,6 +146,10 @@ class TcpConnection(asyncio.BufferedProtocol):
             self._alarm = Alarm(asyncio.get_running_loop(), self._proceed)
         self._alarm.set(when)
 
+    def release_after(self, seconds: float) -> None:
+        """Hold the client back no longer once so many seconds have passed."""
+        asyncio.get_running_loop().call_later(seconds, self.session.release)
+
     def close(self) -> None:
         """Close once everything sent has left, or the deadline for that has passed."""
         self._listener.closing(self)

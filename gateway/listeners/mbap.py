@@ -49,13 +49,14 @@ class MbapSession(Session):
             return
         if pdu is not None and not is_kept_back(request, self._on_failure):
             self._out.append(mbap.encode(request.transaction, request.unit, pdu))
+        self._hold_back(request)
         if not self._draining:
             self._flush()
             self._resume()
             self._close_when_done()
 
     def _drain(self, now: float) -> None:
-        while self._in_flight < self._limit and not self._blocked:
+        while self._takes_more:
             adu = self._framer.next()
             if adu is None:
                 return

@@ -111,7 +111,10 @@ class OverTcpSession(Session):
         elif self._gets_response(request):
             return
         self._in_flight -= 1
-        if self.gone or self._draining:
+        if self.gone:
+            return
+        self._hold_back(request)
+        if self._draining:
             return
         self._flush()
         self._resume()
@@ -119,7 +122,7 @@ class OverTcpSession(Session):
 
     def _resume(self) -> None:
         super()._resume()
-        if self._waiting and not self._blocked:
+        if self._waiting and not self._blocked and not self._is_held:
             self._connection.wake(_SOON)
 
     def _drain(self, now: float) -> None:
@@ -127,7 +130,7 @@ class OverTcpSession(Session):
         if self._noise > MOST_NOISE:
             raise NotModbus(f"{self._noise} bytes without a request")
         self._submit(now)
-        while self._in_flight < self._limit and not self._blocked:
+        while self._takes_more:
             if not self._frames:
                 ends_at = self._framer.deadline()
                 self._connection.wake(None if ends_at is None else ends_at + self._behind)
@@ -182,7 +185,7 @@ class OverTcpSession(Session):
 
     def _submit(self, now: float) -> None:
         """Hand out what waits, up to the next request that gets a response."""
-        while self._waiting and self._awaited is None and not self._blocked:
+        while self._waiting and self._awaited is None and not self._blocked and not self._is_held:
             request = self._waiting.popleft()
             if self._gets_response(request):
                 self._awaited = request

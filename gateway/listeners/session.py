@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Final, Literal, Protocol
 
-from gateway.errors import NotModbus
+from gateway.errors import NotModbus, QueueFull
 from gateway.listeners.failures import OnFailure
 from gateway.modbus.codes import only_reads
 from gateway.request import Request, Target
@@ -17,6 +17,11 @@ from gateway.request import Request, Target
 SENDING_DEADLINE: Final = 10.0
 #: How long a client may leave its responses untaken, in seconds.
 TAKING_DEADLINE: Final = 30.0
+#: How long no request is taken from a client when a line had no room for one of its requests, in seconds: at first, and
+#: at most. Each such refusal doubles it, any other answer shortens it to so much of it.
+SHORTEST_HOLD: Final = 0.002
+LONGEST_HOLD: Final = 0.128
+HOLD_RECOVERS: Final = 0.8
 
 #: Why a client is sent away before a byte of it is read; for other reasons see `room`.
 NOT_MEANT: Final = "it came to another address than the listener's, through a socket of systemd that takes more"
@@ -77,6 +82,9 @@ class Connection(Protocol):
     def wake(self, when: float | None) -> None:
         """Call `proceed` at `when`, soon if that has passed; None: no more, unless `resume` wants it."""
 
+    def release_after(self, seconds: float) -> None:
+        """Call `release` once so many seconds have passed."""
+
     def close(self) -> None:
         """Close once everything sent has left."""
 
@@ -102,6 +110,9 @@ class _Gone:
     def wake(self, when: float | None) -> None:
         """See Connection."""
 
+    def release_after(self, seconds: float) -> None:
+        """See Connection."""
+
     def close(self) -> None:
         """See Connection."""
 
@@ -112,12 +123,13 @@ class _Gone:
 class Session(ABC):
     """A client on a TCP connection: the Origin of its requests.
 
-    At most `in_flight` requests are under way; beyond that the gateway stops reading from the client.
+    At most `in_flight` requests are under way; beyond that the gateway stops reading from the client. So it does for a
+    moment when a line has no room for a request (QueueFull): clients that ask again at once leave the lines no time.
     """
 
     __slots__ = (
-        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_in_flight", "_limit",
-        "_on_failure", "_out", "_paused", "_router", "_whole_at", "client", "gone", "host", "last_asked",
+        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_hold", "_in_flight", "_is_held",
+        "_limit", "_on_failure", "_out", "_paused", "_router", "_whole_at", "client", "gone", "host", "last_asked",
     )  # fmt: skip
 
     def __init__(
@@ -145,6 +157,8 @@ class Session(ABC):
         self._paused = False
         self._blocked = False
         self._blocked_at = now
+        self._is_held = False
+        self._hold = SHORTEST_HOLD
         self._whole_at = now
         self._at_end = False
         self._ending = False
@@ -209,6 +223,11 @@ class Session(ABC):
         self._resume()
         self._close_when_done()
 
+    def release(self) -> None:
+        """The client was held back for long enough after a refusal."""
+        self._is_held = False
+        self._resume()
+
     def end_of_input(self) -> None:
         """The client sends no more; it still gets its responses, then the connection is closed."""
         self._at_end = True
@@ -244,13 +263,27 @@ class Session(ABC):
         self._connection = _Gone()
         self._out.clear()
 
+    @property
+    def _takes_more(self) -> bool:
+        """Whether another request may be submitted."""
+        return self._in_flight < self._limit and not self._blocked and not self._is_held
+
+    def _hold_back(self, request: Request) -> None:
+        """Take no more from the client for a moment, if there was no room for this request of its."""
+        if not isinstance(request.error, QueueFull):
+            self._hold = max(self._hold * HOLD_RECOVERS, SHORTEST_HOLD)
+        elif not self._is_held:
+            self._is_held = True
+            self._connection.release_after(self._hold)
+            self._hold = min(self._hold * 2, LONGEST_HOLD)
+
     def _pause(self) -> None:
         if not self._paused:
             self._paused = True
             self._connection.pause()
 
     def _resume(self) -> None:
-        if self._paused and self._in_flight < self._limit and not self._blocked:
+        if self._paused and self._takes_more:
             self._paused = False
             self._connection.resume()
 

@@ -78,6 +78,9 @@ class Client:
     def resume(self) -> None:
         self._loop.call_soon(lambda: self.session.proceed(self._loop.time()))
 
+    def release_after(self, seconds: float) -> None:
+        self._loop.call_later(seconds, self.session.release)
+
     def close(self) -> None:
         self.session.closed()
 

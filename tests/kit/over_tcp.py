@@ -64,6 +64,9 @@ class OverTcpClient:
     def wake(self, when: float | None) -> None:
         self._alarm.set(when)
 
+    def release_after(self, seconds: float) -> None:
+        self._loop.call_later(seconds, self.session.release)
+
     def close(self) -> None:
         self.session.closed()
 

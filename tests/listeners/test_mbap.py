@@ -2,9 +2,17 @@
 
 import pytest
 
-from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
+from gateway.errors import (
+    AccessDenied,
+    IllegalDataValue,
+    LineDown,
+    QueueFull,
+    RequestError,
+    ResponseTimeout,
+    WaitedTooLong,
+)
 from gateway.listeners.mbap import MbapSession
-from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, ListenSettings
+from gateway.listeners.session import LONGEST_HOLD, SENDING_DEADLINE, SHORTEST_HOLD, TAKING_DEADLINE, ListenSettings
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 
@@ -17,12 +25,15 @@ class Target:
 
     def __init__(self) -> None:
         self.at_once = False
+        self.error: RequestError | None = None
         self.requests: list[Request] = []
 
     def submit(self, request: Request, now: float) -> None:
         self.requests.append(request)
         if self.at_once:
             request.respond(RESPONSE)
+        elif self.error is not None:
+            request.fail(self.error)
 
 
 class Connection:
@@ -31,6 +42,7 @@ class Connection:
     def __init__(self) -> None:
         self.sent: list[bytes] = []
         self.log: list[str] = []
+        self.held_for: list[float] = []
 
     def send(self, data: bytes) -> None:
         self.sent.append(data)
@@ -41,6 +53,9 @@ class Connection:
 
     def resume(self) -> None:
         self.log.append("resume")
+
+    def release_after(self, seconds: float) -> None:
+        self.held_for.append(seconds)
 
     def close(self) -> None:
         self.log.append("close")
@@ -329,10 +344,87 @@ def test_a_client_that_takes_its_responses_late_is_not_complained_about(client: 
     assert watch(client, 100, 200) == 100 + TAKING_DEADLINE
 
 
+# --- when a line has no room ---
+
+
+def refuse(client: Client, at: int = -1) -> None:
+    client.target.requests[at].fail(QueueFull())
+
+
+def test_after_a_request_without_room_the_next_one_is_taken_a_moment_later(client: Client) -> None:
+    client.ask(1)
+    refuse(client)
+    client.ask(2)
+    assert len(client.target.requests) == 1
+    assert client.connection.log == ["send", "pause"]
+    assert client.connection.held_for == [SHORTEST_HOLD]
+    client.session.release()
+    client.ask_again()
+    assert [request.transaction for request in client.target.requests] == [1, 2]
+
+
+def test_of_requests_in_one_piece_none_is_taken_behind_one_that_found_no_room(client: Client) -> None:
+    client.target.error = QueueFull()
+    client.ask(1, 2, 3)
+    assert len(client.target.requests) == 1
+    for _ in range(2):
+        client.session.release()
+        client.ask_again()
+    assert len(client.target.requests) == 3
+    assert len(client.connection.held_for) == 3
+
+
+def test_several_without_room_at_once_are_one_reason_to_wait(client: Client) -> None:
+    client.ask(1, 2, 3)
+    for at in range(3):
+        refuse(client, at)
+    assert client.connection.held_for == [SHORTEST_HOLD]
+
+
+def test_who_asks_again_at_once_waits_longer_each_time_but_never_long(client: Client) -> None:
+    for number in range(20):
+        client.ask(number)
+        refuse(client)
+        client.session.release()
+    held_for = client.connection.held_for
+    assert held_for[:4] == [SHORTEST_HOLD * 2**time for time in range(4)]
+    assert held_for[-1] == LONGEST_HOLD
+
+
+def test_who_is_answered_again_soon_waits_no_longer_than_at_first(client: Client) -> None:
+    for number in range(10):
+        client.ask(number)
+        refuse(client)
+        client.session.release()
+    for number in range(20):
+        client.ask(number)
+        client.target.requests[-1].respond(RESPONSE)
+    client.ask(1)
+    refuse(client)
+    assert client.connection.held_for[-1] == SHORTEST_HOLD
+
+
+@pytest.mark.parametrize("error", [LineDown(), ResponseTimeout(), AccessDenied()])
+def test_no_other_failure_makes_a_client_wait(client: Client, error: RequestError) -> None:
+    client.ask(1)
+    client.target.requests[0].fail(error)
+    client.ask(2)
+    assert len(client.target.requests) == 2
+    assert client.connection.held_for == []
+
+
+def test_who_has_gone_is_released_without_harm(client: Client) -> None:
+    client.ask(1)
+    refuse(client)
+    client.session.closed()
+    client.session.release()
+    assert client.connection.log == ["send"]
+
+
 # --- on_failure = "silent" ---
 
 
-@pytest.mark.parametrize("error", [ResponseTimeout(), LineDown(), QueueFull()])
+@pytest.mark.parametrize("error", [ResponseTimeout(), LineDown(), WaitedTooLong()])
 def test_nothing_is_said_of_a_failure_and_its_place_is_free_again(error: RequestError) -> None:
     client = Client(on_failure="silent")
     client.ask(1, 2, 3, 4)

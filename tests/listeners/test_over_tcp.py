@@ -5,7 +5,7 @@ from itertools import combinations
 
 import pytest
 
-from gateway.errors import IllegalDataValue, ResponseTimeout
+from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
 from gateway.listeners.over_tcp import MOST_NOISE, SILENCE, TOGETHER, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
@@ -29,6 +29,7 @@ class Target:
 
     def __init__(self) -> None:
         self.at_once = False
+        self.has_room = True
         self.requests: list[Request] = []
 
     @property
@@ -37,7 +38,9 @@ class Target:
 
     def submit(self, request: Request, now: float) -> None:
         self.requests.append(request)
-        if self.at_once:
+        if not self.has_room:
+            request.fail(QueueFull())
+        elif self.at_once:
             request.respond(RESPONSE if request.pdu == READ else OTHER_RESPONSE)
 
 
@@ -48,6 +51,7 @@ class Connection:
         self.sent = b""
         self.log: list[str] = []
         self.wakes_at: float | None = None
+        self.held_for: list[float] = []
         self.is_paused = False
         self.look: Callable[[], None] = lambda: None
 
@@ -63,6 +67,9 @@ class Connection:
 
     def wake(self, when: float | None) -> None:
         self.wakes_at = when
+
+    def release_after(self, seconds: float) -> None:
+        self.held_for.append(seconds)
 
     def close(self) -> None:
         self.log.append("close")
@@ -122,6 +129,12 @@ class Client:
     def fail(self, at: int) -> None:
         """The unit of one of the target's requests has not answered."""
         self.target.requests[at].fail(ResponseTimeout())
+        self._settle()
+        self.send(self.unsent)
+
+    def release(self) -> None:
+        """The client was held back for long enough."""
+        self.session.release()
         self._settle()
         self.send(self.unsent)
 
@@ -189,6 +202,23 @@ def test_a_thousand_requests_in_one_piece_get_a_thousand_responses(scheme: str, 
         client.respond(number, pdu)
         assert client.heard(pdu)
     assert client.session.is_idle
+    assert not client.connection.is_paused
+
+
+# --- when a line has no room ---
+
+
+def test_of_requests_in_one_piece_none_is_taken_behind_one_that_found_no_room(client: Client) -> None:
+    client.target.has_room = False
+    client.ask(READ, READ, READ)
+    for number in range(1, 4):
+        client.wait(0.1)
+        assert len(client.target.requests) == len(client.connection.held_for) == number
+        assert client.heard(bytes.fromhex("83 06"))
+        client.release()
+    client.target.has_room = client.target.at_once = True
+    client.ask(READ)
+    assert client.heard(RESPONSE)
     assert not client.connection.is_paused
 
 

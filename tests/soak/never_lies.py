@@ -257,6 +257,9 @@ class Client:
         session = self._session
         self._loop.call_soon(lambda: session.proceed(self._loop.time()))
 
+    def release_after(self, seconds: float) -> None:
+        self._loop.call_later(seconds, self._session.release)
+
     def close(self) -> None:
         self._session.closed()
 

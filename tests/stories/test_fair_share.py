@@ -55,6 +55,20 @@ async def test_a_client_with_one_request_is_not_refused_though_others_have_fille
             task.cancel()
 
 
+async def test_clients_that_ask_again_at_once_are_not_refused_over_and_over() -> None:
+    """Each refusal costs the processor what the lines need: there are not many more of them than answers."""
+    async with house(CONFIG) as home:
+        home.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1)))
+        greedy = [home.client(f"10.0.0.9:{number}", host="127.0.0.9") for number in range(60)]
+        asking = [asyncio.create_task(keeps_asking(client)) for client in greedy]
+        await asyncio.sleep(5)
+        refused_before = len(queue_full(home))
+        await asyncio.sleep(10)
+        assert (len(queue_full(home)) - refused_before) / 10 < 1000
+        for task in asking:
+            task.cancel()
+
+
 async def keeps_asking(client: Client) -> None:
     """Keep sixteen requests under way, whatever is answered; a network takes a millisecond."""
     for address in range(16):

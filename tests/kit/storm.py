@@ -1,0 +1,55 @@
+"""Clients that never have enough: connections of one address that keep requests under way, whatever they are answered.
+
+Run by itself, as whoever floods a gateway is a process of its own: python storm.py PORT CONNECTIONS IN_FLIGHT UNIT
+"""
+
+import asyncio
+import itertools
+import struct
+import sys
+
+#: Where they come from: each address has a share.
+HOST = "127.0.0.9"
+#: How many holding registers the unit has that they ask for.
+REGISTERS = 9000
+
+
+class Greedy(asyncio.Protocol):
+    """One connection. For each response it sends another request, for other registers than the ones before."""
+
+    _addresses = itertools.count()
+
+    def __init__(self, in_flight: int, unit: int) -> None:
+        self._in_flight = in_flight
+        self._unit = unit
+        self._unread = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+        self._ask(self._in_flight)
+
+    def data_received(self, data: bytes) -> None:
+        self._unread += data
+        answers = 0
+        while len(self._unread) >= 6 and len(self._unread) >= (size := 6 + int.from_bytes(self._unread[4:6])):
+            self._unread = self._unread[size:]
+            answers += 1
+        self._ask(answers)
+
+    def _ask(self, times: int) -> None:
+        addresses = (next(self._addresses) % REGISTERS for _ in range(times))
+        self._transport.write(b"".join(struct.pack(">HHHBBHH", 1, 0, 6, self._unit, 3, each, 1) for each in addresses))
+
+
+async def flood(port: int, connections: int, in_flight: int, unit: int) -> None:
+    """Go on for ever."""
+    loop = asyncio.get_running_loop()
+    for _ in range(connections):
+        await loop.create_connection(lambda: Greedy(in_flight, unit), "127.0.0.1", port, local_addr=(HOST, 0))
+    sys.stdout.write("all are there\n")
+    sys.stdout.flush()
+    await asyncio.Event().wait()
+
+
+if __name__ == "__main__":
+    asyncio.run(flood(*map(int, sys.argv[1:])))
