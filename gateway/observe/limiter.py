@@ -77,8 +77,8 @@ class Limiter:
         """When the next count is due, if there is one."""
         return self._due[0][0] if self._due else None
 
-    def admits(self, subject: Subject, now: float) -> bool:
-        """Whether an event about `subject` may be written; if not, it is counted."""
+    def admits(self, subject: Subject, now: float, events: int = 1) -> bool:
+        """Whether a line about `subject` may be written; if not, the `events` that it tells of are counted."""
         subject = self._told_apart(subject, now)
         story = self._stories.pop(subject, None) or _Story(now, now, deque(maxlen=self.lines))
         self._stories[subject] = story
@@ -91,7 +91,7 @@ class Limiter:
         if subject not in self._suppressed:
             self._suppressed[subject] = 0
             heappush(self._due, (now + (STEADY if is_steady else self.seconds), next(self._tickets), subject))
-        self._suppressed[subject] += 1
+        self._suppressed[subject] += events
         return False
 
     def due(self, now: float) -> Iterator[tuple[Subject, int]]:

@@ -29,8 +29,8 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
 
     The log never does harm: a thread writes it, at most ten lines a second about the same, one in ten seconds about
     clients of one address that are sent away, and one about writes of theirs that are refused, one a minute about what
-    goes on for longer than that. Accounts of other writes and errors of the service are not limited. What cannot be
-    written is counted.
+    goes on for longer than that. Of what clients cause, each name has fifty lines in ten seconds. Accounts of other
+    writes and errors of the service are not limited. What cannot be written is counted.
     """
     least = Level[level.upper()]
     writer = Writer(_sink(log_format, stream))

@@ -8,12 +8,16 @@ from math import inf
 from threading import Thread
 from typing import Final, Protocol
 
-from gateway.events import ClientRejected, WriteAudit
+from gateway.events import AccessDenied, ClientRejected, QueueFull, RequestRefused, WriteAudit
 from gateway.observe.backlog import Backlog, Entry, Missing
 from gateway.observe.limiter import Limiter, Subject, subject_of
 
 #: How long a gateway that ends waits for its log to be read, in seconds.
 CLOSING_PATIENCE: Final = 0.5
+#: What clients cause as often as they like, from as many addresses as they like: datagrams can be forged. Not refused
+#: writes: none of a client goes untold because of others.
+CAUSED_BY_CLIENTS: Final = frozenset({AccessDenied.name, ClientRejected.name, QueueFull.name, RequestRefused.name})
+MOST_CAUSED: Final = 50
 
 
 class Stream(Protocol):
@@ -49,6 +53,7 @@ class StandardError:
 class Writer:
     """Has entries written by `write`, each subject as often as its limiter allows.
 
+    With each name of CAUSED_BY_CLIENTS there are at most MOST_CAUSED lines in ten seconds, counts among them.
     `write` may take as long as it likes. What it cannot write (OSError, ValueError) is given up and counted; the count
     is written as soon as that is possible again, before what comes next.
     """
@@ -61,7 +66,8 @@ class Writer:
             ClientRejected.name: Limiter(lines=1, seconds=10.0),
             WriteAudit.name: Limiter(lines=1, seconds=10.0, steady=inf),
         }
-        self._limiters = (self._usual, *self._of_refusals.values())
+        self._in_total = Limiter(lines=MOST_CAUSED, seconds=10.0, steady=inf)
+        self._limiters = (self._usual, *self._of_refusals.values(), self._in_total)
         self._backlog = Backlog()
         self._missing = Missing()
         # A daemon, because a write that hangs must not keep the process from ending.
@@ -90,13 +96,22 @@ class Writer:
         return max(0.0, min(due) - time.monotonic()) if due else None
 
     def _admits(self, entry: Entry) -> bool:
+        if not entry.is_limited:
+            return True
         limiter = self._of_refusals.get(entry.name, self._usual)
-        return not entry.is_limited or limiter.admits(subject_of(entry.level, entry.name, entry.fields), entry.at)
+        subject = subject_of(entry.level, entry.name, entry.fields)
+        return limiter.admits(subject, entry.at) and self._admits_in_total(subject, entry.at)
+
+    def _admits_in_total(self, subject: Subject, now: float, events: int = 1) -> bool:
+        if subject.name not in CAUSED_BY_CLIENTS:
+            return True
+        return self._in_total.admits(Subject(subject.level, subject.name), now, events)
 
     def _write_counts(self, now: float) -> None:
         for limiter in self._limiters:
             for subject, count in limiter.due(now):
-                self._write(_count(subject, count))
+                if limiter is self._in_total or self._admits_in_total(subject, time.monotonic(), count):
+                    self._write(_count(subject, count))
 
     def _write(self, entry: Entry) -> None:
         try:

@@ -11,6 +11,7 @@ from threading import Event
 import pytest
 
 from gateway.events import (
+    AccessDenied,
     ClientConnected,
     ClientRejected,
     ConfigRejected,
@@ -22,6 +23,7 @@ from gateway.events import (
 from gateway.lines.counts import RESULTS
 from gateway.observe.backlog import MOST_WAITING
 from gateway.observe.log import open_log
+from gateway.observe.writer import MOST_CAUSED
 
 LOST = LineLost("hall-a", "/dev/ttyUSB0", "unplugged")
 TIMEOUT = RequestTimeout("hall-a", 1, "silo-1", 3, 1009.3, 1009.0, "gateway.toml:4")
@@ -227,6 +229,21 @@ def test_clients_that_are_sent_away_are_worth_one_line_for_each_address() -> Non
     assert [(line["client"], line.get("suppressed")) for line in logged(stream)] == [
         ("10.0.0.9:0", None), ("10.0.0.7:1", None), ("10.0.0.9", 99),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("clients", "times"), [(700, 1), (50, 14)])
+def test_what_many_clients_cause_has_a_limit_of_lines_too_and_none_goes_uncounted(clients: int, times: int) -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for number in range(clients * times):
+            emit(AccessDenied("scada", f"10.0.{number % clients}.9:49152", 1, 6))
+        emit(TIMEOUT)
+    lines = logged(stream)
+    told = [line for line in lines if line["event"] == "access_denied"]
+    assert len(told) == MOST_CAUSED + 1  # a count
+    assert sum(line.get("suppressed", 1) for line in told) == clients * times
+    assert "client" not in told[-1]
+    assert len(lines) == len(told) + 1
 
 
 @pytest.mark.parametrize("result", ["ok", "exception", "broadcast", "timeout", "bad_frame", "ambiguous", "line_lost"])
