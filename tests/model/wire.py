@@ -1,7 +1,7 @@
 """The model of a line's wire: who has asked what and when, and so to whose request each frame is the answer.
 
 Each request on the wire is answered once by its device, whoever has asked. What nobody can detect on RTU and ASCII
-(README, 'The promise'; ADR 5) does not happen here:
+(docs/promise.md; ADR 5) does not happen here:
 
 - No answer comes after its late window, which is twice the limit of its request.
 - No answer comes a second time while one of the same unit and function is still to come, to us or to another client.
