@@ -24,20 +24,20 @@ EXAMPLE: Final = """\
 [[listen]]                       # where clients connect
 name    = "scada"
 bind    = "tcp://[::]:502"
-unit0   = "broadcast"            # a write to unit 0 goes to every device and image; it is never answered
+unit0   = "broadcast"            # a write to unit 0 goes to every device and image, without a response
 
 [[line]]                         # an RS-485 line with six devices of three kinds
 name    = "hall-a"
 port    = "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
 baud    = 19200
 format  = "8E1"
-devices = [                      # unit = address on the wire, as = unit that clients use
+devices = [                      # unit = address on the line, as = unit ID for clients
   { unit = 1, as = 41, name = "silo-1", profile = "weigher" },
   { unit = 6, as = 46, name = "press",  profile = "v80", timeout = "400 ms" },
   { unit = "10-13", as = "110-113", name = "drive-*", profile = "generic" },
 ]
 
-[[line]]                         # a line of its own for a motion controller that speaks ASCII
+[[line]]                         # an ASCII line for a motion controller
 name    = "axis"
 port    = "/dev/ttyS1"
 mode    = "ascii"
@@ -45,14 +45,14 @@ format  = "7E1"
 profile = "mint"
 devices = [{ unit = 2 }]
 
-[[image]]                        # registers that the gateway itself keeps, for clients to share
+[[image]]                        # a register map in the gateway, shared by all clients
 unit    = 200
 name    = "shift-data"
 holding = 100
 coils   = 16
 initial.holding = [{ at = 0, values = [1, 2, 3] }]
 
-[[line]]                         # an old panel asks on this line: to it, the gateway is the devices
+[[line]]                         # an old HMI is the client on this line, the gateway its server
 name    = "panel"
 port    = "/dev/ttyS2"
 mode    = "ascii"
@@ -60,14 +60,14 @@ format  = "7E1"
 role    = "server"
 serves  = [41, 46, 200]
 
-[profile.slow-drive]             # a kind of device of your own; name it in `profile` of a line or a device
+[profile.slow-drive]             # a kind of device of your own, for `profile` of a line or a device
 title     = "Drive with a slow processor"
-functions = [3, 6, 16]           # anything else is refused, and the line stays free
+functions = [3, 6, 16]           # others are answered 01 and not sent
 limits    = { 3 = 20 }           # its manual allows 20 registers in a request
 timing    = [                    # from its manual: 15 ms for one register, 60 ms for 20
   { fc = 3, items = 1, time = "15 ms" }, { fc = 3, items = 20, time = "60 ms" },
 ]
-timeout   = "500 ms"             # for the functions that `timing` does not name
+timeout   = "500 ms"             # for functions that are not in `timing`
 """
 
 _OPENING: Final = f"""\
@@ -75,19 +75,20 @@ _OPENING: Final = f"""\
 
 <!-- Made by `python -m gateway.config.document` from gateway/config/schema.py: change the text there. -->
 
-The gateway reads one file, `/etc/modbus-gateway/gateway.toml`, or the one that you name: `modbus-gateway run FILE`.
-It is written in [TOML](https://toml.io). The smallest useful file names a port and how it is set:
+The gateway reads one [TOML](https://toml.io) file: `/etc/modbus-gateway/gateway.toml`, or `FILE` in
+`modbus-gateway run FILE`. The smallest useful file has one port and its settings:
 
 ```toml
 {SMALLEST}```
 
-Clients of this machine then connect to `tcp://127.0.0.1:5020`, and every unit from 1 to 247 passes through to the
-line. `modbus-gateway ports` lists the ports of the machine. `modbus-gateway check FILE` says everything that is wrong
-with the file, with line and column, and what can be seen of its ports and addresses without opening them. Then it
-shows what the file means: who listens where, which device stands behind which unit, and the longest that a client may
-have to wait for each. Set the time-outs of your clients above that.
+Local clients then connect to `tcp://127.0.0.1:5020`, and every unit ID from 1 to 247 is passed through to the line.
 
-Commands are written `modbus-gateway ...` here; from a checkout it is `./deploy/go ...`.
+- `modbus-gateway ports` lists the serial ports of the machine.
+- `modbus-gateway check FILE` prints every error with line and column, and checks ports and addresses without opening
+  them. Then it shows the effect of the file: listeners, the device behind each unit ID, access rights, and the longest
+  time that a client may have to wait. Set the time-outs of your clients above that.
+
+In a checkout, the command is `./deploy/go` instead of `modbus-gateway`.
 
 ## An example
 
@@ -98,20 +99,23 @@ Commands are written `modbus-gateway ...` here; from a checkout it is `./deploy/
 
 | value | written |
 |---|---|
-| duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`. `"0"` only where it says so, else from 1 ms |
-| units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]`; 1-247, and 255 where it says so |
+| duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`; at least 1 ms. `"0"` only where stated |
+| units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]`; 1-247, and 255 where stated |
 | addresses | protocol addresses from 0: a count `100` (0-99), a range `"1-99"`, or a list of ranges; 40001 is 0 |
-| address | `"tcp://host:port"`, or `"tcp://host"` for port 502; IPv6 stands in brackets: `"tcp://[::1]:502"` |
+| address | `"tcp://host:port"`, or `"tcp://host"` for port 502; IPv6 in brackets: `"tcp://[::1]:502"` |
 | format | data bits, parity, stop bits, in quotes: `"8E1"`, `"8N2"`, `"7O1"` |
 
-Keys that are not on this page are errors. Time limits follow from these settings: a device must have answered within
+Unknown keys are errors.
 
-    time of the longest expected response on the wire + margin x timing(function, items) + latency
+## Time limits
 
-after the last character of the request has left. Between the points of `timing` the time is on a straight line, below
-the first it stays the same, and above the last it goes on with the last slope. A `timeout` stands in place of
-`margin x timing`: that of a device always, that of a profile for functions that its `timing` does not name.
-`modbus-gateway profile NAME` prints the limits of a profile.
+A device must have responded, after the last character of the request was sent, within
+
+    transmission time of the longest expected response + margin x timing(function, items) + latency
+
+Between the points of `timing` the time is interpolated. Below the first point it is constant; above the last point the
+last slope continues. A `timeout` replaces `margin x timing`: that of a device always, that of a profile for functions
+that are not in its `timing`. `modbus-gateway profile NAME` prints the limits of a profile.
 """
 
 _PLAIN: Final[Mapping[Any, str]] = {int: "number", float: "number", str: "text", bool: "`true` or `false`"}
@@ -207,19 +211,19 @@ def _default(field: FieldInfo) -> str:
 
 def _profiles() -> str:
     rows = [f"| `{name}` | {table.title} |" for name, table in builtin_profiles().items()]
-    return "\n".join(["## Profiles that are built in", "", "| name | for |", "|---|---|", *rows, ""])
+    return "\n".join(["## Built-in profiles", "", "| name | for |", "|---|---|", *rows, ""])
 
 
 def _not_yet() -> str:
     return "\n".join(
         [
-            "## Not built yet",
+            "## Not implemented yet",
             "",
-            "This version refuses these, so that nobody relies on what is not there:",
+            "This version rejects a config with:",
             "",
             *(f"- {gap.what}" for gap in REFUSED),
             "",
-            "It accepts these, and they have no effect:",
+            "It accepts, without effect:",
             "",
             *(f"- {gap.what}" for gap in WITHOUT_EFFECT),
             "",

@@ -78,50 +78,49 @@ class Table(BaseModel):
 class Listen(Table):
     """An address where clients connect."""
 
-    name: Name | None = Field(None, description="What logs and `[[access]]` call it; the address when there is none.")
+    name: Name | None = Field(None, description="Its name in logs and in `[[access]]`. Default: the address.")
     bind: ListenAddress = Field(
-        description="Where to listen, and what is spoken there: `tcp://`, `tls://`, `rtu+tcp://`, `ascii+tcp://` or "
-        "`udp://`, then host and port. Without a port it is 502, with `tls://` 802; RTU and ASCII over TCP need one. "
-        "Port 0 takes a free one. `0.0.0.0` is every IPv4 address; `[::]` is every address, but leaves IPv4 to another "
-        "listener that has an IPv4 address with the same port.",
+        description="Protocol, host and port: `tcp://`, `tls://`, `rtu+tcp://`, `ascii+tcp://` or `udp://`. Default "
+        "port: 502, for `tls://` 802; none for RTU and ASCII over TCP. Port 0 uses a free one. `0.0.0.0` is every "
+        "IPv4 address. `[::]` is every address, except IPv4 if another listener has an IPv4 address on the same port.",
     )
     clients: Count = Field(
         32,
-        description="Connections at once; with `udp://` clients that are known at once. When full, one without a "
-        "request under way is closed for the next, in [this order](operations.md#when-a-listener-is-full).",
+        description="Maximum number of connections; with `udp://` of clients. When it is reached, a new client "
+        "replaces one without a request in progress, in [this order](operations.md#when-a-listener-is-full).",
     )
     reserve: Annotated[int, Field(ge=0)] = Field(
         0,
-        description="So many of `clients` are kept for addresses that the `from` of a row of `[[access]]` names and "
-        "gives rights to; without `[[access]]` for those of this machine.",
+        description="How many of `clients` are reserved for addresses that have rights by the `from` of an "
+        "`[[access]]` row; without `[[access]]`, for local clients.",
     )
     idle: IdleDuration = Field(
-        600.0, description='Close, or with UDP forget, who asks nothing for so long; `"0"`: never.'
+        600.0, description='Clients without a request for this time are disconnected (UDP: forgotten). `"0"`: never.'
     )
     in_flight: Count = Field(
         16,
-        description="Requests under way per connection; beyond it the gateway stops reading. RTU and ASCII over TCP: "
-        "one is under way, and so many may wait behind it. UDP: what is beyond it is answered 06.",
+        description="Requests in progress for each connection; at the limit the gateway stops reading. RTU and ASCII "
+        "over TCP: one is in progress, and this many may wait. UDP: requests beyond the limit are answered 06.",
     )
     unit0: Unit0 = Field(
         "refuse",
-        description='Requests to unit 0: `"refuse"` answers 0A, a number is the unit to use instead. `"broadcast"` '
-        "sends a write once to every line that accepts broadcasts, and to the images; it is never answered, so that a "
-        "client tool will show a time-out. A read is answered 01. With RTU and ASCII over TCP there is no answer "
-        "from unit 0 at all, unless this is a number.",
+        description='Requests to unit 0. `"refuse"`: answer 0A. A number: use that unit instead. `"broadcast"`: send '
+        "a write once to every line that accepts broadcasts, and to the images, without a response (client tools "
+        "report a time-out); answer a read with 01. With RTU and ASCII over TCP, unit 0 gets no response at all "
+        "unless this is a number.",
     )
     on_failure: Literal["exception", "silent"] = Field(
         "exception",
-        description="What a client gets when the gateway has no answer for it: exception 0A, 0B or 06, or nothing at "
-        "all, as from a device that is off. 01 to 03 are always answered, and so is what a unit itself says. With RTU "
-        "and ASCII over TCP, requests that were sent together with one that gets nothing get nothing either.",
+        description="What a client gets instead of a device's response: exception 0A, 0B or 06, or nothing, as from a "
+        "device that is switched off. Exceptions 01 to 03, and responses of units, are always sent. With RTU and ASCII "
+        "over TCP, requests that were sent together with one that gets nothing get nothing either.",
     )
 
     line: Name | None = Field(
         None,
-        description="The name of a line makes it a listener for that line alone: unit identifiers 1-247 are addresses "
-        "on its wire, whatever `as` says, and nothing else can be reached. If the line has no `devices`, every address "
-        "passes through. `unit0`, and rows of `[[access]]` that name this listener, are about these addresses too.",
+        description="Makes this a listener for one line: unit IDs 1-247 are addresses on that line, regardless of "
+        "`as`, and nothing else can be reached. If the line has no `devices`, all addresses are passed through. "
+        "`unit0`, and `[[access]]` rows that name this listener, use these addresses too.",
     )
 
     @property
@@ -131,28 +130,28 @@ class Listen(Table):
 
 
 class Device(Table):
-    """A device on a line, or several of one kind in one row."""
+    """A device on a line, or several alike in one row."""
 
     units: WireUnits = Field(
         alias="unit",
-        description="Its unit on the wire, 1-247; a set stands for several devices. 0 asks whoever is there: for a "
-        "lone device whose address is not known, and only its holding registers can be read.",
+        description="Its unit ID on the wire, 1-247; a set means several devices. 0: for a single device with an "
+        "unknown address; only its holding registers can be read.",
     )
     known_as: ClientUnits | None = Field(
         None,
         alias="as",
-        description="The unit that clients use, 1-247 or 255; as many as there are in `unit`. Default: the same.",
+        description="Its unit ID for clients, 1-247 or 255; as many as in `unit`. Default: the same.",
     )
     name: Name | None = Field(
         None,
-        description="What logs call it; `*` stands for the unit that clients use. Default: line name and unit.",
+        description="Its name in logs; `*` stands for the unit ID for clients. Default: line name and unit ID.",
     )
-    profile: str | None = Field(None, description="What kind of device it is; the line's `profile` when there is none.")
+    profile: str | None = Field(None, description="The kind of device. Default: the `profile` of the line.")
     priority: Literal["normal", "high"] = Field(
-        "normal", description="Requests to a device with high priority go before others that wait."
+        "normal", description="Waiting requests to a device with high priority are sent first."
     )
     timeout: Duration | None = Field(
-        None, description="How long it may take to begin its answer, whatever its profile says."
+        None, description="How long it may take to begin its response, regardless of its profile."
     )
 
     @property
@@ -162,15 +161,13 @@ class Device(Table):
 
 
 class Line(Table):
-    """A serial line: its port, how it is spoken to, and its devices."""
+    """A serial line: its port and settings, and its devices."""
 
-    name: Name | None = Field(
-        None, description="What logs and metrics call it; the last part of the port when there is none."
-    )
+    name: Name | None = Field(None, description="Its name in logs and metrics. Default: the last part of the port.")
     port: SerialPort = Field(
-        description="The serial device, best by its name in `/dev/serial/by-id/`; or a device server in raw TCP mode: "
-        "`rtu+tcp://host:port`, `ascii+tcp://host:port`, which says the `mode` too. `baud` and `format` are then those "
-        "that are set in the server.",
+        description="The serial device, preferably by its name in `/dev/serial/by-id/`; or a device server in raw TCP "
+        "mode: `rtu+tcp://host:port`, `ascii+tcp://host:port`, which sets the `mode` too. `baud` and `format` must "
+        "then equal the settings of the server.",
     )
     mode: Literal["rtu", "ascii"] = Field("rtu", description="What is spoken on the line.")
     baud: Annotated[int, Field(ge=1, le=100_000_000)] = Field(
@@ -180,97 +177,104 @@ class Line(Table):
         None, description="Data bits, parity, stop bits. Default: `8E1` for RTU, `7E1` for ASCII."
     )
     role: Literal["client", "server"] = Field(
-        "client", description="`client`: we ask its devices. `server`: an outside client asks us."
+        "client",
+        description="`client`: the gateway polls the devices. `server`: the gateway answers a client on the line "
+        "(HMI, PLC).",
     )
     rs485: Literal["adapter", "kernel"] = Field(
-        "adapter", description="Who switches the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."
+        "adapter", description="What controls the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."
     )
     echo: bool = Field(
         False,
-        description="True when the adapter returns what we send; exactly that is stripped. Where `wire` is `serial` it "
-        "is noticed and said; where that is `direct` it cannot be.",
+        description="True if the adapter echoes what is sent; exactly that is then removed. With `wire` = `serial` an "
+        "echo is detected and logged; with `direct` it cannot be.",
     )
     wire: Wire = Field(
         "auto",
-        description="`serial`: bytes take their time on a wire, and what comes before a request can have left is no "
-        "answer. `direct`: a device that is its own adapter (USB CDC, a virtual machine, a soft PLC) may answer at "
-        "once; an echo cannot be told from the answer to 05 or 06 then. `auto`: `direct` for virtual ports and device "
-        "servers, else `serial`; for `ttyACM` too, as adapters are among them. Where that is wrong, the log says "
-        "`answer_too_early`.",
+        description="`serial`: there is a wire, so a response that arrives before the request can have been sent is "
+        "rejected. `direct`: for a device without a wire (USB CDC, a virtual machine, a soft PLC), which may respond "
+        "at once; an echo then cannot be told from the response to 05 or 06. `auto`: `direct` for virtual ports and "
+        "device servers, otherwise `serial`, also for `ttyACM`, because some adapters use that name. If that is "
+        "wrong, the log says `answer_too_early`.",
     )
     latency: DurationOrAuto = Field(
         None,
-        description='What adapter and driver may add to an answer. `"auto"`: 5 ms, other USB adapters 20 ms, '
-        "TCP 100 ms.",
+        description='The delay of a response by adapter and driver, at most. `"auto"`: 5 ms; USB adapters whose driver '
+        "cannot be set to that, 20 ms; TCP, 100 ms.",
     )
-    profile: str = Field("generic", description="For pass-through, and for devices that name none.")
+    profile: str = Field(
+        "generic", description="The profile of devices without their own, and of passed-through units."
+    )
     timeout: Duration | None = Field(
         None,
-        description="How long a device that names no profile may take to begin its answer, where `profile` has no row "
-        "for the function. Default: the `timeout` of `profile` (`generic`: 1 s).",
+        description="How long a device without its own profile may take to begin its response, for functions without a "
+        "row in `timing`. Default: the `timeout` of `profile` (`generic`: 1 s).",
     )
     gap: DurationOrZeroOrAuto = Field(
         None,
-        description="Silence before each request, on server lines before each response. "
+        description="Silence before each request; on server lines, before each response. "
         '`"auto"`: the larger of t3.5 and the `idle_chars` of its devices, or of the units that it serves; '
         'none for ASCII. `"0"`: none.',
     )
     turnaround: DurationOrAuto = Field(
         None,
-        description='Silence after a broadcast. `"auto"`: 100 ms, or the `margin` x `timing` of the slowest device '
-        "if that is longer.",
+        description='Silence after a broadcast. `"auto"`: 100 ms, or `margin` x `timing` of the slowest device if '
+        "longer.",
     )
     late_window: DurationOrAuto = Field(
         None,
-        description="After a time-out or a broken answer: how long the late answer may still come. So long no request "
-        "with the same function goes to that unit: it gets 0B at once, or waits if no more than 250 ms are left. "
-        '`"auto"`: twice the limit of the request, or the longest time that the device is allowed for anything (its '
-        "`timeout`, `margin` x its table) if that is more. With a time-out of 1 s, one lost answer costs the unit 2 s "
-        "of that function.",
+        description="How long a late response is expected after a time-out or a damaged response. Until then no "
+        "request with the same function is sent to that unit: it gets 0B at once, or waits if 250 ms or less are "
+        'left. `"auto"`: twice the time limit of the request, or the longest time that the device may take for any '
+        "request (its `timeout`, `margin` x its table) if that is more. With a time-out of 1 s, one lost response "
+        "blocks that function of the unit for 2 s.",
     )
     queue: Count = Field(
         64,
-        description="Requests that may wait; beyond it the client that has most waiting, by connection, then by "
-        "address, gets exception 06 for its newest. Those that share a transaction count each.",
+        description="Maximum number of waiting requests. When it is exceeded, the client with most of them, by "
+        "connection, then by address, gets 06 for its newest. Requests that share a transaction count separately.",
     )
-    max_wait: LongerDuration = Field(2.0, description="A request that waited longer is answered 06 and never sent.")
+    max_wait: LongerDuration = Field(2.0, description="A request that has waited longer is answered 06 and not sent.")
     retries: Annotated[int, Field(ge=0)] = Field(
         0,
-        description="How often a read is sent again: after a broken frame at once, after silence when its late window "
-        "is over. Writes are never repeated.",
+        description="How often a read is repeated: at once after a damaged frame, after the late window when nothing "
+        "came. Writes are never repeated.",
     )
     retry_within: DurationOrAuto = Field(
         None,
-        description="The longest that a read and its repeats may take, from the first sending. A repeat that could not "
-        "end by then is not sent: the client gets 0B at once. After silence it needs at least limit + late window + "
-        'limit. `max_wait` does not count for repeats. `"auto"`: twice the sum of limit and late window.',
+        description="The longest that a read with its repeats may take, counted from the first attempt. A repeat that "
+        "cannot end by then is not sent: the client gets 0B at once. A repeat after silence needs at least limit + "
+        'late window + limit. `max_wait` does not apply to repeats. `"auto"`: twice the sum of limit and late window.',
     )
     rest: DurationOrOffOrAuto = Field(
         None,
-        description='The longest rest of a unit that does not answer. `"auto"`: a minute, or nine time limits if that '
-        'is longer. With a short one, or `"off"`, a dead unit takes more of the line\'s time from the others.',
+        description='The longest back-off of a unit that does not answer. `"auto"`: one minute, or nine time limits if '
+        'longer. With a short one, or `"off"`, a dead unit delays the other units more.',
     )
     coalesce: bool = Field(
         True,
-        description="Equal reads of different clients that wait share one transaction. Those of one client are asked "
-        "one after the other.",
+        description="Waiting reads of different clients that are equal share one transaction. Reads of one client are "
+        "sent one after the other.",
     )
     broadcast: bool = Field(True, description="Whether broadcasts go to this line too.")
     devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
         None,
-        description="Its devices. Left out on the only client line, every unit 1-247 passes through. Beside other "
-        "client lines it can be left out if a `[[listen]]` names the line; only those that do so lead to it then.",
+        description="Its devices. Without this key, every unit 1-247 is passed through if the line is the only one "
+        "with `role` = `client`. If it is not, the key may be left out only if a `[[listen]]` names the line; only "
+        "such listeners then lead to it.",
     )
-    serves: Units | None = Field(None, description="Server lines: the units that we answer for; others get silence.")
+    serves: Units | None = Field(
+        None, description="Server lines: the units that the gateway answers for; others get no response."
+    )
     on_failure: Literal["exception", "silent"] = Field(
         "exception",
-        description="Server lines: what the outside client gets when the gateway has no answer, as in `[[listen]]`.",
+        description="Server lines: what the client gets instead of a device's response, as in `[[listen]]`.",
     )
-    answer_within: LongerDuration = Field(1.0, description="Server lines: older answers are never put on the line.")
+    answer_within: LongerDuration = Field(1.0, description="Server lines: a response that takes longer is not sent.")
     broadcast_to: Literal["images", "all", "none"] = Field(
         "images",
-        description="Server lines: who takes broadcasts: the images that the line serves, every line that accepts "
-        "broadcasts too, or nobody.",
+        description="Server lines: where broadcasts go: to the images that the line serves, also to every line that "
+        "accepts broadcasts, or nowhere.",
     )
 
     @property
@@ -298,7 +302,7 @@ class Line(Table):
 
 
 class Polled(Table):
-    """A range that a mirror reads: one area, and how often."""
+    """A range of addresses that a mirror polls."""
 
     holding: Ranges | None = Field(None, description="Holding registers to read.")
     input: Ranges | None = Field(None, description="Input registers to read.")
@@ -313,14 +317,14 @@ class Polled(Table):
 
 
 class InitialValues(Table):
-    """Values that an image starts with, from one address on."""
+    """Initial values from one address on."""
 
     at: Annotated[int, Field(ge=0, le=65535)] = Field(description="Address of the first value.")
     values: Annotated[tuple[Item, ...], ListOf] = Field(description="The values: 0-65535, or `true` and `false`.")
 
 
 class Initial(Table):
-    """What an image starts with; everything else is 0."""
+    """Initial values of an image; all others are 0."""
 
     holding: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Holding registers.")
     input: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Input registers.")
@@ -334,13 +338,12 @@ class Initial(Table):
 
 
 class Image(Table):
-    """A unit that the gateway itself answers for: a local register image, or with `of` a mirror of a device."""
+    """A unit that the gateway answers itself: a register image, or with `of` a mirror of a device."""
 
     unit: ClientUnit = Field(
-        description="The unit that clients use, 1-247; or 255, which many clients of Modbus TCP send when "
-        "they mean the server itself."
+        description="Its unit ID for clients, 1-247; or 255, which many Modbus TCP clients use for the server itself."
     )
-    name: Name | None = Field(None, description="What logs call it. Default: `image-` and the unit.")
+    name: Name | None = Field(None, description="Its name in logs. Default: `image-` and the unit ID.")
     profile: str = Field("generic", description="What it accepts: functions, limits, addresses.")
     holding: Ranges = Field((), description="Its holding registers.")
     input: Ranges = Field((), description="Its input registers.")
@@ -348,14 +351,14 @@ class Image(Table):
     discrete: Ranges = Field((), description="Its discrete inputs.")
     persist: Literal["never", "interval", "always"] = Field(
         "never",
-        description="`interval`: at most 1 s of writes is lost, none at a stop. `always`: on disk before a write is "
-        "acknowledged.",
+        description="`interval`: a crash loses at most 1 s of writes, a normal stop none. `always`: each write is on "
+        "disk before it is acknowledged.",
     )
     initial: Initial = Field(
-        Initial(), description="Values to start with, such as `initial.holding = [{ at = 0, values = [1, 2, 3] }]`."
+        Initial(), description="Initial values, such as `initial.holding = [{ at = 0, values = [1, 2, 3] }]`."
     )
     of: str | None = Field(
-        None, description="Makes it a mirror: the device that is polled once for any number of clients."
+        None, description="Makes it a mirror: the name of the device to poll, once for any number of clients."
     )
     read: Annotated[tuple[Polled, ...], ListOf] = Field((), description="Mirrors: what to poll, and how often.")
     stale: LongerDuration = Field(2.0, description="Mirrors: older values are answered with exception 0B.")
@@ -374,19 +377,19 @@ class Image(Table):
 class UpstreamUnit(Table):
     """Units behind another server."""
 
-    known_as: ClientUnits = Field(alias="as", description="The units that clients use, 1-247 and 255.")
+    known_as: ClientUnits = Field(alias="as", description="Their unit IDs for clients, 1-247 and 255.")
     units: UpstreamUnits = Field(alias="unit", description="The units that the other server knows.")
 
 
 class Upstream(Table):
-    """Another Modbus TCP server, and the units that live behind it."""
+    """Another Modbus TCP server, and the units behind it."""
 
-    name: Name | None = Field(None, description="What logs call it; the address when there is none.")
+    name: Name | None = Field(None, description="Its name in logs. Default: the address.")
     to: ServerAddress = Field(description="Its address.")
     units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
-    timeout: Duration = Field(1.0, description="How long an answer may take.")
+    timeout: Duration = Field(1.0, description="How long a response may take.")
     in_flight: Annotated[int, Field(ge=1, le=64)] = Field(
-        16, description="Requests under way at once; 1 for a server that can only take one after the other."
+        16, description="Requests in progress at once; 1 for a server that can only handle one."
     )
 
     @property
@@ -404,22 +407,24 @@ class TimingRow(Table):
 
     fc: FunctionNumber = Field(description="The function.")
     items: Count = Field(description="Coils or registers in the request.")
-    time: AnswerDuration = Field(description="How long the device takes for them.")
+    time: AnswerDuration = Field(description="How long the device needs for them.")
 
 
 class ProfileTable(Table):
-    """What a kind of device accepts, and how fast it answers."""
+    """What a kind of device accepts, and how fast it responds."""
 
-    title: str = Field("", description="What kind of device it is, for people.")
+    title: str = Field("", description="The kind of device, as text.")
     mode: Literal["rtu", "ascii"] | None = Field(
-        None, description="What these devices speak, if it is one of both only: `check` warns of a line with the other."
+        None, description="The mode of these devices, if they have only one: `check` warns of a line with the other."
     )
     functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
-        None, description="Others get exception 01, and nothing goes on the line. Default: all."
+        None, description="Functions that it knows; others are answered 01 and not sent. Default: all."
     )
-    limits: Limits = Field({}, description="Most items per request, by function; more: exception 03.")
+    limits: Limits = Field(
+        {}, description="The maximum number of items in a request, by function; more are answered 03."
+    )
     holding: Ranges | None = Field(
-        None, description="Holding registers that exist; others: exception 02. Default: all."
+        None, description="Holding registers that exist; others are answered 02. Default: all."
     )
     input: Ranges | None = Field(None, description="Input registers that exist. Default: all.")
     coils: Ranges | None = Field(None, description="Coils that exist. Default: all.")
@@ -431,36 +436,36 @@ class ProfileTable(Table):
         (), description="Answer time by function and item count; points are joined by straight lines."
     )
     margin: Annotated[float, Field(ge=1, le=100)] = Field(1.5, description="Times are multiplied by it, to be safe.")
-    timeout: Duration = Field(1.0, description="For functions that `timing` does not name.")
+    timeout: Duration = Field(1.0, description="The time for functions that are not in `timing`.")
     quirks: Annotated[tuple[Quirk, ...], ListOf] = Field(
         (),
-        description="How the device strays from the protocol. `moves`: a write to holding register 0x0100 sets its"
-        " address. `changes_baud`: a float32 written to 0x0200-1 sets its baud rate.",
+        description="Deviations from the protocol. `moves`: a write to holding register 0x0100 sets the address of the "
+        "device. `changes_baud`: a float32 written to 0x0200-1 sets its baud rate.",
     )
 
 
 class Access(Table):
-    """Who may do what. The first row that fits client and unit counts; what no row fits is refused."""
+    """Access rights. First match wins, by client and unit; no match means denied."""
 
     networks: Networks | None = Field(
-        None, alias="from", description="Networks of the clients that are meant, or single addresses. Default: all."
+        None, alias="from", description="Networks or addresses of the clients. Default: all."
     )
     listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
         None,
-        description="Listeners that are meant, by name; server lines and `control` too. Default: all. A server line "
-        "keeps all rights until a row names it, and UDP clients write only by a row that names their listener. A row "
-        "names either listeners for one line, or others.",
+        description="Names of listeners, server lines, or `control`. Default: all. A server line keeps all rights "
+        "until a row names it. UDP clients can write only through a row that names their listener. A row names either "
+        "listeners for one line, or others.",
     )
-    role: str | None = Field(None, description="The role that a TLS client's certificate names.")
+    role: str | None = Field(None, description="The role in the certificate of a TLS client.")
     units: UnitsOrAll = Field(
         "all",
-        description="Units that are meant, as clients call them, 1-247 and 255; in a row that names a listener for one "
-        "line, addresses on its wire. A broadcast needs the right at every unit.",
+        description="Unit IDs for clients, 1-247 and 255; in a row that names a listener for one line, addresses on "
+        "that line. A broadcast needs the right at every unit.",
     )
     allow: Annotated[tuple[Literal["read", "write"], ...], ListOf] | None = Field(
         None,
-        description="What is allowed; or name `functions`. `read` is functions 1, 2, 3, 4, 7, 11, 12, 17, 20, 24 and "
-        "43/14, `write` is every other one. `[]`: nothing.",
+        description="What is allowed; alternatively use `functions`. `read`: functions 1, 2, 3, 4, 7, 11, 12, 17, 20, "
+        "24 and 43/14. `write`: all others. `[]`: nothing.",
     )
     functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
         None, description="Functions that are allowed, and no others."
@@ -468,37 +473,38 @@ class Access(Table):
 
 
 class Web(Table):
-    """The web page and the metrics; without this table there are none over TCP."""
+    """The web page and the metrics; without this table there are none."""
 
     bind: WebAddress = Field(description="Where to listen.")
 
 
 class Control(Table):
-    """The control socket, through which the other commands talk to the daemon."""
+    """The control socket, which `status` and `reload` use."""
 
     socket: SocketPath | None = Field(
         None,
         description="Its path. Default: `/run/modbus-gateway/control.sock`; without root "
-        "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config when that is not set. "
-        "`status` and `reload` read it in `/etc/modbus-gateway/gateway.toml`; for another file they need `--control`.",
+        "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config if that is not set. "
+        "`status` and `reload` take it from `/etc/modbus-gateway/gateway.toml`; for another file they need "
+        "`--control`.",
     )
 
 
 class Log(Table):
     """The log on standard error."""
 
-    level: Literal["debug", "info", "warning", "error"] = Field("info", description="The least that is told.")
+    level: Literal["debug", "info", "warning", "error"] = Field("info", description="The lowest level that is written.")
     format: Literal["auto", "console", "json", "journald"] = Field(
         "auto",
-        description="How it is written: `console` for people; `json` for programs, one object a line; `journald` into "
-        "systemd's journal, each field for itself. `auto` is `journald` under systemd, else `console`.",
+        description="`console`: text. `json`: one object on each line. `journald`: systemd's journal, with a field for "
+        "each field of an event. `auto`: `journald` under systemd, otherwise `console`.",
     )
 
 
 class Config(Table):
     """A whole file."""
 
-    site: str = Field("", description="The name of the plant, for logs and metrics; it has no effect yet.")
+    site: str = Field("", description="The name of the plant, for logs and metrics. It has no effect yet.")
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
     line: Annotated[tuple[Line, ...], ListOf] = ()
     image: Annotated[tuple[Image, ...], ListOf] = ()
