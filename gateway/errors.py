@@ -1,36 +1,36 @@
-"""Everything that can go wrong, as one tree.
+"""All errors of the gateway, as one tree.
 
 GatewayError
 ├── RequestError                 a client gets an exception response with `code`
-│   ├── IllegalFunction          01  the unit does not know the function
+│   ├── IllegalFunction          01  the unit does not support the function
 │   │   └── AccessDenied         01  the client has no right to it
 │   ├── IllegalDataAddress       02  a coil or register that does not exist
 │   ├── IllegalDataValue         03  a length, quantity, byte count or value that the specification forbids
-│   ├── ServerDeviceFailure      04  the unit failed while it acted
+│   ├── ServerDeviceFailure      04  the unit failed during the request
 │   ├── Busy                     06  nothing was sent
 │   │   ├── QueueFull            06  too many requests wait for the line
 │   │   ├── WaitedTooLong        06  the request waited longer than `max_wait`
-│   │   └── Unwanted             06  a write whose client sends no more; whatever a client asked that has left
+│   │   └── Unwanted             06  a write of a client that sends no more; any request of a client that has left
 │   ├── PathUnavailable          0A  nothing was sent
-│   │   ├── NoRoute              0A  no such unit
-│   │   └── LineDown             0A  the unit's line has no port
+│   │   ├── NoRoute              0A  unit not configured
+│   │   └── LineDown             0A  the port or upstream of the unit is down
 │   └── TargetFailedToRespond    0B  the device may have acted
 │       ├── ResponseTimeout      0B  nothing came within the limit
-│       ├── BrokenResponse       0B  what came within the limit was no response to the request
-│       ├── LineLost             0B  the port died while the request was on the line
-│       ├── AnswerOverdue        0B  not sent: the late answer to an earlier request could be taken for its answer
-│       ├── UnitResting          0B  not sent: the unit has failed too often
-│       ├── EchoSuspected        0B  not sent: the adapter echoes, so a copy of the request would prove nothing
-│       ├── AmbiguousResponse    0B  another client was heard, so the response may be the answer to its request
-│       └── StaleValue           0B  not sent: a mirror's values are too old
-├── NotModbus                    a client's byte stream is no Modbus: its connection is closed
-├── PortError                    a serial port cannot be opened or has been lost
+│       ├── BrokenResponse       0B  what came within the limit was not the response
+│       ├── LineLost             0B  the port was lost during the request
+│       ├── AnswerOverdue        0B  not sent: a late response to an earlier request could be taken for its response
+│       ├── UnitResting          0B  not sent: the unit backs off after failures
+│       ├── EchoSuspected        0B  not sent: the adapter echoes, so a copy of the request proves nothing
+│       ├── AmbiguousResponse    0B  another client was heard, so the response may be for it
+│       └── StaleValue           0B  not sent: the values of a mirror are stale
+├── NotModbus                    a client's bytes are not Modbus: its connection is closed
+├── PortError                    a serial port cannot be opened or was lost
 │   └── PortClosed               it was closed by its user
-├── ListenError                  no clients can be accepted at an address
-├── StateError                   what was remembered over a restart cannot be read
-└── DaemonError                  the running gateway cannot be asked
+├── ListenError                  a listener cannot use its address
+├── StateError                   a file in the state directory cannot be read
+└── DaemonError                  the running gateway cannot be reached
 
-Requests under way are not ended by raising: `Request.fail` turns a RequestError into the exception response.
+A request in progress is not ended by raising: `Request.fail` turns a RequestError into the exception response.
 """
 
 from enum import IntEnum
@@ -59,12 +59,12 @@ class RequestError(GatewayError):
     """Why a request gets an exception response instead of data."""
 
     code: ClassVar[ExceptionCode]
-    #: What became of the request, as status and metrics call it.
+    #: The result of the request in status and metrics.
     result: ClassVar[str] = "refused"
 
 
 class IllegalFunction(RequestError):
-    """The unit does not know the function."""
+    """The unit does not support the function."""
 
     code = ExceptionCode.ILLEGAL_FUNCTION
 
@@ -88,7 +88,7 @@ class IllegalDataValue(RequestError):
 
 
 class ServerDeviceFailure(RequestError):
-    """The unit failed while it acted."""
+    """The unit failed during the request."""
 
     code = ExceptionCode.SERVER_DEVICE_FAILURE
 
@@ -112,25 +112,25 @@ class WaitedTooLong(Busy):
 
 
 class Unwanted(Busy):
-    """Not sent: its client has left, or sends no more and may have left, so that nobody may be waiting for a write."""
+    """Not sent: its client has left, or sends no more and may have left, so a write may not be wanted any more."""
 
     result = "unwanted"
 
 
 class PathUnavailable(RequestError):
-    """The request was not sent: there is no way to the unit."""
+    """The request was not sent: the unit cannot be reached."""
 
     code = ExceptionCode.GATEWAY_PATH_UNAVAILABLE
 
 
 class NoRoute(PathUnavailable):
-    """No such unit is configured."""
+    """The unit is not configured."""
 
     result = "no_route"
 
 
 class LineDown(PathUnavailable):
-    """The unit's line has no port at the moment."""
+    """The port or upstream of the unit is down."""
 
     result = "line_down"
 
@@ -142,59 +142,59 @@ class TargetFailedToRespond(RequestError):
 
 
 class ResponseTimeout(TargetFailedToRespond):
-    """Nothing was heard within the limit."""
+    """Nothing was received within the time limit."""
 
     result = "timeout"
 
 
 class BrokenResponse(TargetFailedToRespond):
-    """Something was heard within the limit, but no valid response to the request."""
+    """Something was received within the time limit, but no valid response to the request."""
 
     result = "bad_frame"
 
 
 class LineLost(TargetFailedToRespond):
-    """The port died while the request was on the line."""
+    """The port was lost while the request was on the line."""
 
     result = "line_lost"
 
 
 class AnswerOverdue(TargetFailedToRespond):
-    """Not sent: the answer to an earlier request may still come, and would be taken for the answer to this one."""
+    """Not sent: the response to an earlier request may still come, and could be taken for the response to this one."""
 
     result = "overdue"
 
 
 class UnitResting(TargetFailedToRespond):
-    """Not sent: the unit has failed too often and rests."""
+    """Not sent: the unit has failed too often and backs off."""
 
     result = "resting"
 
 
 class EchoSuspected(TargetFailedToRespond):
-    """Not sent: the adapter returns what is sent, and an answer that is a copy of its request would prove nothing."""
+    """Not sent: the adapter echoes, and a response that equals its request proves nothing."""
 
     result = "echo_suspected"
 
 
 class AmbiguousResponse(TargetFailedToRespond):
-    """Another client was heard on the line, so the response may be the answer to its request."""
+    """Another client was heard on the line, so the response may be for it."""
 
     result = "ambiguous"
 
 
 class StaleValue(TargetFailedToRespond):
-    """Not sent: the last poll of a mirror is too old, and an old value is never given out."""
+    """Not sent: the last poll of a mirror is stale, and stale values are never returned."""
 
     result = "stale"
 
 
 class NotModbus(GatewayError):
-    """A client's byte stream cannot be Modbus; nothing that follows in it can be trusted."""
+    """A client's bytes cannot be Modbus; nothing after them can be trusted."""
 
 
 class PortError(GatewayError):
-    """A serial port cannot be opened or was lost; the message says why and what to do."""
+    """A serial port cannot be opened or was lost; the message says why, and what to do."""
 
 
 class PortClosed(PortError):
@@ -205,12 +205,12 @@ class PortClosed(PortError):
 
 
 class ListenError(GatewayError):
-    """An address cannot be listened on; the message says why and what to do."""
+    """A listener cannot use its address; the message says why, and what to do."""
 
 
 class StateError(GatewayError):
-    """What was remembered over a restart cannot be read; the message names the file and what to do."""
+    """A file in the state directory cannot be read; the message names it, and what to do."""
 
 
 class DaemonError(GatewayError):
-    """The running gateway cannot be asked through its control socket; the message says why and what to do."""
+    """The running gateway cannot be reached through its control socket; the message says why, and what to do."""

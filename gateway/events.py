@@ -1,6 +1,6 @@
-"""Everything worth telling an operator: one frozen dataclass an event, its name in the log is its own in snake_case.
+"""Log events: one frozen dataclass for each, logged under its name in snake_case.
 
-Events are for the rare. What happens in every transaction is counted in the parts' own `Counts`.
+Events are for what is rare. What happens in every transaction is counted, in the `Counts` of each part.
 """
 
 import re
@@ -16,7 +16,7 @@ from gateway.request import Request
 
 
 class Level(IntEnum):
-    """How urgent an event is; the numbers are those of Python's logging."""
+    """Log levels, with the numbers of Python's logging."""
 
     DEBUG = 10
     INFO = 20
@@ -26,7 +26,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Event:
-    """Something worth telling. Its fields become the fields of the log line."""
+    """A log event. Its fields become the fields of the log line."""
 
     level: ClassVar[Level] = Level.INFO
     #: The event's name in logs: `line_lost` for LineLost.
@@ -36,16 +36,16 @@ class Event:
         cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     def fields(self) -> dict[str, object]:
-        """What the event tells, by name."""
+        """The fields of the log line, by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-#: Where parts tell their events. It never raises and never blocks.
+#: Logs an event. It never raises and never blocks.
 Emit = Callable[[Event], None]
 
 
 def tell_nobody(event: Event) -> None:
-    """Where nobody wants to know."""
+    """Log nothing."""
 
 
 # --- the service ---
@@ -53,7 +53,7 @@ def tell_nobody(event: Event) -> None:
 
 @dataclass(frozen=True)
 class ConfigLoaded(Event):
-    """A config file has been read and is in force."""
+    """A config file was read and is in use."""
 
     file: str
     lines: int
@@ -62,7 +62,7 @@ class ConfigLoaded(Event):
 
 @dataclass(frozen=True)
 class ConfigWarning(Event):
-    """A config file is usable, but something in it deserves a look."""
+    """A config file can be used, but something in it may be wrong."""
 
     level = Level.WARNING
     problem: str
@@ -71,7 +71,7 @@ class ConfigWarning(Event):
 
 @dataclass(frozen=True)
 class ConfigRejected(Event):
-    """A config file is not used; the one in force, if any, stays."""
+    """A config file is not used; the one in use, if any, stays."""
 
     level = Level.ERROR
     file: str
@@ -79,14 +79,14 @@ class ConfigRejected(Event):
 
     @classmethod
     def of(cls, file: str, problems: Sequence[str]) -> Self:
-        """The rejection of `file` for these problems. The first one is the reason."""
+        """The rejection of `file` for `problems`; `reason` is the first of them."""
         reason = problems[0].splitlines()[0] + (f" (and {len(problems) - 1} more)" if problems[1:] else "")
         return cls(file, reason)
 
 
 @dataclass(frozen=True)
 class ConfigApplied(Event):
-    """A config file has been read again and is in force. `restart` names what of it needs a restart to count."""
+    """A config file was read again and is in use. `restart` names the tables that apply only after a restart."""
 
     file: str
     added: tuple[str, ...]
@@ -97,7 +97,7 @@ class ConfigApplied(Event):
 
 @dataclass(frozen=True)
 class ControlClosed(Event):
-    """The control socket cannot be used: `status` and `reload` cannot reach this gateway. Everything else works."""
+    """The control socket cannot be used, so `status` and `reload` cannot reach this gateway. All else works."""
 
     level = Level.WARNING
     socket: str
@@ -115,19 +115,19 @@ class Ready(Event):
 
 @dataclass(frozen=True)
 class Stopping(Event):
-    """The service has been told to end."""
+    """The gateway was told to stop."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Stopped(Event):
-    """The service has ended."""
+    """The gateway has stopped."""
 
 
 @dataclass(frozen=True)
 class PartFailed(Event):
-    """A defect in the gateway: a part met an error that nobody foresaw. It starts anew; please report it."""
+    """A defect in the gateway: an unexpected error in a part, which is started again. Please report it."""
 
     level = Level.ERROR
     part: str
@@ -136,13 +136,13 @@ class PartFailed(Event):
 
     @classmethod
     def of(cls, part: str, error: Exception) -> Self:
-        """`part` has met `error`."""
+        """`error` occurred in `part`."""
         return cls(part, repr(error), "".join(format_exception(error)))
 
 
 @dataclass(frozen=True)
 class StateNotKept(Event):
-    """Something that must not be forgotten over a restart could not be written to its file."""
+    """Values that must be kept over a restart could not be written to their file."""
 
     level = Level.ERROR
     file: str
@@ -158,7 +158,7 @@ class StateKeptAgain(Event):
 
 @dataclass(frozen=True)
 class StateDamaged(Event):
-    """A file with what was kept is damaged or not ours: it was moved aside, and what could be read of it serves on."""
+    """A file in the state directory is damaged or foreign. It was moved aside; what could be read of it is used."""
 
     level = Level.ERROR
     file: str
@@ -197,7 +197,7 @@ class ClientClosed(Event):
 
 @dataclass(frozen=True)
 class ClientRejected(Event):
-    """A client's connection was closed because of what the client did, or for want of room."""
+    """A connection was closed because of what the client did, its missing rights, or because the listener was full."""
 
     level = Level.WARNING
     listener: str
@@ -207,7 +207,7 @@ class ClientRejected(Event):
 
 @dataclass(frozen=True)
 class RequestRefused(Event):
-    """A client asked for what the `unit` it named does not have: it got exception `code`, and nothing was sent."""
+    """A client requested something that `unit` does not have; it got exception `code`, and nothing was sent."""
 
     client: str
     unit: int
@@ -223,7 +223,7 @@ class RequestRefused(Event):
 
 @dataclass(frozen=True)
 class AccessDenied(Event):
-    """A client asked for something it has no right to; it got exception 01 and nothing was sent."""
+    """A client used a function without the right to it; it got exception 01, and nothing was sent."""
 
     level = Level.WARNING
     listener: str
@@ -234,13 +234,12 @@ class AccessDenied(Event):
 
 @dataclass(frozen=True)
 class WriteAudit(Event):
-    """What became of a client's request that may have changed something: there is one for each of them.
+    """The result of a request that may have changed something: one event for each such request.
 
-    `address` and `count` are the coils or registers to write; None for a function that does not tell, and for a request
-    that is malformed. `result` is `ok` (08/04, which has no answer, too), `exception` (of the unit), `broadcast`
-    (nobody answers), `unwanted` (its client left before it was sent), or why the gateway refused it or could not get an
-    answer, as in the counts of a unit.
-    `code` is that of the exception that the client got, if it got one.
+    `address` and `count` are the coils or registers to write; None for functions without them, and for malformed
+    requests. `result` is `ok` (also for 08/04, which has no response), `exception` (from the unit), `broadcast` (no
+    response), `unwanted` (the client disconnected before it was sent), or why the gateway refused it or got no
+    response, as in the counts of a unit. `code` is the exception that the client got, if any.
     """
 
     client: str
@@ -255,7 +254,7 @@ class WriteAudit(Event):
 
     @property
     def was_sent(self) -> bool:
-        """Whether the write may have been carried out: it was not refused before."""
+        """Whether the request was sent, so that the write may have been carried out."""
         return self.result in _SENT
 
 
@@ -276,9 +275,9 @@ _SENT: Final = frozenset(
 
 @dataclass(frozen=True)
 class LineUp(Event):
-    """A line's port has been opened for the first time.
+    """A line's port was opened for the first time.
 
-    `baud` is the rate at which the port runs, as far as its driver tells; None where it is set elsewhere.
+    `baud` is the actual rate of the port, if its driver reports it; None if it is set elsewhere.
     """
 
     line: str
@@ -288,7 +287,7 @@ class LineUp(Event):
 
 @dataclass(frozen=True)
 class LineLost(Event):
-    """A line's port could not be opened, or it has gone; it is tried again until it is back."""
+    """A line's port could not be opened, or was lost; the gateway tries to open it until it succeeds."""
 
     level = Level.WARNING
     line: str
@@ -298,9 +297,9 @@ class LineLost(Event):
 
 @dataclass(frozen=True)
 class ConnectionRenewed(Event):
-    """A line goes on with a new connection: nobody has answered since a request timed out.
+    """A line uses a new connection, because no unit has answered since a request timed out.
 
-    The device server may hold that request back, and its answer would be taken for that to the next one.
+    The device server may still hold that request; its response would be taken for the response to the next one.
     """
 
     line: str
@@ -319,7 +318,7 @@ class LineReopened(Event):
 
 @dataclass(frozen=True)
 class RequestTimeout(Event):
-    """A device did not answer within its limit."""
+    """A device did not answer within its time limit."""
 
     level = Level.WARNING
     line: str
@@ -333,7 +332,7 @@ class RequestTimeout(Event):
 
 @dataclass(frozen=True)
 class BadFrame(Event):
-    """What came within the limit was not the response: noise, a cut frame, a wrong CRC or LRC, a foreign frame."""
+    """What was received within the limit was not the response: noise, a cut or foreign frame, a wrong CRC or LRC."""
 
     level = Level.WARNING
     line: str
@@ -349,7 +348,7 @@ class BadFrame(Event):
 
 @dataclass(frozen=True)
 class ForeignFrame(Event):
-    """A well-formed frame came that was not the answer to the request on the line; it was dropped."""
+    """A valid frame that is not the response to the request on the line; it was dropped."""
 
     level = Level.WARNING
     line: str
@@ -361,7 +360,7 @@ class ForeignFrame(Event):
 
 @dataclass(frozen=True)
 class QueueFull(Event):
-    """So many requests wait for a line that one was answered 06: the newest of `client`, who had most waiting."""
+    """The queue of a line is full. `client` had most requests in it, and its newest was answered 06."""
 
     level = Level.WARNING
     line: str
@@ -372,7 +371,7 @@ class QueueFull(Event):
 
 @dataclass(frozen=True)
 class AddressMoved(Event):
-    """A device has been given another address; `advice` names the line of the config to edit."""
+    """A device has a new address; `advice` names the line of the config to edit."""
 
     level = Level.WARNING
     line: str
@@ -384,7 +383,7 @@ class AddressMoved(Event):
 
 @dataclass(frozen=True)
 class BaudChanged(Event):
-    """A device has been given another baud rate; `advice` says what the line did, and what to edit."""
+    """A device has a new baud rate; `advice` says what the line did, and what to edit."""
 
     level = Level.WARNING
     line: str
@@ -395,7 +394,7 @@ class BaudChanged(Event):
 
 @dataclass(frozen=True)
 class AddressRemembered(Event):
-    """A device moved in an earlier run: it is asked at `unit`, and not where the config says."""
+    """A device moved in an earlier run: the gateway uses address `unit` instead of `configured`."""
 
     level = Level.WARNING
     line: str
@@ -407,7 +406,7 @@ class AddressRemembered(Event):
 
 @dataclass(frozen=True)
 class BaudRemembered(Event):
-    """A line followed its device to `baud` in an earlier run, and goes on at that rate, whatever the config says."""
+    """A line followed its device to `baud` in an earlier run, and uses that rate instead of `configured`."""
 
     level = Level.WARNING
     line: str
@@ -418,7 +417,7 @@ class BaudRemembered(Event):
 
 @dataclass(frozen=True)
 class LateResponse(Event):
-    """A response came after its limit; it was dropped. The device needs a longer time limit."""
+    """A response came after its time limit and was dropped. The device needs a longer one."""
 
     level = Level.WARNING
     line: str
@@ -432,9 +431,9 @@ class LateResponse(Event):
 
 @dataclass(frozen=True)
 class UnitResting(Event):
-    """A unit has failed three times in a row, or once more since: its requests are answered 0B at once.
+    """A unit backs off: it has failed three times in a row, or again after a back-off. Its requests get 0B at once.
 
-    `rest_s` is the time until it is tried again, from now on: the late window of the last failure and the rest itself.
+    It is tried again after `rest_s` seconds: the late window of the last failure, and the back-off itself.
     """
 
     level = Level.WARNING
@@ -447,7 +446,7 @@ class UnitResting(Event):
 
 @dataclass(frozen=True)
 class UnitRecovered(Event):
-    """A unit that rested has answered."""
+    """A unit that backed off has answered."""
 
     line: str
     unit: int
@@ -456,7 +455,7 @@ class UnitRecovered(Event):
 
 @dataclass(frozen=True)
 class EchoHeard(Event):
-    """The adapter returns what is sent. Until `echo = true` is set, writes whose answer is a copy of them get 0B."""
+    """The adapter echoes. Until `echo = true` is set, writes whose response equals the request get 0B."""
 
     level = Level.ERROR
     line: str
@@ -466,7 +465,7 @@ class EchoHeard(Event):
 
 @dataclass(frozen=True)
 class AnswerTooEarly(Event):
-    """Several answers in a row came before their requests can have left a wire: none of them counts."""
+    """Several responses in a row came before their requests could have been sent; they were rejected."""
 
     level = Level.ERROR
     line: str
@@ -479,7 +478,7 @@ class AnswerTooEarly(Event):
 
 @dataclass(frozen=True)
 class OtherClientHeard(Event):
-    """Another client asked the same unit on the line, so the response that followed was not believed."""
+    """Another client on the line sent a request to the same unit, so the next response was rejected."""
 
     level = Level.WARNING
     line: str
@@ -490,7 +489,7 @@ class OtherClientHeard(Event):
 
 @dataclass(frozen=True)
 class UpstreamClosed(Event):
-    """The gateway has closed its connection to an upstream, because it cannot be used any more; it makes a new one."""
+    """The gateway closed its connection to an upstream, because it could not be used any more; it opens a new one."""
 
     level = Level.WARNING
     line: str
@@ -499,7 +498,7 @@ class UpstreamClosed(Event):
 
 @dataclass(frozen=True)
 class AnswerWithheld(Event):
-    """The client of a server line got no answer: by then it would have taken it for the answer to something else."""
+    """The client on a server line got no response: it would have taken it for the response to another request."""
 
     level = Level.WARNING
     line: str
@@ -515,7 +514,7 @@ class AnswerWithheld(Event):
 
 @dataclass(frozen=True)
 class PollRefused(Event):
-    """A device answers a mirror's poll with an exception: these addresses cannot be read, or not in one request."""
+    """A device answers a poll of a mirror with an exception: these addresses cannot be read, or not together."""
 
     level = Level.WARNING
     image: str

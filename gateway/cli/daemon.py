@@ -40,11 +40,11 @@ def ask(verb: str, control: str | None) -> dict[str, Any]:
                 sock.sendall(json.dumps({"verb": verb}).encode() + b"\n")
             line = stream.readline()
         except TimeoutError:
-            raise DaemonError(f"the daemon has not answered within {_PATIENCE:g} s") from None
+            raise DaemonError(f"the daemon did not answer within {_PATIENCE:g} s") from None
         except ConnectionError:
             line = b""
     if not line:
-        raise DaemonError("the daemon has hung up before it answered; does it end?")
+        raise DaemonError("the daemon closed the connection before it answered; is it stopping?")
     return _understood(line)
 
 

@@ -39,7 +39,9 @@ class DemoError(GatewayError):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `demo`."""
-    parser.add_argument("--once", action="store_true", help="end after the script: status 0 if every answer was right")
+    parser.add_argument(
+        "--once", action="store_true", help="exit after the script, with status 0 if every response was correct"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,7 +66,7 @@ async def _until_signal(*, once: bool) -> int:
 
 
 async def _demo(*, once: bool) -> int:
-    print("modbus-gateway demo: simulated serial lines, a gateway in front of them\n", flush=True)
+    print("modbus-gateway demo: a gateway with simulated serial lines\n", flush=True)
     async with AsyncExitStack() as parts:
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
         await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in LINES))
@@ -90,7 +92,7 @@ async def _play(stage: Stage, panel: Panel) -> int:
         right += [await stage.ask(question) for question in chapter.questions]
     right.append(await stage.ask_all_at_once())
     wrong = right.count(False)
-    print(f"\n{len(right)} questions, {wrong} wrong or missing answers.")
+    print(f"\n{len(right)} requests, {wrong} wrong or missing answers.")
     return wrong
 
 

@@ -91,19 +91,19 @@ FIRST_QUESTION: Final = _printed(
 
 CHAPTERS: Final = (
     Chapter(
-        "Weighing transducers, RTU 9600 8E1: every frame that the document prints",
+        "Weighing transducers, RTU 9600 8E1: all frames in the manual",
         (
             _printed(41, "its baud rate", "01 03 00 20 00 02 C5 C1", "01 03 04 46 16 00 00 0E BF", "float32"),
-            _printed(50, "its address, asked at 0", "00 03 00 10 00 01 84 1E", "01 03 02 00 01 79 84", "uint16"),
+            _printed(50, "its address, read at unit 0", "00 03 00 10 00 01 84 1E", "01 03 02 00 01 79 84", "uint16"),
             _printed(42, "take zero", "01 10 1A 00 00 01 02 00 BB 5D E2", "01 10 1A 00 00 01 06 D1"),
-            _printed(42, "go on at 19200", "01 10 02 00 00 02 04 46 96 00 00 1F AB", "01 10 02 00 00 02 40 70"),
+            _printed(42, "change to 19200", "01 10 02 00 00 02 04 46 96 00 00 1F AB", "01 10 02 00 00 02 40 70"),
             _printed(42, "back to 9600", "01 10 02 00 00 02 04 46 16 00 00 1E 43", "01 10 02 00 00 02 40 70"),
             _printed(42, "become unit 5", "01 10 01 00 00 01 02 00 05 76 93", "05 10 01 00 00 01 01 B1"),
             _printed(42, "become unit 1 again", "05 10 01 00 00 01 02 00 01 45 90", "01 10 01 00 00 01 00 35"),
         ),
     ),
     Chapter(
-        "V80 and PPC controllers, RTU 19200 8E1: every frame that the document prints",
+        "V80 and PPC controllers, RTU 19200 8E1: all frames in the manual",
         (
             _printed(46, "40108-40110", "06 03 00 6B 00 03 75 A0", "06 03 06 00 63 00 63 00 63 73 7A", "uint16"),
             _printed(57, "coils 20-56", "11 01 00 13 00 25 0E 84", "11 01 05 CD 6B B2 0E 1B 45 E6", "bits"),
@@ -129,11 +129,11 @@ CHAPTERS: Final = (
         ),
     ),
     Chapter(
-        "A controller that is switched off: each question has its own time limit",
+        "A controller that is switched off: each request has its own time limit",
         (
             Question(53, "1 output", "01 00 00 00 01", "81 0B"),
             Question(53, "99 registers", "03 00 01 00 63", "83 0B"),
-            Question(53, "1 register, the 99 may still come", "03 00 01 00 01", "83 0B"),
+            Question(53, "1 register: a late response may come", "03 00 01 00 01", "83 0B"),
         ),
     ),
     Chapter(

@@ -77,14 +77,14 @@ class Stage:
             print(f"  {line.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   {devices}")
         for server in self._plan.servers:
             timing, units = server.line.timing, ", ".join(map(str, sorted(server.line.serves)))
-            print(f"  {server.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   asks for {units}")
+            print(f"  {server.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   client of {units}")
         for image in self._plan.images:
             print(f"  {'(image)':28} {image.unit} {image.name}")
         print(f"  config    {self._config}")
 
     async def first(self, question: Question) -> bool:
         """Ask, and show every hop."""
-        print(f"\nThe first question, hop by hop: {question.about}\n")
+        print(f"\nThe first request, hop by hop: {question.about}\n")
         request, answer, right = await self._exchange(question)
         hop = self._hops[-1]
         self._hop("client", "gateway", request.hex(" ").upper())
@@ -92,12 +92,12 @@ class Stage:
         self._hop(hop.line, "gateway", hop.response)
         self._hop("gateway", "client", answer.hex(" ").upper())
         value = reading(question.shows, answer[7:])
-        print(f"\n  {value}, {hop.elapsed:.1f} ms after the request had left; the limit was {hop.limit:.0f} ms")
+        print(f"\n  {value}, {hop.elapsed:.1f} ms after the end of the request; time limit {hop.limit:.0f} ms")
         return right
 
     async def panel_asks(self, panel: Panel, question: Question) -> bool:
         """Let the outside client of the server line ask the same, and show every hop."""
-        print("\nAn old panel asks the same over a serial line, in ASCII\n")
+        print("\nAn old HMI sends the same request over a serial line, in ASCII\n")
         request = Frame(question.unit, bytes.fromhex(question.request))
         self._hops.clear()
         answer = await panel.ask(request, _PATIENCE)
@@ -127,15 +127,15 @@ class Stage:
         """One segment with a question to every line: each line works for itself."""
         units = [device.known_as for line in self._plan.lines for device in line.devices]
         units += [image.unit for image in self._plan.images]
-        print("\nOne TCP segment with a question to each unit; answers as they come\n")
+        print("\nOne TCP segment with a request to each unit; responses in order of arrival\n")
         self._writer.write(b"".join(mbap.encode(unit, unit, bytes.fromhex("03 00 01 00 01")) for unit in units))
         answered = []
         for _ in units:
             header = await asyncio.wait_for(self._reader.readexactly(6), _PATIENCE)
             adu = header + await self._reader.readexactly(int.from_bytes(header[4:]))
             answered.append(adu[6])
-        print("  asked     " + ", ".join(map(str, units)))
-        print("  answered  " + ", ".join(map(str, answered)))
+        print("  requests  " + ", ".join(map(str, units)))
+        print("  responses " + ", ".join(map(str, answered)))
         self._hops.clear()
         return sorted(answered) == sorted(units)
 
@@ -143,7 +143,7 @@ class Stage:
         """What to try next."""
         port = self._address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
-        print("\nThe lines stay. From another terminal, for example:\n")
+        print("\nThe lines keep running. In another terminal, for example:\n")
         print(f"  {mbpoll} -a 41 -t 4:float -B -0 -r 0 -1 127.0.0.1 # silo-1: weight")
         print(f"  {mbpoll} -a 46 -t 4 -0 -r 107 -c 3 -1 127.0.0.1   # press: 40108-40110")
         print(f"  {mbpoll} -a 52 -t 4 -0 -r 30 127.0.0.1 1234 5678  # axis-1: Comms 30-31")

@@ -16,7 +16,7 @@ def images_as_text(plan: Plan) -> list[str]:
     mirrors = [(str(one.unit), one.name, one.of, show_duration(one.stale), _polls(one)) for one in plan.mirrors]
     tables = (
         ("Images", ("UNIT", "NAME", "PROFILE", "KEPT", "ADDRESSES"), images),
-        ("Mirrors: reads are answered at once, writes wait as long as for the device",
+        ("Mirrors: reads are answered at once, writes take as long as at the device",
          ("UNIT", "NAME", "OF", "STALE", "POLLED"), mirrors),
     )  # fmt: skip
     return [f"{title}\n{aligned([headings, *rows], '  ')}" for title, headings, rows in tables if rows]

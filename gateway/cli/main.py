@@ -28,14 +28,14 @@ INTERRUPTED: Final = 130
 DEFAULT_CONFIG: Final = "/etc/modbus-gateway/gateway.toml"
 
 VERBS: Final[Mapping[str, str]] = {
-    "demo": "show the main job on simulated lines",
+    "demo": "show the gateway with simulated devices",
     "run": "run the gateway in the foreground",
-    "check": "check a config file and show what it means",
-    "reload": "let the running gateway read its config again",
-    "status": "show how the running gateway is doing",
-    "profile": "show what a kind of device accepts, and how fast it answers",
+    "check": "check a config file and show its effect",
+    "reload": "make the running gateway read its config again",
+    "status": "show the state of the running gateway",
+    "profile": "show what a kind of device accepts, and its time limits",
     "ports": "list the serial ports of this machine",
-    "simulate": "put simulated devices behind a virtual serial port",
+    "simulate": "run simulated devices on a virtual serial port",
 }
 
 
@@ -63,7 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """The parser for these words: only the verb among them knows its arguments."""
     parser = argparse.ArgumentParser(
-        prog="modbus-gateway", description="Modbus clients on one side, serial lines full of devices on the other."
+        prog="modbus-gateway",
+        description="Modbus gateway: TCP, UDP and serial clients on one side, serial lines on the other.",
     )
     parser.add_argument("--version", action="version", version=f"modbus-gateway {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)

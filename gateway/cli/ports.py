@@ -22,9 +22,9 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([asdict(port) for port in ports], indent=2, ensure_ascii=False))
     elif ports:
         print(_table([_HEADINGS, *(_row(port) for port in ports)]))
-        print(f'\nPut the path in the first column into the config: port = "{ports[0].path}"')
+        print(f'\nUse the path in the first column in the config: port = "{ports[0].path}"')
     else:
-        print("This machine has no serial port. Is the adapter plugged in? `dmesg` tells what became of it.")
+        print("No serial port found. Is the adapter plugged in? `dmesg` shows what the kernel made of it.")
     return 0
 
 

@@ -24,11 +24,11 @@ from gateway.timing.budget import AnswerTime
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `profile`."""
-    parser.add_argument("name", nargs="?", help="the profile; without it all are listed")
-    parser.add_argument("--baud", type=_baud, default=19200, metavar="N", help="rate of the line (default 19200)")
+    parser.add_argument("name", nargs="?", help="name of the profile (default: list all)")
+    parser.add_argument("--baud", type=_baud, default=19200, metavar="N", help="baud rate of the line (default 19200)")
     parser.add_argument("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
-    parser.add_argument("--mode", choices=("rtu", "ascii"), help="what is spoken (default rtu, mint ascii)")
-    parser.add_argument("--config", metavar="FILE", help="a config file that has profiles of its own")
+    parser.add_argument("--mode", choices=("rtu", "ascii"), help="mode of the line (default rtu, mint ascii)")
+    parser.add_argument("--config", metavar="FILE", help="config file with more profiles")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 

@@ -37,7 +37,7 @@ from gateway.service.verbs import verbs
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `run`."""
-    parser.add_argument("--control", metavar="PATH", help="where the control socket is, whatever the config says")
+    parser.add_argument("--control", metavar="PATH", help="path of the control socket; overrides the config")
     parser.add_argument("config", nargs="?", default=DEFAULT_CONFIG, help=f"the config file (default {DEFAULT_CONFIG})")
 
 

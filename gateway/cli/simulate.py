@@ -48,19 +48,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `simulate`."""
     add = parser.add_argument
     add("profile", nargs="+", type=_group, metavar="PROFILE[:UNITS]", help=f"{', '.join(KINDS)}; several share a line")
-    add("--port", required=True, type=Path, metavar="PATH", help="where the serial port appears")
+    add("--port", required=True, type=Path, metavar="PATH", help="path of the virtual serial port")
     add("--unit", type=_units, default=(1,), metavar="UNITS", help="such as 2, 1-3 or 6,17 (default 1)")
-    add("--mode", choices=("rtu", "ascii"), help="what is spoken (default rtu, mint ascii)")
+    add("--mode", choices=("rtu", "ascii"), help="mode of the line (default rtu, mint ascii)")
     add("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
-    add("--baud", type=_baud, metavar="N", help="the devices' own rate (default: whatever the port is set to)")
-    add("--weight", type=float, metavar="W", help="weighers stand still at this weight")
-    add("--moving-unit", type=_units, default=(), metavar="UNITS", help="these weighers move all the same")
-    add("--silent", action="store_true", help="nothing answers")
-    add("--silent-unit", type=_units, default=(), metavar="UNITS", help="these do not answer")
-    add("--slow", type=_duration, default=0.0, metavar="TIME", help='answer later, such as "200 ms"')
-    add("--noise", type=_share, default=0.0, metavar="SHARE", help="spoil some answers, such as 5%%")
-    add("--seed", type=int, default=0, metavar="N", help="another seed, another noise (default 0)")
-    add("-v", "--verbose", action="store_true", help="show each frame")
+    add("--baud", type=_baud, metavar="N", help="baud rate of the devices (default: as set on the port)")
+    add("--weight", type=float, metavar="W", help="constant weight of the weighers")
+    add(
+        "--moving-unit",
+        type=_units,
+        default=(),
+        metavar="UNITS",
+        help="weighers that change their weight in spite of --weight",
+    )
+    add("--silent", action="store_true", help="no device responds")
+    add("--silent-unit", type=_units, default=(), metavar="UNITS", help="devices that do not respond")
+    add("--slow", type=_duration, default=0.0, metavar="TIME", help='respond later, such as "200 ms"')
+    add("--noise", type=_share, default=0.0, metavar="SHARE", help="damage some responses, such as 5%%")
+    add("--seed", type=int, default=0, metavar="N", help="seed of the noise (default 0)")
+    add("-v", "--verbose", action="store_true", help="print each frame")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -80,8 +86,8 @@ def run(args: argparse.Namespace) -> int:
     except ValueError as wrong:
         print(f"modbus-gateway simulate: error: {wrong}", file=sys.stderr)
         return WRONG_USAGE
-    pace = "whatever rate the port is set to" if args.baud is None else f"{args.baud} baud"
-    ready = f"{_who(groups)} at {args.port}: {mode} {format_}, {pace}. Ctrl-C ends it."
+    pace = "rate as set on the port" if args.baud is None else f"{args.baud} baud"
+    ready = f"{_who(groups)} at {args.port}: {mode} {format_}, {pace}. Press Ctrl-C to stop."
     run_exactly(_serve(line, f"{ready}\n\n{_config(groups, args, mode, format_)}\n", end))
     return FINE
 

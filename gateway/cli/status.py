@@ -146,7 +146,7 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
         },
     ),
     (
-        "Lines we are asked on",
+        "Server lines",
         "servers",
         {"NAME": "name", "PORT": "port", "WIRE": "wire", "STATE": _state, "ANSWERED": _answered},
     ),

@@ -28,7 +28,7 @@ def _check(line: Line, needed: float) -> Iterator[Problem]:
         yield warning(path, "means nothing without retries", "add retries = 1, or leave it out")
     elif line.retry_within < needed:
         what = f"is too short for one repeat after silence (needs {show_duration(_rounded_up(needed))})"
-        remedy = "make it longer, or timeout or late_window shorter; reads are repeated after broken answers only"
+        remedy = "make it longer, or timeout or late_window shorter; otherwise only damaged responses are repeated"
         yield warning(path, what, remedy)
 
 
