@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from math import ceil, floor, log10
 from typing import Any, Final
 
-from gateway.cli.columns import aligned
+from gateway.cli.columns import align
 from gateway.cli.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.rights import rights_as_json, rights_as_text
@@ -54,13 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print every problem, and the picture of a file without errors. 1 when there is an error."""
-    loaded = _looked_at(args.config)
+    loaded = _load_and_look(args.config)
     plan = None if loaded.config is None else resolve(loaded.config)
     print(json.dumps(_as_json(loaded, plan), indent=2, ensure_ascii=False) if args.json else _as_text(loaded, plan))
     return PROBLEM_FOUND if plan is None else FINE
 
 
-def _looked_at(file: str) -> Loaded:
+def _load_and_look(file: str) -> Loaded:
     """The file, with what would keep this machine's service from using it."""
     loaded = load(file, address_trouble)
     trouble = None if loaded.config is None else file_trouble(file)
@@ -120,16 +120,16 @@ def _advice(plan: Plan) -> str:
 def _verdict(problems: tuple[Problem, ...]) -> str:
     errors = sum(problem.severity == "error" for problem in problems)
     warnings = len(problems) - errors
-    return f"{_counted(errors, 'error')}, {_counted(warnings, 'warning')}"
+    return f"{_count(errors, 'error')}, {_count(warnings, 'warning')}"
 
 
-def _counted(number: int, noun: str) -> str:
+def _count(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
 def _listeners(listeners: tuple[ListenSettings, ...]) -> str:
     rows = [(one.name, _address(one), _places(one), _idle(one), str(one.unit0), _leads_to(one)) for one in listeners]
-    table = aligned([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0", "LEADS TO"), *rows], "  ")
+    table = align([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0", "LEADS TO"), *rows], "  ")
     silent = [f"  Through {one.name}: {_SILENCE}" for one in listeners if one.on_failure == "silent"]
     return "\n".join(["Listeners", table, *silent])
 
@@ -158,8 +158,8 @@ def _line(plan: LinePlan, whole: Plan) -> str:
             f"Line {plan.line.name}: {plan.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}, wire {wire}",
             *_failures(plan.line),
-            aligned([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
-            *_ways_in(plan, whole),
+            align([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
+            *_list_listeners(plan, whole),
             *_limits(units),
         ]
     )
@@ -173,7 +173,7 @@ def _failures(line: LineSettings) -> Iterator[str]:
         yield f"  rest {show_duration(line.rest) if line.rest else 'off'}"
 
 
-def _ways_in(plan: LinePlan, whole: Plan) -> Iterator[str]:
+def _list_listeners(plan: LinePlan, whole: Plan) -> Iterator[str]:
     """By which numbers the listeners for this line lead to it."""
     names = ", ".join(f'"{name}"' for name in _listeners_for(plan, whole))
     if names:
@@ -198,10 +198,10 @@ def _latency(plan: LinePlan) -> str:
 
 
 def _row(unit: _Unit) -> tuple[str, ...]:
-    return unit.units, unit.wire_units, unit.device_name, unit.device.profile.name, _rounded_up(unit.longest_wait)
+    return unit.units, unit.wire_units, unit.device_name, unit.device.profile.name, _round_up(unit.longest_wait)
 
 
-def _rounded_up(seconds: float) -> str:
+def _round_up(seconds: float) -> str:
     """To three figures, as they are shown, and never less."""
     if not seconds:
         return "at once"
@@ -211,17 +211,17 @@ def _rounded_up(seconds: float) -> str:
 
 def _server(server: ServerPlan, plan: Plan) -> str:
     line, timing = server.line, server.line.timing
-    rows = [(str(unit), name, _rounded_up(wait)) for unit, (name, wait) in waits_behind(server, plan).items()]
+    rows = [(str(unit), name, _round_up(wait)) for unit, (name, wait) in waits_behind(server, plan).items()]
     silence, wire = _silence(line.silence_before_response), foreseen(line.wire, server.port)
     return "\n".join(
         [
             f"Server line {line.name}: {server.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, silence before a response {silence}, wire {wire}",
-            aligned([("UNIT", "WHO ANSWERS", "LONGEST WAIT"), *rows], "  "),
+            align([("UNIT", "WHO ANSWERS", "LONGEST WAIT"), *rows], "  "),
             f"  An answer that is not there within {show_duration(line.answer_within)} is not put on the line.",
             *([f"  On failure: {_SILENCE}"] if line.on_failure == "silent" else []),
             f"  Broadcasts go to: {server.broadcast_to}.",
-            f"  Set the outside client's time-out above {_rounded_up(longest_wait_outside(server, plan))}.",
+            f"  Set the outside client's time-out above {_round_up(longest_wait_outside(server, plan))}.",
         ]
     )
 
@@ -232,12 +232,12 @@ def _limits(units: list[_Unit]) -> list[str]:
     for unit in units:
         alike.setdefault((unit.device.profile.name, unit.limits), []).append(unit)
     return [
-        f"  Time limits of {name}, {_numbered(same)}\n{limits_table(limits, '    ')}"
+        f"  Time limits of {name}, {_name_units(same)}\n{limits_table(limits, '    ')}"
         for (name, limits), same in alike.items()
     ]
 
 
-def _numbered(units: list[_Unit]) -> str:
+def _name_units(units: list[_Unit]) -> str:
     text = units[0].units if len(units) == 1 else show_units(unit.device.known_as for unit in units)
     return f"unit{'' if text.isdecimal() else 's'} {text}"
 
@@ -253,17 +253,17 @@ def limits_table(limits: tuple[FunctionLimits, ...], indent: str) -> str:
         )
         for one in limits
     ]
-    return aligned([("FUNCTION", "LIMIT FOR 1 ITEM", "MOST ITEMS", "LIMIT FOR MOST"), *rows], indent)
+    return align([("FUNCTION", "LIMIT FOR 1 ITEM", "MOST ITEMS", "LIMIT FOR MOST"), *rows], indent)
 
 
 def _upstream(plan: UpstreamPlan) -> str:
     settings = plan.upstream
-    rows = [(str(device.known_as), str(device.unit), _rounded_up(longest_wait_behind(plan))) for device in plan.devices]
+    rows = [(str(device.known_as), str(device.unit), _round_up(longest_wait_behind(plan))) for device in plan.devices]
     return "\n".join(
         [
             f"Upstream {settings.name}: {plan.port.port}",
             f"  timeout {show_duration(settings.timeout)}, {settings.in_flight} in flight",
-            aligned([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  "),
+            align([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  "),
         ]
     )
 
@@ -271,7 +271,7 @@ def _upstream(plan: UpstreamPlan) -> str:
 def _remembered(plan: Plan) -> list[str]:
     """What the gateway will go by instead of the config, if it is run by the same user."""
     try:
-        rows = [f"  {each.line}: {_remembered_value(each)}; {each.advice}" for each in _in_force(plan)]
+        rows = [f"  {each.line}: {_describe_remembered(each)}; {each.advice}" for each in _in_force(plan)]
     except StateError as error:
         rows = [f"  {error}"]
     return ["\n".join(["Remembered from an earlier run", *rows])] if rows else []
@@ -289,7 +289,7 @@ def _in_force(plan: Plan) -> Iterator[AddressRemembered | BaudRemembered]:
     return in_force(plan, kept_in(state_folder()))
 
 
-def _remembered_value(each: AddressRemembered | BaudRemembered) -> str:
+def _describe_remembered(each: AddressRemembered | BaudRemembered) -> str:
     if isinstance(each, AddressRemembered):
         return f"{each.device} is asked at {each.unit}, the config says {each.configured}"
     return f"{each.baud} baud, the config says {each.configured}"

@@ -34,7 +34,7 @@ def ask(verb: str, control: str | None) -> dict[str, Any]:
     Raises:
         DaemonError: it does not answer, or refuses the question.
     """
-    with _connected(control) as sock, sock.makefile("rb") as stream:
+    with _connect(control) as sock, sock.makefile("rb") as stream:
         try:
             with suppress(ConnectionError):  # it has hung up, perhaps with a word of why
                 sock.sendall(json.dumps({"verb": verb}).encode() + b"\n")
@@ -45,10 +45,10 @@ def ask(verb: str, control: str | None) -> dict[str, Any]:
             line = b""
     if not line:
         raise DaemonError("the daemon closed the connection before it answered; is it stopping?")
-    return _understood(line)
+    return _read_answer(line)
 
 
-def _understood(line: bytes) -> dict[str, Any]:
+def _read_answer(line: bytes) -> dict[str, Any]:
     try:
         answer: dict[str, Any] = json.loads(line)
         error = answer.get("error")
@@ -66,11 +66,11 @@ def _compare_versions(daemon: object) -> None:
         print(f"the daemon is of {daemon}, this command of {__version__}: {remedy}", file=sys.stderr)
 
 
-def _connected(control: str | None) -> socket.socket:
+def _connect(control: str | None) -> socket.socket:
     """A connection to the first daemon that answers."""
     reasons: list[str] = []
     forbidden: list[Path] = []
-    paths = [Path(control)] if control else [*_configured(reasons), control_path(Path("gateway.toml")), SYSTEM_SOCKET]
+    paths = [Path(control)] if control else [*_read_config(reasons), control_path(Path("gateway.toml")), SYSTEM_SOCKET]
     for path in dict.fromkeys(paths):
         sock = socket.socket(socket.AF_UNIX)
         sock.settimeout(_PATIENCE)
@@ -88,7 +88,7 @@ def _connected(control: str | None) -> socket.socket:
     raise DaemonError(f"no daemon can be reached ({'; '.join(reasons)}); is it running? --control PATH says where")
 
 
-def _configured(reasons: list[str]) -> list[Path]:
+def _read_config(reasons: list[str]) -> list[Path]:
     """Where the service's config has the socket, if it says so. What keeps it from being read joins the reasons."""
     try:
         config = tomllib.loads(Path(DEFAULT_CONFIG).read_text(encoding="utf-8-sig"))

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from gateway.cli.columns import aligned
+from gateway.cli.columns import align
 from gateway.config.duration import show_duration
 from gateway.config.plan import Plan
 from gateway.config.ranges import show_ranges
@@ -19,7 +19,7 @@ def images_as_text(plan: Plan) -> list[str]:
         ("Mirrors: reads are answered at once, writes take as long as at the device",
          ("UNIT", "NAME", "OF", "STALE", "POLLED"), mirrors),
     )  # fmt: skip
-    return [f"{title}\n{aligned([headings, *rows], '  ')}" for title, headings, rows in tables if rows]
+    return [f"{title}\n{align([headings, *rows], '  ')}" for title, headings, rows in tables if rows]
 
 
 def images_as_json(plan: Plan) -> list[dict[str, Any]]:

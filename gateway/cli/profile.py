@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gateway.cli.check import limits_as_json, limits_table, milliseconds
-from gateway.cli.columns import aligned
+from gateway.cli.columns import align
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE
 from gateway.config.duration import show_duration
 from gateway.config.forecast import FunctionLimits, function_limits
@@ -85,7 +85,7 @@ def _tables(config: str | None) -> Mapping[str, ProfileTable] | None:
 
 def _list_as_text(tables: Mapping[str, ProfileTable]) -> str:
     rows = [(name, table.title, table.source) for name, table in tables.items()]
-    return aligned([("NAME", "TITLE", "FROM"), *rows])
+    return align([("NAME", "TITLE", "FROM"), *rows])
 
 
 def _list_as_json(tables: Mapping[str, ProfileTable]) -> str:
@@ -97,7 +97,7 @@ def _as_text(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits,
     line = f"{timing.mode} {timing.baud} {timing.format}, latency {show_duration(ASSUMED_LATENCY)}"
     parts = [
         f"{profile.name}: {profile.title}" if profile.title else profile.name,
-        aligned(_accepted(profile), "  "),
+        align(_accepted(profile), "  "),
         *([f"Answer times\n{_timing_table(profile)}"] if profile.timing.rows else []),
         f"Time limits, counted from the end of the request: {line}\n{limits_table(limits, '  ')}",
     ]
@@ -124,7 +124,7 @@ def _timing_table(profile: Profile) -> str:
         for function, row in profile.timing.rows.items()
         for point in row
     ]
-    return aligned([("FUNCTION", "ITEMS", "TIME"), *rows], "  ")
+    return align([("FUNCTION", "ITEMS", "TIME"), *rows], "  ")
 
 
 def _as_json(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...]) -> str:

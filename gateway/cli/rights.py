@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from gateway.cli.columns import aligned
+from gateway.cli.columns import align
 from gateway.config.plan import Plan
 from gateway.config.unitset import show_units
 from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, Network, Right, Row
@@ -13,9 +13,9 @@ _WORDS = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING:
 
 def rights_as_text(plan: Plan) -> str:
     """The table of rights, and what goes beyond it."""
-    shown = [_shown(row, plan) for row in plan.access]
+    shown = [_show_row(row, plan) for row in plan.access]
     rows = [("FROM", "THROUGH", "UNITS", "MAY"), *shown, *_rest(plan)]
-    return "\n".join(["Rights: the first row that fits counts", aligned(rows, "  "), *_datagrams(plan)])
+    return "\n".join(["Rights: the first row that fits counts", align(rows, "  "), *_datagrams(plan)])
 
 
 def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
@@ -33,7 +33,7 @@ def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
     ]
 
 
-def _shown(row: Row, plan: Plan) -> tuple[str, ...]:
+def _show_row(row: Row, plan: Plan) -> tuple[str, ...]:
     units = "all" if row.units is None else show_units(row.units)
     if row.units is not None and _is_by_address(row, plan):
         units += " on the wire"

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     mode: Mode = args.mode or ("ascii" if groups[0].kind == "mint" else "rtu")
     format_ = args.format or DEFAULT_FORMATS[mode]
     end = asyncio.Event()
-    tell = _frames_on_paper(mode, end) if args.verbose else tell_nobody
+    tell = _print_frames(mode, end) if args.verbose else tell_nobody
     try:
         devices = _devices(groups, args)
         line = SimulatedLine(args.port, devices, mode=mode, format_=format_, seed=args.seed, tell=tell)
@@ -87,8 +87,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"modbus-gateway simulate: error: {wrong}", file=sys.stderr)
         return WRONG_USAGE
     pace = "rate as set on the port" if args.baud is None else f"{args.baud} baud"
-    ready = f"{_who(groups)} at {args.port}: {mode} {format_}, {pace}. Press Ctrl-C to stop."
-    run_exactly(_serve(line, f"{ready}\n\n{_config(groups, args, mode, format_)}\n", end))
+    ready = f"{_name_groups(groups)} at {args.port}: {mode} {format_}, {pace}. Press Ctrl-C to stop."
+    run_exactly(_serve(line, f"{ready}\n\n{_write_line(groups, args, mode, format_)}\n", end))
     return FINE
 
 
@@ -123,7 +123,7 @@ def _device(kind: str, unit: int, args: argparse.Namespace) -> Device:
     return Weigher(unit, weight=weight, moves=moves, baud=args.baud, faults=faults)
 
 
-def _frames_on_paper(mode: Mode, end: asyncio.Event) -> Tell:
+def _print_frames(mode: Mode, end: asyncio.Event) -> Tell:
     """Prints each frame with the time at which it begins; when nobody reads that any more, it ends the simulation."""
 
     def tell(sender: Sender, data: bytes) -> None:
@@ -137,12 +137,12 @@ def _frames_on_paper(mode: Mode, end: asyncio.Event) -> Tell:
     return tell
 
 
-def _who(groups: list[_Group]) -> str:
+def _name_groups(groups: list[_Group]) -> str:
     """Such as `weigher 1-2, v80 6`."""
     return ", ".join(f"{group.kind} {show_units(group.units)}" for group in groups)
 
 
-def _config(groups: list[_Group], args: argparse.Namespace, mode: Mode, format_: CharacterFormat) -> str:
+def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, format_: CharacterFormat) -> str:
     """The line as a table of a config file, for this rate or the usual one."""
     port = args.port.absolute()
     baud = args.baud or _USUAL_BAUD.get(groups[0].kind, _DEFAULT_BAUD)
@@ -165,15 +165,15 @@ def _group(text: str) -> tuple[str, tuple[int, ...] | None]:
 
 
 def _units(text: str) -> tuple[int, ...]:
-    return _said(parse_units, [part.strip() for part in text.split(",")])
+    return _parse_argument(parse_units, [part.strip() for part in text.split(",")])
 
 
 def _format(text: str) -> CharacterFormat:
-    return _said(parse_format, text)
+    return _parse_argument(parse_format, text)
 
 
 def _duration(text: str) -> float:
-    return _said(parse_duration, text)
+    return _parse_argument(parse_duration, text)
 
 
 def _baud(text: str) -> int:
@@ -193,7 +193,7 @@ def _share(text: str) -> float:
     return share
 
 
-def _said(parse: Callable[[object], _T], value: object) -> _T:
+def _parse_argument(parse: Callable[[object], _T], value: object) -> _T:
     """What `parse` makes of a value, or what is wrong with it in argparse's terms."""
     try:
         return parse(value)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from math import ceil
 from typing import Any, Final
 
-from gateway.cli.columns import aligned
+from gateway.cli.columns import align
 from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
 from gateway.cli.main import FINE
 from gateway.config.duration import show_duration
@@ -70,7 +70,7 @@ def _table(title: str, rows: list[Any] | None, columns: Mapping[str, _Column]) -
     if rows is None:
         return f"{title}\n  {UNKNOWN}"
     cells = [tuple(str(_cell(column, row)) for column in columns.values()) for row in rows]
-    return f"{title}\n{aligned([tuple(columns), *cells], '  ')}" if cells else ""
+    return f"{title}\n{align([tuple(columns), *cells], '  ')}" if cells else ""
 
 
 def _cell(column: _Column, row: Any) -> object:
@@ -82,7 +82,7 @@ def _cell(column: _Column, row: Any) -> object:
 
 
 def _was_asked(unit: Mapping[str, Any]) -> bool:
-    return bool(unit["counts"]["sent"] or unit["state"] != "fine" or _failed(unit))
+    return bool(unit["counts"]["sent"] or unit["state"] != "fine" or _count_failed(unit))
 
 
 def _at(unit: Mapping[str, Any]) -> str:
@@ -101,7 +101,7 @@ def _longest_wait(unit: Mapping[str, Any]) -> str:
     return show_duration(ceil(unit["longest_wait_ms"] / 10) / 100)
 
 
-def _answered(server: Mapping[str, Any]) -> int:
+def _count_answered(server: Mapping[str, Any]) -> int:
     return int(server["counts"]["responses"])
 
 
@@ -117,16 +117,16 @@ def _state(one: Mapping[str, Any]) -> str:
     return f"down: {one['reason']}" if one["state"] == "down" else str(one["state"])
 
 
-def _ok(one: Mapping[str, Any]) -> int:
+def _count_ok(one: Mapping[str, Any]) -> int:
     """Requests that were answered by the device, exceptions included, and broadcasts."""
     counts = one["counts"]
     return int(counts["ok"] + counts["exception"] + counts["broadcast"])
 
 
-def _failed(one: Mapping[str, Any]) -> int:
+def _count_failed(one: Mapping[str, Any]) -> int:
     """Requests that were not. A result that the daemon does not know has not happened there."""
     counts: Mapping[str, int] = one["counts"]
-    return sum(counts.get(result, 0) for result in RESULTS) - _ok(one)
+    return sum(counts.get(result, 0) for result in RESULTS) - _count_ok(one)
 
 
 #: The tables: what each is called, the section of the status that it shows, and its columns.
@@ -141,19 +141,26 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
             "WIRE": "wire",
             "STATE": _state,
             "WAITING": "queue",
-            "OK": _ok,
-            "FAILED": _failed,
+            "OK": _count_ok,
+            "FAILED": _count_failed,
         },
     ),
     (
         "Server lines",
         "servers",
-        {"NAME": "name", "PORT": "port", "WIRE": "wire", "STATE": _state, "ANSWERED": _answered},
+        {"NAME": "name", "PORT": "port", "WIRE": "wire", "STATE": _state, "ANSWERED": _count_answered},
     ),
     (
         "Upstreams",
         "upstreams",
-        {"NAME": "name", "ADDRESS": "to", "STATE": _state, "WAITING": "queue", "OK": _ok, "FAILED": _failed},
+        {
+            "NAME": "name",
+            "ADDRESS": "to",
+            "STATE": _state,
+            "WAITING": "queue",
+            "OK": _count_ok,
+            "FAILED": _count_failed,
+        },
     ),
     (
         "Units",
@@ -163,8 +170,8 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
             "AT": _at,
             "DEVICE": "name",
             "STATE": _unit_state,
-            "OK": _ok,
-            "FAILED": _failed,
+            "OK": _count_ok,
+            "FAILED": _count_failed,
             "LAST-ERROR": _last_error,
             "LONGEST-WAIT": _longest_wait,
         },

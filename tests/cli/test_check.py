@@ -7,7 +7,7 @@ from textwrap import dedent
 
 import pytest
 
-from gateway.cli.check import _rounded_up
+from gateway.cli.check import _round_up
 from gateway.cli.main import main
 from gateway.config.file_trouble import file_trouble
 from kit.pty import VirtualPort
@@ -521,4 +521,4 @@ def test_a_file_that_the_service_may_not_read_is_a_warning(config, capsys, monke
     ("seconds", "shown"), [(0.0, "at once"), (0.004, "10 ms"), (1.001, "1.01 s"), (21.12, "21.2 s"), (101.1, "102 s")]
 )
 def test_the_longest_wait_is_never_shown_too_short(seconds, shown):
-    assert _rounded_up(seconds) == shown
+    assert _round_up(seconds) == shown

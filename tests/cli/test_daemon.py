@@ -26,7 +26,7 @@ def own(tmp_path, monkeypatch):
         connect(sock, path)
 
     monkeypatch.setattr(socket.socket, "connect", refused)
-    monkeypatch.setattr(daemon, "_configured", lambda reasons: [Path(SERVICE)])
+    monkeypatch.setattr(daemon, "_read_config", lambda reasons: [Path(SERVICE)])
     monkeypatch.setattr(daemon, "control_path", lambda config: tmp_path / "control.sock")
     return str(tmp_path / "control.sock")
 
@@ -42,7 +42,7 @@ def test_a_user_is_answered_by_a_gateway_of_the_same_user(own):
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(own)
         server.listen()
-        with daemon._connected(None) as connection:
+        with daemon._connect(None) as connection:
             assert connection.getpeername() == own
 
 
@@ -66,7 +66,7 @@ def test_a_path_that_is_too_long_for_a_socket_is_said_to_be(tmp_path):
 )
 def test_a_daemon_of_another_version_is_told(version, said, capsys):
     """On standard error: what a program reads stays JSON."""
-    assert daemon._understood(json.dumps({"ok": True, **version}).encode()) == {"ok": True, **version}
+    assert daemon._read_answer(json.dumps({"ok": True, **version}).encode()) == {"ok": True, **version}
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.startswith(said)
@@ -75,5 +75,5 @@ def test_a_daemon_of_another_version_is_told(version, said, capsys):
 
 def test_a_verb_that_an_older_daemon_does_not_have_is_told_with_the_versions(capsys):
     with pytest.raises(DaemonError, match='the daemon says: "verb" must be one of status'):
-        daemon._understood(b'{"ok": false, "error": "\\"verb\\" must be one of status"}')
+        daemon._read_answer(b'{"ok": false, "error": "\\"verb\\" must be one of status"}')
     assert "earlier version" in capsys.readouterr().err
