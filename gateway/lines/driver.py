@@ -7,8 +7,8 @@ from functools import partial
 from gateway.errors import PortError
 from gateway.events import ConnectionRenewed, Emit
 from gateway.lines.line import Line
+from gateway.lines.scheduler import earliest
 from gateway.lines.transaction import Transaction
-from gateway.lines.turns import earliest
 from gateway.ports.border import Border
 from gateway.ports.port import Port
 from gateway.ports.wire import Wire, settled

@@ -7,12 +7,12 @@ same function goes to that unit. Other functions and other units go on.
 
 from typing import Final, NamedTuple
 
-from gateway.lines.overheard import has_begun
 from gateway.lines.transaction import Transaction
-from gateway.modbus.chartime import Mode
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
-from gateway.modbus.frame import Frame, ResponseFramer
+from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.modbus.scan import Expected, Token
+from gateway.timing.budget import AnswerTime
 
 #: A request that a window forbids waits if the window ends within so many seconds. Otherwise it fails at once, so that
 #: a client that polls one unit after the other does not freeze.
@@ -53,11 +53,11 @@ class LateResponse(NamedTuple):
 
 
 class _Window:
-    """The time in which `owed` answers may still come; `framer` has received what came of them so far."""
+    """The time in which `owed` answers may still come that look like `expected`."""
 
-    def __init__(self, question: Question, framer: ResponseFramer, ends_at: float, owed: int) -> None:
+    def __init__(self, question: Question, expected: Expected, ends_at: float, owed: int) -> None:
         self.question = question
-        self.framer = framer
+        self.expected = expected
         self.ends_at = ends_at
         self.owed = owed
 
@@ -83,15 +83,23 @@ class _Window:
 
 
 class LateWindows:
-    """The late windows of a line."""
+    """The late windows of a line, of so many seconds; None: as the device's answer times say."""
 
-    def __init__(self, mode: Mode) -> None:
+    def __init__(self, seconds: float | None) -> None:
         self.windows: list[_Window] = []
-        self._mode = mode
+        self._seconds = seconds
 
-    def open(self, question: Question, framer: ResponseFramer, ends_at: float, owed: int = 1) -> None:
-        """Until `ends_at` so many answers to `question` may come; `framer` is looking for them."""
-        self.windows.append(_Window(question, framer, ends_at, owed))
+    def length(self, limit: float, answer_time: AnswerTime) -> float:
+        """How long after its limit an answer may come: by default twice that, or the device's slowest answer."""
+        return max(2 * limit, answer_time.slowest) if self._seconds is None else self._seconds
+
+    def end_of(self, transaction: Transaction, now: float) -> float:
+        """Until when its late answer is awaited, from the end of its limit on, also if it has failed before."""
+        return max(now, transaction.fails_at) + self.length(transaction.limit, transaction.device.answer_time)
+
+    def open(self, question: Question, expected: Expected, ends_at: float, owed: int = 1) -> None:
+        """Until `ends_at` so many answers to `question` may come, which look like `expected`."""
+        self.windows.append(_Window(question, expected, ends_at, owed))
 
     def overdue(self, now: float) -> list[Overdue]:
         """What is awaited, for a line that follows on the same port."""
@@ -108,68 +116,41 @@ class LateWindows:
         self._close_ended(now)
         return max((window.ends_at for window in self.windows if window.forbids(transaction)), default=None)
 
-    def has_begun_in(self, heard: bytes, unit: int, now: float) -> bool:
-        """Whether a late answer of a unit other than `unit` begins somewhere in `heard`."""
+    def expected(self) -> list[Expected]:
+        """What the late answers look like."""
+        return [window.expected for window in self.windows]
+
+    def heads_of_others(self, unit: int, now: float) -> list[bytes]:
+        """How the late answers of units other than `unit` begin."""
         self._close_ended(now)
-        return any(
-            has_begun(self._mode, heard, bytes((window.question.unit, function)))
+        return [
+            bytes((window.question.unit, function))
             for window in self.windows
             if window.question.unit != unit
             for function in (window.question.asked.function, window.question.asked.function | EXCEPTION_BIT)
-        )
-
-    def awaits(self, frame: Frame) -> bool:
-        """Whether `frame` is one of the late answers."""
-        return any(window.question.accepts(frame) for window in self.windows)
-
-    def extend(self, frame: Frame, until: float) -> None:
-        """What `frame` looks like may come once more, until then."""
-        for window in self.windows:
-            if window.question.accepts(frame):
-                window.ends_at = max(window.ends_at, until)
-
-    def received(self, data: bytes, now: float, others: list[Frame], *, damaged: bool = False) -> list[LateResponse]:
-        """Take bytes that the line delivers; responses that are complete with them. The last one closes its window.
-
-        `others` are frames among them that answer other clients' requests. A frame is the answer to one question only:
-        to the oldest one that it fits.
-        """
-        self._close_ended(now)
-        taken = others.copy()
-        return [
-            late
-            for window in self.windows.copy()
-            for late in self._take(window, window.framer.received(data, now, damaged=damaged), taken)
         ]
 
-    def tick(self, now: float) -> list[LateResponse]:
-        """Let time pass; responses that silence has ended."""
-        self._close_ended(now)
-        taken: list[Frame] = []
-        return [late for window in self.windows.copy() for late in self._take(window, window.framer.tick(now), taken)]
+    def extend(self, token: Token, until: float) -> None:
+        """What this looks like may come once more, until then."""
+        for window in self.windows:
+            if window.question.accepts(token.frame):
+                window.ends_at = max(window.ends_at, until)
 
-    def deadline(self) -> float | None:
-        """When `tick` wants to be called, or None."""
-        deadlines = (window.framer.deadline() for window in self.windows)
-        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+    def take(self, token: Token) -> Question | None:
+        """The oldest question that this answers, late; None if there is none. The last answer closes its window."""
+        self._close_ended(token.at)
+        for window in self.windows:
+            began = token.start >= window.expected.since and not token.is_damaged
+            if began and window.owed and window.question.accepts(token.frame):
+                window.owed -= 1
+                if not window.owed:
+                    self.windows.remove(window)
+                return window.question
+        return None
 
     def next_end(self) -> float | None:
         """When the next window ends."""
         return min((window.ends_at for window in self.windows), default=None)
-
-    def _take(self, window: _Window, frames: list[Frame], taken: list[Frame]) -> list[LateResponse]:
-        """Those of `frames` that `window` awaits. Every window hears all of `taken` too, which others were given."""
-        late, given = [], taken.copy()
-        for frame in frames:
-            if frame in given:
-                given.remove(frame)
-            elif window.owed and window.question.accepts(frame):
-                window.owed -= 1
-                taken.append(frame)
-                late.append(LateResponse(window.question, frame))
-        if not window.owed:
-            self.windows.remove(window)
-        return late
 
     def _close_ended(self, now: float) -> None:
         self.windows = [window for window in self.windows if window.ends_at > now]

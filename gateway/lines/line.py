@@ -1,9 +1,24 @@
 """The transaction machine of one line: one request at a time, a silence before it, a limit after it, only its response.
 
-    down ──port_up──▶ idle ──submit──▶ (quiet long enough?) ──write──▶ awaiting ──response, limit──▶ idle
-                       ▲                                        └─broadcast──▶ turnaround ─────────────┘
+| state     | what happens                            | next      | what is done                                       |
+|-----------|-----------------------------------------|-----------|----------------------------------------------------|
+| down      | `port_up`                               | idle      |                                                    |
+| idle      | a turn, and the line is quiet           | awaiting  | the request is written                             |
+| idle      | the turn of a broadcast                 | idle      | it is written; the line is quiet for the turnaround |
+| awaiting  | the answer                              | idle      | the client gets it                                 |
+| awaiting  | the limit, a damaged or doubted answer  | idle      | 0B, or the read waits for its second sending; a    |
+|           |                                         |           | late window opens for what is owed                 |
+| awaiting  | the same, if a second sending may help  | repeating |                                                    |
+| repeating | the line is quiet                       | awaiting  | the request is written again                       |
+| repeating | bytes come: they may be the answer      | idle      | 0B                                                 |
+| idle      | `renew`: this connection may hold back  | renewing  | what waits goes on waiting                         |
+| renewing  | `port_up`                               | idle      |                                                    |
+| renewing  | `RENEWAL` seconds pass                  | down      | 0A for all that waits                              |
+| any       | `port_down`                             | down      | 0B for what was sent, 0A for all that waits        |
+| awaiting  | `finish`                                | last      | 0A for all that waits                              |
+| last      | the answer, the limit                   | down      | as from awaiting                                   |
 
-Which request goes next is the matter of `turns`, what the bytes from the line mean that of `hearing`.
+Which request goes next is the matter of `scheduler`, what the bytes from the line mean that of `receiver`.
 
 The machine knows no clock and no descriptor: bytes, time and requests are its arguments, and `deadline` says when it
 wants to be called again. It finishes its own state before it calls a request's origin, which may submit the next
@@ -12,19 +27,21 @@ request at once.
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from enum import Enum, auto
+from math import inf, nextafter
 from typing import Final
 
 from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
-from gateway.lines.hearing import Hearing, Outcome
+from gateway.lines.echo import EchoWatch
 from gateway.lines.late import LateWindows, Overdue
-from gateway.lines.overheard import Verdict
+from gateway.lines.receiver import NOTHING, Outcome, Receiver, Verdict
 from gateway.lines.report import Report
+from gateway.lines.scheduler import Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
-from gateway.lines.turns import Turns, earliest
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 
@@ -37,6 +54,17 @@ RENEWAL: Final = 1.0
 Observer = Callable[[Transaction, Frame | None, float], None]
 
 
+class State(Enum):
+    """See the table above."""
+
+    DOWN = auto()
+    RENEWING = auto()
+    IDLE = auto()
+    AWAITING = auto()
+    REPEATING = auto()
+    LAST = auto()
+
+
 class Line:
     """One line and its transactions. `observer`, if there is one, is shown each of them."""
 
@@ -47,30 +75,29 @@ class Line:
         self.busy_seconds = 0.0
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit)
-        self._windows = LateWindows(settings.timing.mode)
-        self._hearing = Hearing(settings, self._windows, self._report)
-        self._turns = Turns(settings, self._hearing, self._windows, self._report)
+        self._windows = LateWindows(settings.late_window)
+        echo = EchoWatch(self._report, is_configured=settings.echo)
+        self._receiver = Receiver(settings, self._windows, echo, self._report)
+        self._scheduler = Scheduler(settings, self._windows, echo, self._report)
         self._write: Callable[[bytes], None] | None = None
         self._has_arrived: HasArrived | None = None
-        self._renewed_until = 0.0
         self._is_virtual = True
+        self._state = State.DOWN
+        #: What is awaited or to be repeated, and what came instead of its answer when it was sent before.
         self._current: Transaction | None = None
-        self._again: Transaction | None = None
-        self._sent_at = 0.0
-        self._deaf_until = 0.0
-        self._fails_at = 0.0
+        self._instead = NOTHING
         self._quiet_at = 0.0
-        self._rate_has_changed = False
+        self._renewed_until = 0.0
         self._tune(latency=0.0)
 
     @property
     def waiting(self) -> int:
         """How many requests wait."""
-        return len(self._turns)
+        return len(self._scheduler)
 
     def late_windows(self, now: float) -> int:
         """How many late answers are awaited."""
-        return self._turns.late_windows(now)
+        return self._windows.count(now)
 
     def port_up(
         self,
@@ -91,75 +118,74 @@ class Line:
         self._tune(latency)
         self._write = write
         self._quiet_at = now + self._gap
-        self._turns.connected(has_arrived)
-        if now >= self._renewed_until:
-            self._turns.end_rests()
-        self._renewed_until = 0.0
+        self._scheduler.connected(has_arrived)
+        if self._state is not State.RENEWING:
+            self._scheduler.end_rests()
+        self._state = State.IDLE
 
     def port_down(self, now: float) -> None:
         """The port has gone: what was on the line may have been acted on (0B), what waited was not sent (0A)."""
-        if now < self._renewed_until:
+        if self._state is State.RENEWING and now < self._renewed_until:
             return
-        self._disconnect()
-        waiting = self._turns.clear()
-        lost, self._again = self._current or self._again, None
+        self._disconnect(State.DOWN)
+        waiting = self._scheduler.clear()
         try:
-            if lost is not None:
-                self._finish(lost, errors.LineLost(), now)
+            if self._current is not None:
+                self._finish(self._current, errors.LineLost(), now)
         finally:
             _fail_waiting(waiting)
 
     def must_renew(self, now: float) -> bool:
         """Whether the line goes on with a new connection only: this one may hold back what was asked."""
-        return not self.is_busy and self._turns.must_renew(now)
+        return not self.is_busy and self._scheduler.must_renew(now)
 
     def renew(self, now: float) -> None:
         """The connection is closed and made anew: what waits goes on waiting, for RENEWAL at most."""
-        self._disconnect()
+        self._disconnect(State.RENEWING)
         self._renewed_until = now + RENEWAL
 
     @property
     def is_renewing(self) -> bool:
         """Whether what waits goes on waiting for a new connection."""
-        return self._renewed_until > 0.0
+        return self._state is State.RENEWING
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is on the line."""
-        return self._current is not None or self._again is not None
+        """Whether a request is on the line, or about to be sent again."""
+        return self._current is not None
 
     def is_quiet(self, now: float) -> bool:
         """Whether the line is free and its silence is over, so that a request would leave at once."""
-        return self._current is None and now >= self._quiet_at
+        return self._state is not State.AWAITING and now >= self._quiet_at
 
     def finish(self, now: float) -> None:
         """Take no more requests: what waits is not sent any more (0A), what is on the line may be answered."""
-        self._disconnect()
-        self._renewed_until = 0.0
-        waiting = self._turns.clear()
-        again, self._again = self._again, None
+        is_repeating = self._state is State.REPEATING
+        self._disconnect(State.DOWN if self._current is None else State.LAST)
+        waiting = self._scheduler.clear()
         try:
-            if again is not None:
-                self._lose(again, now)
+            if is_repeating and self._current is not None:
+                self._lose(self._current, now)
         finally:
             _fail_waiting(waiting)
 
     def overdue(self, now: float, patience: float) -> list[Overdue]:
         """What may still come, for a line that follows on the same port: late answers, and those to other clients.
 
-        Nobody is answered later than `patience` seconds after it has asked.
+        Nobody is answered later than `patience` seconds after the request.
         """
         others = [
-            Overdue(frame.unit, frame.unit, asked.data, 1, at + patience)
-            for at, frame, asked in self._hearing.unanswered()
-            if at + patience > now
+            Overdue(request.frame.unit, request.frame.unit, request.asked.data, 1, request.at + patience)
+            for request in self._receiver.foreign_requests()
+            if request.at + patience > now
         ]
         return self._windows.overdue(now) + others
 
     def await_overdue(self, answers: Iterable[Overdue]) -> None:
         """Await the late answers to what an earlier line on the port has asked."""
         for each in answers:
-            self._windows.open(each, self._hearing.framer_for(each.answers_from, each.asked), each.ends_at, each.owed)
+            expected = self._receiver.expected(each.answers_from, each.asked)
+            self._windows.open(each, expected, each.ends_at, each.owed)
 
     def change_rate(self, baud: int, now: float) -> None:
         """The devices, and the port with them, change to another rate: nothing is sent for a moment.
@@ -167,14 +193,13 @@ class Line:
         A transaction that is on the line comes to its end first.
         """
         self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))
-        self._rate_has_changed = True
         if self._current is None:
             self._follow_rate(now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
-        is_down = self._write is None and now >= self._renewed_until
-        refusal = errors.LineDown() if is_down else self._turns.put(transaction, now)
+        is_down = self._state in (State.DOWN, State.LAST)
+        refusal = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if refusal is not None:
             transaction.fail(refusal)
         elif not self.is_busy:
@@ -182,150 +207,163 @@ class Line:
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
         """Take bytes that became readable at `now`. No frame with all of `damaged` ones in it is an answer."""
-        if self._current is not None and self._has_arrived is not None and not self._has_arrived():
-            self._deaf_until = self._hearing.deafen(now)
-        if self._again is not None:  # the line is not quiet: what comes may be the answer, so nothing is sent again
-            given_up, self._again = self._again, None
-            given_up.owed = max(1, given_up.owed)
+        if self._state is State.REPEATING and self._current is not None:
+            self._stop_repeating(self._current, now)
+        current = self._current
+        if current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
-            self._lose(given_up, now)
-        self._hearing.hear(data, now)
-        late = self._turns.received(data, now, damaged=damaged) if self._windows.windows else []
-        if self._current is None:
-            self._quiet_at = max(self._quiet_at, now + self._gap)
-            self._received_idle(data, now, is_late=bool(late))
-            self._go_on(now)
+            self._receiver.received(data, now, damaged=damaged)
+            self._heard_idle(len(data), now)
             return
-        if late:
-            self._hearing.late += late
-        if now < self._deaf_until:
-            self._hearing.received_early(data)
-            return
-        self._quiet_at = now + self._gap
-        self._take(self._current, self._hearing.received(data, now, damaged=damaged), now)
+        early = not self._is_virtual and now < current.ends_at and not self.settings.echo
+        if not early:
+            self._quiet_at = now + self._gap
+            early = self._has_arrived is not None and not self._has_arrived()
+        outcome = self._receiver.received(data, now, damaged=damaged, early=early)
+        self._tell_late(now)
+        if outcome is not None:
+            self._take(current, outcome, now)
 
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None while there is nothing to wait for."""
-        if self._current is not None:
-            return earliest(self._answer_deadline(), self._turns.next_alarm())
-        if self._again is not None:
-            return earliest(self._quiet_at, self._turns.next_alarm())
-        if self._renewed_until:
-            return earliest(self._renewed_until, self._turns.next_alarm())
-        return self._turns.deadline(self._quiet_at)
+        if self._current is None and self._state is not State.RENEWING:
+            alarm = self._scheduler.deadline(self._quiet_at)
+        else:
+            alarm = earliest(self._next_step(), self._scheduler.next_expiry())
+        return earliest(alarm, self._receiver.late_deadline()) if self._windows.windows else alarm
 
     def look_at(self, now: float) -> float | None:
         """When to look at the port again: nothing that comes before decides anything. None: at the next byte."""
-        if self._windows.windows:
-            return None
-        return self._hearing.look_at_idle(now) if self._current is None else self._hearing.look_at(now)
+        return None if self._windows.windows else self._receiver.look_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence may have ended a response, a limit may have run out, the line may be quiet again."""
-        self._turns.tick(now)
-        if self._renewed_until and now >= self._renewed_until:
-            self._renewed_until = 0.0
+        outcome = self._receiver.tick(now)
+        self._tell_late(now)
+        for transaction in self._scheduler.take_underway(now):
+            expected = self._receiver.expected(transaction.answers_from, transaction.asked)
+            self._scheduler.await_arrived(transaction, expected, now)
+        if self._state is State.RENEWING and now >= self._renewed_until:
             self.port_down(now)
-        if self._current is not None:
-            self._take(self._current, self._hearing.tick(now), now)
-        if self._current is not None and now >= self._answer_deadline():
-            self._give_up(self._current, now)
+        current = self._current
+        if current is not None and outcome is not None:
+            self._take(current, outcome, now)
+        elif current is not None and self._is_awaiting and now >= self._next_step():
+            self._give_up(current, now)
         self._go_on(now)
+
+    @property
+    def _is_awaiting(self) -> bool:
+        return self._state in (State.AWAITING, State.LAST)
 
     def _tune(self, latency: float) -> None:
         """Work out what follows from the line's timing and its port's latency."""
         self._budget = Budget(self.settings.timing, latency)
         self._gap = self.settings.silence_before_request
-        self._is_deaf_while_sending = not self._is_virtual and not self.settings.echo
-        self._hearing.tune(self._budget, self.settings.frame_end + latency, virtual=self._is_virtual)
+        self._receiver.tune(self._budget, self.settings.frame_end + latency, virtual=self._is_virtual)
 
-    def _disconnect(self) -> None:
+    def _disconnect(self, state: State) -> None:
+        self._state = state
         self._write = None
-        self._turns.connected(None)
+        self._scheduler.connected(None)
 
     def _follow_rate(self, now: float) -> None:
-        self._rate_has_changed = False
         self._tune(self._budget.latency)
         self._quiet_at = max(self._quiet_at, now + RATE_CHANGE_PAUSE)
 
-    def _answer_deadline(self) -> float:
-        """When the current transaction has failed. A response of unknown size that has begun may come to its end."""
-        silence = self._hearing.deadline()
-        if silence is None:
-            damaged_at = self._hearing.damaged_at
-            return self._fails_at if damaged_at is None else min(damaged_at, self._fails_at)
-        if silence <= self._fails_at:
-            return silence
-        return min(silence, self._fails_at + self.settings.timing.longest_frame)
+    def _next_step(self) -> float:
+        """When the state ends if nothing happens. A response of unknown size that has begun may come to its end."""
+        current = self._current
+        if current is None:
+            return self._renewed_until
+        if self._state is State.REPEATING:
+            return self._quiet_at
+        silence, fails_at = self._receiver.deadline(), current.fails_at
+        if silence is not None:
+            return silence if silence <= fails_at else min(silence, fails_at + self.settings.timing.longest_frame)
+        damaged_at = self._receiver.damaged_at
+        return fails_at if damaged_at is None else min(damaged_at, fails_at)
 
     def _go_on(self, now: float) -> None:
         """Send the next request if the line is free and quiet, and refuse those that have waited too long."""
-        late = self._turns.expired(now)
-        given_up = self._turns.given_up(now)
+        late = self._scheduler.expired(now)
+        given_up = self._scheduler.given_up(now)
         try:
-            while self._current is None and self._write is not None and now >= self._quiet_at:
-                again, self._again = self._again, None
-                transaction = again or self._turns.next(now)
+            while self._write is not None and self._state is not State.AWAITING and now >= self._quiet_at:
+                transaction = self._current or self._scheduler.next(now)
                 if transaction is None:
                     break
-                if again or not self._turns.is_turned_down(transaction, now):
+                refusal = None if transaction is self._current else self._refusal(transaction, now)
+                if refusal is None:
                     self._send(transaction, self._write, now)
+                else:
+                    transaction.fail(refusal)
         finally:
             for request in late:
                 request.fail(errors.WaitedTooLong())
             _fail_all(given_up, errors.ResponseTimeout())
 
+    def _refusal(self, transaction: Transaction, now: float) -> RequestError | None:
+        """Why a transaction is not sent, now that its turn has come."""
+        return self._scheduler.refusal(transaction, now) if transaction.is_wanted else errors.Unwanted()
+
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
-        self._current = transaction
+        self._current, self._state = transaction, State.AWAITING
         try:
             transaction.start(self._budget, now)
         except RequestError as error:
-            self._current = None
+            self._current, self._state = None, State.IDLE
             transaction.fail(error)
             return
         transaction.counts.sent += 1
         transaction.counts.retries += transaction.retries > 0
         transaction.owed += not transaction.is_broadcast
-        self._sent_at = now
-        if not transaction.expects_answer:
+        if transaction.expects_answer:
+            self._quiet_at = transaction.ends_at + self._gap
+            write(self._receiver.begin(transaction, now))
+        else:
             self._send_unanswered(transaction, write, now)
-            return
-        self._fails_at = transaction.fails_at
-        self._quiet_at = transaction.ends_at + self._gap
-        self._deaf_until = transaction.ends_at if self._is_deaf_while_sending else 0.0
-        write(self._hearing.begin(transaction, now, self._deaf_until))
 
     def _send_unanswered(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         """Send what nobody answers, and leave the devices time to act."""
-        self._current = None
+        self._current, self._state = None, State.IDLE
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         self.busy_seconds += self._quiet_at - now
         overdue: list[Transaction] = []
-        if transaction.owed:  # a unit that knows no listen-only mode answers all the same
-            framer = self._hearing.framer_for(transaction.answers_from, transaction.asked)
-            overdue = self._turns.await_late(transaction, framer, now)
         try:
-            write(self._hearing.begin(transaction, now, 0.0))
+            write(self._receiver.begin(transaction, now))
+            if transaction.owed:  # a unit that knows no listen-only mode answers all the same
+                overdue = self._scheduler.await_late(transaction, now)
         finally:
             transaction.finish_unanswered()
             _fail_all(overdue, errors.AnswerOverdue())
 
-    def _received_idle(self, data: bytes, now: float, *, is_late: bool) -> None:
-        if not is_late:
-            self.unasked_bytes += len(data)
-        self._hearing.received_idle(data, now)
-        self._turns.heard_idle()
+    def _heard_idle(self, size: int, now: float) -> None:
+        if not self._receiver.came_late:
+            self.unasked_bytes += size
+        self._tell_late(now)
+        resting = self._scheduler.resting
+        if resting:
+            self._scheduler.spoken(self._receiver.spoken(resting))
+        self._go_on(now)
+
+    def _tell_late(self, now: float) -> None:
+        """Tell of the answers to older requests that have come."""
+        late, self._receiver.came_late = self._receiver.came_late, []
+        for question, frame in late:
+            if isinstance(question, Transaction):
+                self._report.late_response(question, now)
+                self._scheduler.answered(question)
+                question.device.finished(question, frame)
 
     def _take(self, current: Transaction, outcome: Outcome, now: float) -> None:
-        """Finish the current transaction, if there is an outcome."""
-        if outcome is None:
-            return
-        if isinstance(outcome, RequestError):
-            self._quiet_at = max(self._quiet_at, current.fails_at)  # its own answer comes next: nobody speaks into it
-        else:
+        """The answer has come, or one that is doubted."""
+        if isinstance(outcome, Frame):
             current.counts.responses += 1
             current.owed -= 1
-            self._turns.answered(current)
+            self._scheduler.answered(current)
+        else:  # its own answer comes next: nobody speaks into it
+            self._quiet_at = max(self._quiet_at, current.fails_at)
         self._finish(current, outcome, now)
 
     def _give_up(self, current: Transaction, now: float) -> None:
@@ -333,20 +371,27 @@ class Line:
 
         After silence it may help once the late window is over, and likewise if another client waits for an answer.
         """
-        self._hearing.conclude()
-        current.owed -= self._hearing.has_answered(now)
+        instead = self._instead = self._receiver.conclude()
+        self._tell_late(now)
+        current.owed -= self._receiver.has_answered_badly(now)
         if current.owed:  # else the unit has answered, only not well
-            self._turns.failed(current, self._hearing.instead(), now)
-        at_once = self._hearing.verdict is Verdict.BROKEN and not self._hearing.may_be_others()
-        if not self._may_repeat(current, now, now if at_once else self._turns.window_end(current, now)):
+            self._failed(current, instead.text, now)
+        at_once = instead.verdict is Verdict.BROKEN and not self._receiver.may_be_others(current)
+        if not self._may_repeat(current, now, now if at_once else self._windows.end_of(current, now)):
             self._lose(current, now)
-            return
-        if at_once:
+        elif at_once:
             current.retries += 1
-            self.busy_seconds += now - self._sent_at
-            self._again, self._current = current, None
+            self.busy_seconds += now - current.sent_at
+            self._state = State.REPEATING
         else:
             self._finish(current, None, now)
+
+    def _failed(self, current: Transaction, text: bytes, now: float) -> None:
+        """No answer has come, but this was heard. If it is another unit's late answer, both may have spoken at once."""
+        if not text:
+            self._scheduler.stalled(current, now)
+        if not self._receiver.may_have_collided(current.unit, text, now):
+            self._scheduler.failed(current, now)
 
     def _may_repeat(self, current: Transaction, now: float, at: float) -> bool:
         """Whether the request may be sent once more, `at` the earliest."""
@@ -357,30 +402,38 @@ class Line:
         if not current.retries:
             within = self.settings.retry_within
             if within is None:
-                within = 2 * (self._turns.window_end(current, current.fails_at) - current.ends_at)
-            current.gives_up_at = self._sent_at + within - (current.fails_at - self._sent_at)
+                within = 2 * (self._windows.end_of(current, current.fails_at) - current.ends_at)
+            current.gives_up_at = current.sent_at + within - (current.fails_at - current.sent_at)
         return at <= current.gives_up_at
+
+    def _stop_repeating(self, current: Transaction, now: float) -> None:
+        """The line is not quiet: what comes may be the answer, so nothing is sent again, nor anything else now."""
+        current.owed = max(1, current.owed)
+        self._quiet_at = max(self._quiet_at, nextafter(now, inf))
+        self._lose(current, now)
 
     def _lose(self, current: Transaction, now: float) -> None:
         """The transaction has failed."""
-        heard = self._hearing.instead()
-        self._report.given_up(current, now, heard=heard, is_echo=self._hearing.verdict is Verdict.ECHO)
-        self._finish(current, errors.BrokenResponse() if heard else errors.ResponseTimeout(), now)
+        verdict, text = self._instead
+        self._report.given_up(current, now, heard=text, is_echo=verdict is Verdict.ECHO)
+        self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
 
     def _finish(self, current: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
         """The transaction is over; without an outcome until it is sent again.
 
         While an answer to it may come late, who could take that for its own waits or fails.
         """
-        overdue = self._turns.await_late(current, self._hearing.hand_over(), now) if current.owed else []
+        self._receiver.stop()
+        overdue = self._scheduler.await_late(current, now) if current.owed else []
         if outcome is None:
-            self._turns.put_back(current.again())
-        response = outcome if isinstance(outcome, Frame) else None
-        if self._current is not None:
-            self.busy_seconds += now - self._sent_at
+            self._scheduler.put_back(current.again())
+        if self._state is not State.REPEATING:
+            self.busy_seconds += now - current.sent_at
         self._current = None
-        if self._rate_has_changed:
+        self._state = State.DOWN if self._write is None else State.IDLE
+        if self._budget.line is not self.settings.timing:
             self._follow_rate(now)
+        response = outcome if isinstance(outcome, Frame) else None
         try:
             current.device.finished(current, response)
             if self.observer is not None:
@@ -391,8 +444,8 @@ class Line:
             _fail_all(overdue, errors.AnswerOverdue())
 
     def __repr__(self) -> str:
-        state = "down" if self._write is None else repr(self._current) if self._current else "idle"
-        return f"<Line {self.settings.name} {state} waiting={self.waiting}>"
+        current = f" {self._current!r}" if self._current else ""
+        return f"<Line {self.settings.name} {self._state.name.lower()}{current} waiting={self.waiting}>"
 
 
 def _answer(transaction: Transaction, outcome: Frame | RequestError | None) -> None:

@@ -8,6 +8,7 @@ from gateway.lines.counts import UnitCounts
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
+from gateway.modbus.scan import Expected
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime, Budget
 
@@ -37,8 +38,8 @@ class Transaction:
     """
 
     __slots__ = (
-        "asked", "client", "counts", "device", "ends_at", "expects_answer", "gives_up_at", "limit", "owed", "requests",
-        "retries", "unit", "yields",
+        "asked", "client", "counts", "device", "ends_at", "expected", "expects_answer", "gives_up_at", "limit", "owed",
+        "requests", "retries", "sent_at", "unit", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
@@ -55,14 +56,16 @@ class Transaction:
         self.unit = device.unit
         #: It lets the requests of clients go first: a mirror's poll.
         self.yields = False
-        #: When the last character of the request leaves, and how long after that it has failed.
+        #: When it is written, when its last character leaves, and how long after that it has failed.
+        self.sent_at = 0.0
         self.ends_at = 0.0
         self.limit = 0.0
         #: How often it has been sent again, and when it is too late to do that once more.
         self.retries = 0
         self.gives_up_at = 0.0
-        #: How many answers to it may still come.
+        #: How many answers to it may still come, and what they look like.
         self.owed = 0
+        self.expected: Expected
 
     def start(self, budget: Budget, now: float) -> None:
         """The request is written at `now`: its last character leaves, and its limit begins, a wire time later.
@@ -71,6 +74,7 @@ class Transaction:
             RequestError: it must not be sent any more.
         """
         self.unit = self.device.unit
+        self.sent_at = now
         self.ends_at = now + budget.request_wire_time(self.asked)
         self.limit = budget.limit(self.asked, self.device.answer_time)
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import events
-from gateway.lines.ear import ECHOES
+from gateway.lines.echo import ECHOES
 from gateway.listeners.failures import OnFailure, is_kept_back
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import LineTiming

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Final, Self
 
 from gateway.config.plan import DEFAULT_FORMATS
-from gateway.modbus import rtu
-from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import CharacterFormat, LineTiming
-from gateway.modbus.frame import Frame, ResponseFramer
+from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
+from gateway.modbus.scan import Expected, Scanner
+from gateway.modbus.scan_ascii import AsciiScanner
+from gateway.modbus.scan_rtu import RtuScanner
 from gateway.simulator.device import Mode
 from gateway.simulator.pace import Transmission
 from gateway.simulator.port import VirtualPort
@@ -55,13 +56,15 @@ class Panel:
     async def ask(self, request: Frame, patience: float = PATIENCE) -> Frame | None:
         """The response to `request`, or None when it did not come within `patience` seconds."""
         timing = LineTiming(self._mode, self._port.baud, self._format)
-        framer: ResponseFramer = rtu.ResponseFramer(timing.t35) if self._mode == "rtu" else AsciiFramer()
+        scanner: Scanner = RtuScanner(timing.t35) if self._mode == "rtu" else AsciiScanner()
+        expected = Expected(request.unit, parse_request(request.pdu))
         self._port.read()  # what is left of an answer that came too late
-        framer.expect(request.unit, parse_request(request.pdu))
-        await self._send(framer.encode(*request), timing)
+        adu = scanner.encode(*request)
+        scanner.expect(expected, adu, echoes=False)
+        await self._send(adu, timing)
         try:
             async with asyncio.timeout(patience):
-                return await self._response(framer)
+                return await self._response(scanner, expected)
         except TimeoutError:
             return None
 
@@ -71,15 +74,15 @@ class Panel:
             await asyncio.sleep(sent.next_arrival() - self._loop.time())
             self._port.write(sent.take(self._loop.time()))
 
-    async def _response(self, framer: ResponseFramer) -> Frame:
+    async def _response(self, scanner: Scanner, expected: Expected) -> Frame:
         arrived = asyncio.Event()
         self._loop.add_reader(self._port, arrived.set)
         try:
             while True:
                 await arrived.wait()
                 arrived.clear()
-                frames = framer.received(self._port.read(), self._loop.time())
-                if frames:
-                    return frames[0]
+                for token in scanner.received(self._port.read(), self._loop.time()):
+                    if token.frame.unit == expected.unit and expected.asked.accepts(token.frame.pdu):
+                        return token.frame
         finally:
             self._loop.remove_reader(self._port)

@@ -17,8 +17,10 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.checks import crc16, lrc
-from gateway.modbus.frame import ResponseFramer
 from gateway.modbus.pdu import parse_request
+from gateway.modbus.scan import Expected, Scanner
+from gateway.modbus.scan_ascii import AsciiScanner
+from gateway.modbus.scan_rtu import RtuScanner
 from gateway.service.build import build
 from gateway.service.state import Memory
 from gateway.timing.budget import AnswerTime, Budget
@@ -96,13 +98,13 @@ class Table:
         self._sent = data
 
 
-def finding(framer: ResponseFramer, encode: Callable[[int, bytes], bytes], count: int) -> Callable[[], object]:
+def finding(scanner: Scanner, count: int) -> Callable[[], object]:
     request, response = read(count)
-    asked, frame = parse_request(request), encode(UNIT, response)
+    asked, sent, frame = parse_request(request), scanner.encode(UNIT, request), scanner.encode(UNIT, response)
 
     def find() -> None:
-        framer.expect(UNIT, asked)
-        if not framer.received(frame, 0.0):
+        scanner.expect(Expected(UNIT, asked), sent, echoes=False)
+        if not scanner.received(frame, 0.0):
             raise AssertionError("no frame")
 
     return find
@@ -131,10 +133,10 @@ def pieces() -> list[Piece]:
         ("time limit of a request", lambda: budget.limit(asked, ANSWER_TIME)),
         ("response fits request", lambda: asked.accepts(response)),
         ("RTU frame made", lambda: rtu.encode(UNIT, request)),
-        ("RTU response found, 10 registers", finding(rtu.ResponseFramer(0.0), rtu.encode, 10)),
-        ("RTU response found, 125 registers", finding(rtu.ResponseFramer(0.0), rtu.encode, 125)),
+        ("RTU response found, 10 registers", finding(RtuScanner(), 10)),
+        ("RTU response found, 125 registers", finding(RtuScanner(), 125)),
         ("ASCII frame made", lambda: ascii_encode(UNIT, request)),
-        ("ASCII response found, 10 registers", finding(ascii_framing.AsciiFramer(), ascii_encode, 10)),
+        ("ASCII response found, 10 registers", finding(AsciiScanner(), 10)),
         ("MBAP request cut", cutting()),
         ("MBAP response made", lambda: mbap.encode(7, UNIT, response)),
         ("whole way, 10 registers", Table(10).ask),

@@ -130,8 +130,8 @@ def frame(unit: int, pdu: str, encoder: Callable[[int, bytes], bytes] = encode) 
 
 def is_empty(line: Line) -> bool:
     """Whether nothing is left behind in a line: no transaction, no window, nothing that waits."""
-    queue = line._turns._queue
+    queue = line._scheduler._queue
     queue.expired(0.0)  # forgets those that wait no more
     rows = [row for row in queue._rows.values() if row.waiting]
     left = (queue._waiting, queue._reads, queue._urgent, queue._plain, queue._expiries, rows)
-    return not any(left) and line._current is None and line._again is None
+    return not any(left) and line._current is None

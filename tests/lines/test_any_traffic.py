@@ -118,8 +118,8 @@ class Traffic(Bench):
             assert request in request.origin.answers, f"{request} has no answer"
         counts = self.counts
         assert sum(getattr(counts, result) for result in RESULTS) == len(self.serials), "each request has one result"
-        self.line._turns._late.count(self.now)
-        assert not self.line._turns._late.windows
+        self.line.late_windows(self.now)
+        assert not self.line._windows.windows
         assert is_empty(self.line)
         assert self.line.deadline() is None
 

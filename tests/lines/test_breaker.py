@@ -331,7 +331,7 @@ def test_idle_bytes_of_long_ago_are_no_beginning_of_a_frame(bench: Bench) -> Non
     assert bench.devices[1].rests(bench.now)
     for _ in range(200):
         bench.hear("55" * 20)
-    assert len(bench.line._hearing._idle) <= 1024
+    assert len(bench.line._receiver._scanner._buffer) <= 256
     bench.hear(answer[:9])
     bench.pass_time(0.9)
     bench.hear(answer[9:])

@@ -185,7 +185,7 @@ async def three_clients(driven: Driven) -> list[Asker]:
 async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too() -> None:
     driven = Driven()
     clients = await three_clients(driven)
-    driven.line._hearing.received = defect  # type: ignore[method-assign]
+    driven.line._receiver.received = defect  # type: ignore[method-assign]
     driven.line.observer = defect
     driven.driver.received(bytes.fromhex(RESPONSE_FRAME))
     assert driven.port.closed
@@ -201,7 +201,7 @@ async def test_a_defect_loses_no_request_each_gets_exactly_one_answer(where: str
     clients = await three_clients(driven)
     assert driven.port.written == [READ_FRAME]
     if where == "encode":
-        driven.line._hearing._framer.encode = defect
+        driven.line._receiver._scanner.encode = defect
     elif where == "write":
         driven.line._write = defect
     elif where == "finished":
@@ -223,7 +223,7 @@ async def test_a_defect_while_a_broadcast_leaves_ends_it_once(where: str) -> Non
     driven = Driven()
     await asyncio.sleep(0.1)
     if where == "encode":
-        driven.line._hearing._framer.encode = defect
+        driven.line._receiver._scanner.encode = defect
     else:
         driven.line._write = defect
     now = driven.loop.time()

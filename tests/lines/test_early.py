@@ -3,8 +3,7 @@
 import pytest
 
 from gateway.events import AnswerTooEarly, BadFrame, EchoHeard, RequestTimeout
-from gateway.lines.ear import ECHOES
-from gateway.lines.hearing import EARLY_ANSWERS
+from gateway.lines.echo import EARLY_ANSWERS, ECHOES
 from gateway.modbus.chartime import LineTiming
 from kit.line_bench import ASCII, READ, RESPONSE, TIMING, Bench
 

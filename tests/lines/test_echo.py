@@ -3,68 +3,12 @@
 import pytest
 
 from gateway.events import BadFrame, EchoHeard
-from gateway.lines.ear import ECHOES
-from gateway.lines.echo import _KEPT, Echo
+from gateway.lines.echo import ECHOES
 from gateway.lines.quirks import LoneDevice
 from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
-from kit.noise import chunkings
 
 WRITE = "06 00 01 00 05"
 WRITE_FRAME = frame(1, WRITE)
-SENT = bytes.fromhex(READ_FRAME)
-ANSWER = bytes.fromhex(RESPONSE_FRAME)
-
-
-def strip(*chunks: bytes, sent: bytes = SENT) -> tuple[bytes, bytes]:
-    """What came before the echo and what is let through."""
-    echo = Echo()
-    echo.expect(sent)
-    through = b"".join(map(echo.strip, chunks))
-    return echo.before, through
-
-
-def test_what_was_sent_is_stripped_however_it_is_cut() -> None:
-    for chunks in chunkings(SENT + ANSWER):
-        assert strip(*chunks) == (b"", ANSWER)
-
-
-def test_it_is_stripped_once() -> None:
-    assert strip(SENT + SENT) == (b"", SENT)
-    assert strip(SENT, SENT) == (b"", SENT)
-
-
-def test_nothing_is_let_through_before_the_echo_is_complete() -> None:
-    assert strip(SENT[:-1]) == (SENT[:-1], b"")
-    assert strip(ANSWER) == (ANSWER, b"")
-
-
-def test_what_comes_before_the_echo_is_not_let_through() -> None:
-    for chunks in chunkings(b"\x55" + SENT + ANSWER):
-        assert strip(*chunks) == (b"\x55", ANSWER)
-
-
-def test_an_echo_that_is_not_exact_is_none() -> None:
-    assert strip(SENT[:-1] + b"\x00" + ANSWER)[1] == b""
-
-
-def test_endless_noise_before_an_echo_is_not_kept() -> None:
-    echo = Echo()
-    echo.expect(SENT)
-    for _ in range(100):
-        assert echo.strip(bytes(100)) == b""
-    assert len(echo._heard) <= _KEPT + 100
-    assert echo.strip(SENT + ANSWER) == ANSWER
-
-
-def test_the_next_request_has_an_echo_of_its_own() -> None:
-    echo = Echo()
-    echo.expect(SENT)
-    echo.strip(b"\x55")
-    echo.expect(SENT)
-    assert echo.before == b""
-    assert echo.strip(SENT + ANSWER) == ANSWER
-
-
 # --- announced: echo = true ---
 
 

@@ -100,7 +100,7 @@ def test_while_one_waits_for_a_window_other_units_and_clients_go_on(bench: Bench
 def test_a_window_lasts_twice_the_limit(bench: Bench) -> None:
     time_out(bench)
     bench.pass_time(WINDOW - 0.001)
-    assert bench.line._turns._late.forbid_until(transaction(bench), bench.now) is not None
+    assert bench.line._windows.forbid_until(transaction(bench), bench.now) is not None
     bench.pass_time(0.002)
     assert bench.asks() is not None
     assert bench.written == [bench.frame(1, READ)]
@@ -111,7 +111,7 @@ def test_a_window_lasts_as_long_as_the_devices_slowest_answer_if_that_is_more(be
     bench.device().answer_time = AnswerTime(table, margin=1.5, timeout=0.3)
     bench.ask()
     bench.pass_time(REQUEST_TIME + LIMIT)
-    until = bench.line._turns._late.forbid_until(transaction(bench), bench.now)
+    until = bench.line._windows.forbid_until(transaction(bench), bench.now)
     assert until is not None
     assert until - bench.now == pytest.approx(1.2, abs=0.06)
 
@@ -122,7 +122,7 @@ def test_late_window_sets_the_length(length: float) -> None:
     time_out(bench)
     if length:
         bench.pass_time(length - 0.001)
-        assert bench.line._turns._late.forbid_until(transaction(bench), bench.now) == pytest.approx(
+        assert bench.line._windows.forbid_until(transaction(bench), bench.now) == pytest.approx(
             bench.now + 0.001, abs=1e-4
         )
         bench.pass_time(0.002)
@@ -180,7 +180,7 @@ def test_a_late_exception_closes_the_window_too(bench: Bench) -> None:
     time_out(bench)
     bench.respond(EXCEPTION)
     assert bench.counts.late_responses == 1
-    assert not bench.line._turns._late.windows
+    assert not bench.line._windows.windows
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ def test_each_request_that_timed_out_has_a_window_of_its_own() -> None:
     assert bench.client.answers == ["83 0B"]
     bench.respond()
     assert bench.counts.late_responses == 2
-    assert not bench.line._turns._late.windows
+    assert not bench.line._windows.windows
 
 
 @pytest.mark.parametrize("timing", [Bench().settings.timing, ASCII], ids=["rtu", "ascii"])
@@ -322,7 +322,7 @@ def test_two_late_responses_in_one_chunk(bench: Bench) -> None:
     time_out(bench, unit=2)
     bench.hear(bench.frame(1, RESPONSE) + bench.frame(2, RESPONSE))
     assert bench.counts.late_responses == 2
-    assert not bench.line._turns._late.windows
+    assert not bench.line._windows.windows
 
 
 def test_only_the_first_of_two_copies_is_late_the_other_is_nobodys(bench: Bench) -> None:
@@ -449,7 +449,7 @@ def test_a_late_confirmation_of_a_move_is_believed(bench: Bench, silo: RestlessD
 
 def test_of_several_windows_the_longest_one_counts(bench: Bench) -> None:
     bench.device()
-    windows = bench.line._turns._late
+    windows = bench.line._windows
     for ends_at in (5.0, 9.0, 7.0):
         windows.open(transaction(bench), AsciiFramer(), ends_at)
     assert windows.forbid_until(transaction(bench), 0.0) == 9.0
@@ -560,7 +560,7 @@ def test_windows_end_by_themselves(bench: Bench) -> None:
     bench.asks(unit=30)
     bench.pass_time(1.0)
     bench.respond()
-    assert not bench.line._turns._late.windows
+    assert not bench.line._windows.windows
     assert is_empty(bench.line)
     assert bench.told(BadFrame) == []
 

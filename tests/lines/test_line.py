@@ -4,7 +4,7 @@ import pytest
 
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.lines.counts import Counts
-from gateway.lines.line import RATE_CHANGE_PAUSE
+from gateway.lines.line import RATE_CHANGE_PAUSE, State
 from gateway.lines.quirks import RestlessDevice, Whereabouts
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
@@ -399,7 +399,7 @@ def test_the_repr_is_a_status_line(bench: Bench) -> None:
     assert repr(bench.line) == "<Line hall-a idle waiting=0>"
     bench.ask()
     bench.ask()
-    assert repr(bench.line) == "<Line hall-a <Transaction unit-1 unit=1 03 00 10 00 01> waiting=1>"
+    assert repr(bench.line) == "<Line hall-a awaiting <Transaction unit-1 unit=1 03 00 10 00 01> waiting=1>"
     bench.line.port_down(bench.now)
     assert repr(bench.line) == "<Line hall-a down waiting=0>"
     assert repr(bench.device()) == "<Device unit-1 unit=1 as=1>"
@@ -674,7 +674,7 @@ def test_what_comes_when_the_line_should_be_quiet_is_no_answer_to_what_is_sent_n
     bench.ask("04 00 10 00 01")
     bench.pass_time(REQUEST_TIME + LIMIT - 0.02)
     bench.hear("55 55")
-    while bench.line._again is None:
+    while bench.line._state is not State.REPEATING:
         bench.now = bench.line.deadline()
         bench.line.tick(bench.now)
     bench.now = bench.line._quiet_at + 0.001
@@ -692,7 +692,7 @@ def test_what_comes_before_a_second_sending_does_not_end_the_pause_of_a_change_o
     bench.pass_time(REQUEST_TIME + LIMIT - 0.001)
     bench.hear("55")
     bench.pass_time(0.002)
-    assert bench.line._again is not None
+    assert bench.line._state is State.REPEATING
     bench.line.change_rate(9600, bench.now)
     bench.hear("55")
     bench.pass_time(RATE_CHANGE_PAUSE - 1e-6)
@@ -708,7 +708,7 @@ def test_a_request_that_comes_before_a_second_sending_does_not_bring_it_on() -> 
     bench.pass_time(REQUEST_TIME + LIMIT - 0.001)
     bench.hear("55")
     bench.pass_time(0.002)
-    assert bench.line._again is not None
+    assert bench.line._state is State.REPEATING
     bench.now = bench.line._quiet_at + 0.001
     bench.ask(unit=2)
     assert bench.written == [READ_FRAME]

@@ -3,13 +3,10 @@
 import pytest
 
 from gateway.events import ForeignFrame, OtherClientHeard
-from gateway.lines.overheard import Overheard, Verdict, before, has_begun, is_damaged, overheard
 from gateway.lines.quirks import LoneDevice
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import parse_request
-from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench
+from kit.line_bench import ASCII, LIMIT, RESPONSE, TIMING, Bench
 
 #: What another client asks, and its answer, which would fit our READ.
 THEIRS = "03 00 30 00 01"
@@ -20,72 +17,6 @@ ENCODE = {"rtu": rtu.encode, "ascii": ascii_framing.encode}
 
 def adu(mode: str, unit: int, pdu: str) -> bytes:
     return ENCODE[mode](unit, bytes.fromhex(pdu))
-
-
-@pytest.mark.parametrize("mode", ["rtu", "ascii"])
-class TestOverheard:
-    def heard(self, mode, *parts, late=()):
-        return overheard(mode, b"".join(parts), adu(mode, 1, READ), late)
-
-    def test_nothing(self, mode):
-        assert self.heard(mode) == Overheard(-1, [], b"")
-        assert self.heard(mode).verdict is Verdict.NOTHING
-
-    def test_an_echo_alone(self, mode):
-        assert self.heard(mode, adu(mode, 1, READ)) == Overheard(0, [], b"")
-        assert self.heard(mode, adu(mode, 1, READ)).verdict is Verdict.ECHO
-
-    def test_whole_frames_and_an_echo(self, mode):
-        heard = self.heard(mode, adu(mode, 2, RESPONSE), adu(mode, 1, READ), adu(mode, 2, THEIRS))
-        assert heard.frames == [Frame(2, bytes.fromhex(RESPONSE)), Frame(2, bytes.fromhex(THEIRS))]
-        assert heard.verdict is Verdict.FRAMES
-
-    def test_noise_around_them(self, mode):
-        heard = self.heard(mode, b"\x55", adu(mode, 1, THEIRS), b"\x55\x55", adu(mode, 1, READ))
-        assert (heard.frames, heard.rest) == ([Frame(1, bytes.fromhex(THEIRS))], b"\x55" * 3)
-        assert heard.verdict is Verdict.BROKEN
-        assert heard.echo_at > 0
-
-    def test_a_late_answer_is_nothing(self, mode):
-        late = adu(mode, 9, RESPONSE)
-        assert self.heard(mode, late, late=[late]).verdict is Verdict.NOTHING
-
-    def test_what_came_before_a_response(self, mode):
-        response = adu(mode, 1, RESPONSE)
-        assert before(mode, adu(mode, 1, THEIRS) + response + b"UU", response) == adu(mode, 1, THEIRS)
-        assert before(mode, b"UU", response) == b"UU"
-
-    @pytest.mark.parametrize("unit", [1, None])
-    @pytest.mark.parametrize("response", [RESPONSE, "83 02"])
-    def test_a_damaged_response(self, mode, unit, response):
-        asked = parse_request(bytes.fromhex(READ))
-        frame = adu(mode, 1, response)
-        end = 3 if mode == "ascii" else 1
-        damaged = bytearray(frame[:-end] + b"0" + frame[len(frame) - end + 1 :])
-        assert is_damaged(mode, damaged, asked, unit)
-        assert not is_damaged(mode, damaged[: -end - 1], asked, unit)
-        assert not is_damaged(mode, damaged + b"U", asked, unit)
-        assert not is_damaged(mode, bytearray(adu(mode, 1, THEIRS)), asked, unit)
-        assert not is_damaged(mode, bytearray(), asked, unit)
-
-    def test_a_damaged_response_that_may_be_a_damaged_request(self, mode):
-        """As long as a request, and 24 coils look like an address and a quantity."""
-        asked = parse_request(bytes.fromhex("01 00 00 00 18"))
-        assert not is_damaged(mode, bytearray(adu(mode, 1, "01 03 01 02 03")), asked, 1)
-
-
-def test_a_beginning():
-    data = adu("rtu", 1, RESPONSE)
-    assert has_begun("rtu", b"\x00" + data[:3], data[:3])
-    assert not has_begun("rtu", data[:2], data[:3])
-    text = adu("ascii", 1, RESPONSE).lower()
-    parity = bytes(character | 0x80 for character in text)
-    assert has_begun("ascii", text, data[:3])
-    assert has_begun("ascii", parity, data[:3])
-    assert not has_begun("ascii", text[:6], data[:3])
-
-
-# --- on a line ---
 
 
 @pytest.fixture(params=[TIMING, ASCII], ids=["rtu", "ascii"])
@@ -221,7 +152,7 @@ def test_babble_does_not_hide_a_request() -> None:
         bench.hear("55" * 100)
     bench.respond(THEIR_RESPONSE)
     assert bench.client.answers == ["83 0B"]
-    assert len(bench.line._hearing._heard) <= 1024 + 100
+    assert len(bench.line._receiver._text) <= 1024 + 100
 
 
 def test_what_comes_before_the_request_has_left_is_bounded_too() -> None:
@@ -229,4 +160,4 @@ def test_what_comes_before_the_request_has_left_is_bounded_too() -> None:
     bench.ask()
     for _ in range(100):
         bench.hear("55" * 100)
-    assert len(bench.line._hearing._early) <= 1024 + 100
+    assert len(bench.line._receiver._text) <= 1024 + 100

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.errors import IllegalFunction, LineDown, ResponseTimeout, WaitedTooLong
 from gateway.events import AnswerWithheld, EchoHeard
-from gateway.lines.ear import ECHOES
+from gateway.lines.echo import ECHOES
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from kit.server_bench import ASCII, LATENCY, RTU, ServerBench
 

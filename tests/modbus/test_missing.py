@@ -6,19 +6,16 @@ from hypothesis import strategies as st
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.ascii import AsciiFramer
-from gateway.modbus.frame import ResponseFramer
 from gateway.modbus.pdu import exception_response, parse_request
+from kit.asked import Asked
 from kit.vectors import ANSWER, QUESTION, UNIT, exchanges, meaning
 
 MODES = ["rtu", "ascii"]
 REFUSAL = exception_response(QUESTION[0], 2)
 
 
-def asked(mode: str, pdu: bytes = QUESTION, unit: int | None = UNIT) -> ResponseFramer:
-    framer: ResponseFramer = AsciiFramer() if mode == "ascii" else rtu.ResponseFramer(0.002)
-    framer.expect(unit, parse_request(pdu))
-    return framer
+def asked(mode: str, pdu: bytes = QUESTION, unit: int | None = UNIT) -> Asked:
+    return Asked(unit, parse_request(pdu), mode)
 
 
 def encoded(mode: str, pdu: bytes) -> bytes:

@@ -12,6 +12,11 @@ from typing import Final
 
 #: A number of so many seconds is a time, a smaller one is a duration.
 EPOCH: Final = 1e6
+#: A larger integer is a place in what a line has delivered, and counts from the end of that.
+PLACES: Final = 1 << 40
+#: What stands further before that stands long before, and what has no place yet has none.
+_LONG_BEFORE: Final = 4096
+_NO_PLACE: Final = 1 << 59
 #: What has happened longer ago than this, in seconds, has happened long ago.
 _LONG_AGO: Final = 1000.0
 
@@ -25,23 +30,26 @@ _UNORDERED: Final = (set, frozenset)
 _NAMED: Final = (FunctionType, BuiltinMethodType, type)
 
 
-def picture(root: object, now: float) -> int:
-    """The number that stands for `root` and all that it leads to."""
-    walk = _Walk(now)
+def picture(root: object, now: float, end: int) -> int:
+    """The number that stands for `root` and all that it leads to, on a line that has delivered `end` bytes."""
+    walk = _Walk(now, end)
     walk.take(root)
     return hash(tuple(walk.atoms))
 
 
 class _Walk:
-    def __init__(self, now: float) -> None:
+    def __init__(self, now: float, end: int) -> None:
         self.atoms: list[object] = []
         self._now = now
+        self._end = end
         self._seen: dict[int, int] = {}
         self._kept: list[object] = []
 
     def take(self, each: object) -> None:
         kind = type(each)
-        if kind in _PLAIN:
+        if kind is int and PLACES <= each < _NO_PLACE:
+            self.atoms.append(max(each - self._end, -_LONG_BEFORE))
+        elif kind in _PLAIN:
             self.atoms.append(each)
         elif kind is float:
             self.atoms.append(self._time(each))

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.lines.ear import Ear
-from gateway.lines.echo import Echo
+from gateway.lines.attribution import Attribution
 from gateway.lines.late import LateWindows
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
+from gateway.modbus.scan import Expected
+from gateway.modbus.scan_rtu import RtuScanner
 from model.letters import LETTERS, enabled
 from model.search import Search, replay, search
 from model.settings import ALPHABETS, setting, settings
@@ -85,7 +86,7 @@ def test_a_window_that_forbids_nothing(monkeypatch) -> None:
 
 @pytest.mark.interpreted
 def test_other_clients_that_are_not_listened_to(monkeypatch) -> None:
-    monkeypatch.setattr(Ear, "_near", lambda ear, frame, asked: [])
+    monkeypatch.setattr(Attribution, "_doubts_about", lambda attribution, frame, asked: [])
     found = finds(FOREIGN, 3)
     assert found.path[-1] == "foreign answer"
     assert LIE in found.wrong[0]
@@ -100,23 +101,27 @@ def test_answers_of_any_unit(monkeypatch) -> None:
 @pytest.mark.interpreted
 def test_an_echo_that_counts_twice(monkeypatch) -> None:
     """The second copy is another client's request: an answer to that follows the one to ours."""
-    is_echo = Ear._is_echo
+    is_echo = Attribution._is_echo
 
-    def every_time(ear: Ear, *frame: object) -> bool:
-        ear._had_echo = False
-        return is_echo(ear, *frame)
+    def every_time(attribution: Attribution, *frame: object) -> bool:
+        attribution._had_echo = False
+        return is_echo(attribution, *frame)
 
-    monkeypatch.setattr(Ear, "_is_echo", every_time)
+    monkeypatch.setattr(Attribution, "_is_echo", every_time)
     letters = "read, answer, foreign read, foreign answer, request has left, silence"
     assert LIE in finds(letters, 7, "real that echoes").wrong[0]
 
 
 @pytest.mark.interpreted
-def test_an_echo_that_is_stripped_twice(monkeypatch) -> None:
-    """Of a write the answer goes with it."""
-    monkeypatch.setattr(Echo, "strip", lambda echo, data: data.replace(echo._sent, b""))
-    found = finds("write", 1, "direct with echo")
-    assert "does not believe" in found.wrong[0]
+def test_an_answer_that_may_stand_before_the_echo(monkeypatch) -> None:
+    """The echo of a write is its own confirmation then."""
+    expect = RtuScanner.expect
+
+    def at_once(scanner: RtuScanner, expected: Expected, sent: bytes, *, echoes: bool) -> None:
+        expect(scanner, expected, sent, echoes=False)
+
+    monkeypatch.setattr(RtuScanner, "expect", at_once)
+    assert finds("write, echo, limit", 3, "direct with echo").wrong
 
 
 @pytest.mark.interpreted

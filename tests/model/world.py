@@ -19,11 +19,12 @@ from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.pdu import parse_request
+from gateway.modbus.scan_rtu import RtuScanner
 from gateway.profiles.profile import Profile
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
-from model.picture import EPOCH
+from model.picture import EPOCH, PLACES
 from model.picture import picture as picture_of
 from model.wire import LATENCY, TIMEOUT, Asking, Wire
 
@@ -108,6 +109,10 @@ class World:
         self.wrong: list[str] = []
         self.story: list[str] = []
         self.line = Line(setting.line, self._told)
+        self._scanner = self.line._receiver._scanner
+        self._scanner.position = PLACES
+        if isinstance(self._scanner, RtuScanner):
+            self._scanner._scanned = PLACES
         self.devices = {unit: Device(settings, self.line) for unit, settings in _UNITS.items()}
         self.everyone = EveryDevice(self.line)
         self.wire = Wire(setting.line.timing, takes_time=setting.is_real)
@@ -128,7 +133,7 @@ class World:
 
     def picture(self) -> int:
         """What matters of it, as one number."""
-        return picture_of(self, self.now)
+        return picture_of(self, self.now, self._scanner.position)
 
     def happens(self, what: str, does: Callable[["World"], None]) -> None:
         """Let this happen."""

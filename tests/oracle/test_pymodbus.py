@@ -12,6 +12,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span, exception_response, pack_bits, parse_request, unpack_bits
+from kit.asked import Asked
 
 ADDRESSES = st.integers(0, 0xFFFF)
 WORDS = st.integers(0, 0xFFFF)
@@ -167,8 +168,7 @@ def test_rtu(unit, exchange):
     size, its_unit, _, its_pdu = its.decode(rtu.encode(unit, response))
     assert (size, its_unit, its_pdu) == (len(response) + 3, unit, response)
     assert rtu.RequestFramer(0.002).received(its.encode(request, unit, 0), 0.0) == [(unit, request)]
-    framer = rtu.ResponseFramer(0.002)
-    framer.expect(unit, parse_request(request))
+    framer = Asked(unit, parse_request(request))
     assert framer.received(its.encode(response, unit, 0), 0.0) == [(unit, response)]
 
 

@@ -9,9 +9,9 @@ from pymodbus.pdu.file_message import FileRecord
 
 from gateway.images.diagnostics import Diagnostics
 from gateway.images.identity import Identity
-from gateway.modbus import rtu
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request
+from kit.asked import Asked
 
 WORDS = st.integers(0, 0xFFFF)
 RECORDS = st.lists(
@@ -161,8 +161,7 @@ def test_rtu_ends_on_the_last_byte_of_what_it_sends(function, data, unit):
     request, response = map(pdu, data.draw(EXCHANGES[function]))
     its = FramerRTU(DecodePDU(is_server=False)).encode(response, unit, 0)
     cut = data.draw(st.integers(0, len(its) - 1))
-    framer = rtu.ResponseFramer(0.002)
-    framer.expect(unit, parse_request(request))
+    framer = Asked(unit, parse_request(request))
     assert framer.received(its[:cut], 0.0) == []
     assert framer.received(its[cut:], 0.0) == [(unit, response)]
 

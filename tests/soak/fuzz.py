@@ -24,8 +24,9 @@ if __name__ == "__main__":
 from gateway.errors import NotModbus, RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
-from gateway.modbus.passing import frames_in
 from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.modbus.scan_rtu import RtuScanner
+from kit.asked import SILENCE, Asked
 from kit.asker import Asker
 from kit.noise import random_chunks
 from kit.upstream_bench import UpstreamBench
@@ -35,7 +36,6 @@ Outcome = list[object]
 Decode = Callable[[Sequence[bytes]], Outcome]
 
 UNITS: Final = (0, 1, 17, 247)
-SILENCE: Final = 0.002
 #: No input is longer, in bytes: some frames of the longest kind.
 LONGEST: Final = 900
 
@@ -170,10 +170,9 @@ def rtu_response(data: Bytes) -> tuple[bytes, Decode]:
         return rtu.encode(data.dice.choice((17, 17, *UNITS)), pdu)
 
     def decode(chunks: Sequence[bytes]) -> Outcome:
-        framer = rtu.ResponseFramer(SILENCE)
-        framer.expect(unit, asked)
+        framer = Asked(unit, asked)
         for chunk in chunks:
-            fitting = [each for each in framer.received(chunk, 0.0) if asked.accepts(each.pdu)]
+            fitting = framer.received(chunk, 0.0)
             if fitting:
                 return fitting[:1]
         return [*framer.tick(SILENCE), framer.conclude(), framer.heard_noise]
@@ -209,11 +208,13 @@ def rtu_shared_line(data: Bytes) -> tuple[bytes, Decode]:
 
 
 def rtu_overheard(data: Bytes) -> tuple[bytes, Decode]:
-    """Frames looked for in what was heard; in one piece."""
-    return data.mixture(lambda: rtu.encode(data.dice.choice(UNITS), data.pdu())), lambda chunks: [
-        *frames_in(b"".join(chunks))[0],
-        *rtu.responses_in(b"".join(chunks)),
-    ]
+    """Frames that pass on a line while nobody asks."""
+
+    def decode(chunks: Sequence[bytes]) -> Outcome:
+        scanner = RtuScanner(SILENCE)
+        return [token[:2] for chunk in chunks for token in scanner.received(chunk, 0.0)]
+
+    return data.mixture(lambda: rtu.encode(data.dice.choice(UNITS), data.pdu())), decode
 
 
 def ascii_stream(data: Bytes) -> tuple[bytes, Decode]:

@@ -4,10 +4,12 @@ import random
 
 import pytest
 
-from gateway.modbus.codes import MAX_RTU_ADU
+from gateway.modbus.checks import crc_fits
+from gateway.modbus.codes import MAX_PDU, MAX_RTU_ADU
+from gateway.modbus.foretell import request_size, response_size
 from gateway.modbus.frame import Frame
-from gateway.modbus.passing import PassingFrames, frames_in, places
 from gateway.modbus.rtu import encode
+from gateway.modbus.scan_rtu import RtuScanner
 from kit.noise import chunkings, noise, random_chunks
 
 REQUEST = Frame(1, bytes.fromhex("03 00 10 00 01"))
@@ -22,8 +24,8 @@ EACH = [encode(*frame) for frame in (*ALL, IDENTIFICATION, DIAGNOSTICS)]
 
 
 def passed(*chunks: bytes) -> list[Frame]:
-    frames = PassingFrames()
-    return [frame for chunk in chunks for frame in frames.received(chunk, 0.0)]
+    scanner = RtuScanner()
+    return [token.frame for chunk in chunks for token in scanner.received(chunk, 0.0)]
 
 
 def test_requests_and_responses_however_they_are_cut():
@@ -46,10 +48,24 @@ def looked_at_again(chunks: list[bytes]) -> list[list[Frame]]:
     found, kept = [], b""
     for chunk in chunks:
         data = kept + chunk
-        ends = sorted({end: start for start, end in places(data) if end > len(kept)}.items())
+        ends = sorted((end, start) for start, end in places(data) if end > len(kept))
         found.append([Frame(data[start], data[start + 1 : end - 2]) for end, start in ends])
         kept = data[1 - MAX_RTU_ADU :]
     return found
+
+
+def places(data: bytes) -> set[tuple[int, int]]:
+    """Where a frame that tells its size begins and ends in `data`."""
+    sizes = {
+        (start, start + foretell(data[start + 1 : start + 1 + MAX_PDU]) + 3)
+        for start in range(len(data) - 1)
+        for foretell in (request_size, response_size)
+    }
+    return {
+        (start, end)
+        for start, end in sizes
+        if 3 < end - start <= min(MAX_RTU_ADU, len(data) - start) and crc_fits(data[start:end])
+    }
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -62,8 +78,9 @@ def test_whoever_looks_at_each_byte_once_finds_the_same(seed: int):
         data = dice.choice(frames) + dice.randbytes(dice.choice((0, 0, 1, 9)))
         begin = dice.choice((0, 0, 0, dice.randrange(len(data))))
         chunks += random_chunks(data[begin:], dice.randrange(1000), dice.choice((1, 7, 100)))
-    passing = PassingFrames()
-    assert [passing.received(chunk, 0.0) for chunk in chunks] == looked_at_again(chunks)
+    scanner = RtuScanner()
+    found = [[token.frame for token in scanner.received(chunk, 0.0)] for chunk in chunks]
+    assert found == looked_at_again(chunks)
 
 
 def test_what_silence_ends_or_is_damaged_or_too_long_is_not_found():
@@ -72,11 +89,12 @@ def test_what_silence_ends_or_is_damaged_or_too_long_is_not_found():
 
 
 def test_little_is_kept():
-    frames = PassingFrames()
+    scanner = RtuScanner()
     for seed in range(20):
-        frames.received(noise(500, seed), 0.0)
-        assert len(frames._buffer) < MAX_RTU_ADU
-    assert frames.received(encode(*RESPONSE), 0.0) == [RESPONSE]
+        scanner.received(noise(500, seed), 0.0)
+        assert len(scanner._buffer) <= MAX_RTU_ADU
+        assert len(scanner._begun) <= 2 * MAX_RTU_ADU
+    assert [token.frame for token in scanner.received(encode(*RESPONSE), 0.0)] == [RESPONSE]
 
 
 def test_a_frame_that_ends_with_a_chunk_may_be_the_beginning_of_another():
@@ -84,16 +102,3 @@ def test_a_frame_that_ends_with_a_chunk_may_be_the_beginning_of_another():
     request = Frame(3, bytes.fromhex("04 00 83 00 02"))
     data = encode(*request)
     assert passed(data[:5], data[5:]) == [Frame(3, b"\4\0"), request]
-
-
-def test_frames_and_what_is_between_them():
-    data = b"\x55" + encode(*REQUEST) + b"\x66" + encode(*RESPONSE) + b"\x77"
-    assert frames_in(data) == ([REQUEST, RESPONSE], b"\x55\x66\x77")
-    assert frames_in(b"") == ([], b"")
-
-
-def test_a_frame_inside_the_data_of_another_is_data():
-    inside = encode(*EXCEPTION) + b"\0"
-    outer = Frame(1, bytes((3, len(inside))) + inside)
-    assert frames_in(encode(*outer)) == ([outer], b"")
-    assert list(places(encode(*outer))) == [(0, 11), (3, 8)]

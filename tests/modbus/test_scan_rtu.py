@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from gateway.modbus.checks import crc_fits, with_crc
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response, parse_request
-from gateway.modbus.rtu import ResponseFramer, encode, ended_by_silence
+from gateway.modbus.rtu import encode
+from gateway.modbus.scan_rtu import RtuScanner
+from kit.asked import SILENCE, Asked
 from kit.noise import chunkings, noise
 from kit.vectors import ANSWER, QUESTION, UNIT, broken, exchanges, meaning, seed_frames
 
-SILENCE = 0.002
 GOOD = encode(UNIT, ANSWER)
 #: An unknown function: its response ends by silence.
 UNKNOWN = bytes.fromhex("41 01 02 03")
@@ -23,13 +24,17 @@ PRINTED = [frame for frame in seed_frames() if frame.mode == "rtu"]
 PRINTED_PAIRS = [(one, two) for one, two in pairwise(PRINTED) if two.kind == "response"]
 
 
-def asked(pdu: bytes = QUESTION, unit: int = UNIT) -> ResponseFramer:
-    framer = ResponseFramer(SILENCE)
-    framer.expect(unit, parse_request(pdu))
-    return framer
+def asked(pdu: bytes = QUESTION, unit: int = UNIT) -> Asked:
+    return Asked(unit, parse_request(pdu))
 
 
-def hear(framer: ResponseFramer, *chunks: bytes) -> list[Frame]:
+def ended_by_silence(data: bytes, units: set[int]) -> list[Frame]:
+    scanner = RtuScanner(SILENCE)
+    scanner.received(data, 0.0)
+    return scanner.ended_by_silence(units)
+
+
+def hear(framer: Asked, *chunks: bytes) -> list[Frame]:
     """What comes of chunks that follow each other at once, and the silence behind them."""
     frames = [frame for chunk in chunks for frame in framer.received(chunk, 0.0)]
     return frames + framer.tick(SILENCE)
@@ -143,7 +148,6 @@ class TestUnknownFunction:
     def test_its_exception_ends_at_once(self):
         framer = asked(UNKNOWN)
         assert framer.received(encode(UNIT, b"\xc1\x01"), 0.0) == [(UNIT, b"\xc1\x01")]
-        assert framer.deadline() is None
 
     def test_a_hole_longer_than_the_silence_does_not_lose_it(self):
         framer, data = asked(UNKNOWN), encode(UNIT, self.RESPONSE)
@@ -187,10 +191,10 @@ def test_foreign_frames_among_noise_are_told():
     assert framer.heard_noise
 
 
-def test_a_frame_inside_a_foreign_frame_is_data():
+def test_a_frame_inside_a_foreign_frame_may_be_data_and_both_are_told():
     framer, foreign = asked(), encode(5, b"\x03\x06" + encode(6, b"\x83\x02") + b"\x00")
     assert hear(framer, foreign) == []
-    assert framer.conclude() == [(5, foreign[1:-2])]
+    assert framer.conclude() == [(6, b"\x83\x02"), (5, foreign[1:-2])]
 
 
 def test_silence_is_no_noise():
@@ -212,7 +216,7 @@ def test_endless_noise_is_not_kept():
     framer = asked(UNKNOWN)
     for _ in range(100):
         framer.received(noise(512), 0.0)
-    assert len(framer._buffer) <= 256
+    assert len(framer.scanner._buffer) <= 256
     assert framer.heard_noise
 
 
@@ -238,11 +242,9 @@ THREE = bytes.fromhex("03 00 10 00 03")
 LOOKS_REFUSED = encode(1, bytes.fromhex("03 06 01 83 02 C0 F1 00"))
 
 
-def from_anywhere(pdu: bytes = THREE) -> ResponseFramer:
+def from_anywhere(pdu: bytes = THREE) -> Asked:
     """One that looks for an answer from whatever unit."""
-    framer = ResponseFramer(SILENCE)
-    framer.expect(None, parse_request(pdu))
-    return framer
+    return Asked(None, parse_request(pdu))
 
 
 @pytest.mark.parametrize("expecting", [lambda: asked(THREE, 1), from_anywhere], ids=["unit 1", "any unit"])
@@ -358,7 +360,7 @@ def test_a_response_behind_an_echo_that_looks_like_a_beginning_is_found_after_a_
     assert framer.deadline() == 1.0 + SILENCE
     assert framer.tick(1.0) == []
     assert framer.tick(1.0 + SILENCE) == [(UNIT, b"\x11\x02\x2a\xff")]
-    assert framer.heard_noise
+    assert framer.conclude() == [(UNIT, b"\x11")]
     assert framer.deadline() is None
 
 
@@ -398,24 +400,11 @@ def test_an_exception_behind_a_foreign_frame_that_holds_the_beginning_of_a_respo
         assert hear(asked(asks_125), *chunks) == [exception]
 
 
-def test_clean_is_what_was_handed_over_and_nothing_else():
-    for heard, is_clean in (
-        (GOOD, True),
-        (b"", True),
-        (b"\x55" + GOOD, False),
-        (GOOD + b"\x55", False),
-        (GOOD[:-1], False),
-    ):
-        framer = asked()
-        framer.received(heard, 0.0)
-        assert framer.is_clean == is_clean
-
-
 class TestDamaged:
     """At least one of some bytes is not what was sent, whatever the CRC says."""
 
     @staticmethod
-    def hear(framer: ResponseFramer, data: bytes, start: int, end: int) -> list[Frame]:
+    def hear(framer: Asked, data: bytes, start: int, end: int) -> list[Frame]:
         frames = framer.received(data[:start], 0.0) + framer.received(data[start:end], 0.0, damaged=True)
         return frames + hear(framer, data[end:])
 
@@ -425,7 +414,7 @@ class TestDamaged:
         for start, end in combinations(range(len(good) + 1), 2):
             framer = asked(UNKNOWN if answer is UNKNOWN else QUESTION)
             assert self.hear(framer, good, start, end) == framer.conclude() == []
-            assert not framer.is_clean
+            assert framer.heard_noise
 
     @pytest.mark.parametrize("end", range(1, len(GOOD) + 1))
     @pytest.mark.parametrize("answer", [ANSWER, UNKNOWN])
@@ -453,4 +442,4 @@ class TestDamaged:
         framer.received(b"\0", 0.0, damaged=True)
         framer.expect(UNIT, parse_request(QUESTION))
         assert hear(framer, GOOD) == [(UNIT, ANSWER)]
-        assert framer.is_clean
+        assert not framer.heard_noise

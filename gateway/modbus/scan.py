@@ -1,0 +1,106 @@
+"""What a line delivers, cut into frames, for the one that asks on it: what a scanner is told, and what it finds.
+
+A scanner sees every byte that comes from a line, once and in order, whoever sent it. What it finds are tokens: frames,
+each with its place in all that the line has delivered. Whose a frame is, is decided in `lines.attribution`.
+"""
+
+from typing import Final, NamedTuple, Protocol
+
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu
+
+#: The PDU of an exception response.
+EXCEPTION_SIZE: Final = 2
+
+
+class Token(NamedTuple):
+    """A frame with a fitting check sum, from `start` to before `end`, counted in bytes of the line.
+
+    `at` is when its last byte was read. One that `is_damaged` has a byte in it that is not what was sent.
+    """
+
+    start: int
+    end: int
+    at: float
+    frame: Frame
+    is_damaged: bool = False
+
+
+class Expected:
+    """An answer that may come: to `asked`, from `unit`, None from any. It begins at `since` or behind it."""
+
+    __slots__ = ("asked", "exception_head", "head", "since", "skipped", "unit")
+
+    def __init__(self, unit: int | None, asked: RequestPdu, since: int = 0) -> None:
+        known = b"" if unit is None else bytes((unit,))
+        self.unit = unit
+        self.asked = asked
+        self.since = since
+        #: How the response begins, and an exception response; so many bytes of a frame before that are not known.
+        self.skipped = 1 - len(known)
+        self.head = known + asked.response_head
+        self.exception_head = known + bytes((asked.function | EXCEPTION_BIT,))
+
+    def can_be_damaged(self, pdu_size: int) -> bool:
+        """Whether a frame with a PDU of so many bytes can be the response with a wrong check sum, and no request."""
+        size = self.asked.response_size
+        return size is not None and (pdu_size == EXCEPTION_SIZE or pdu_size == size != len(self.asked.data))
+
+    def head_of(self, pdu_size: int) -> bytes:
+        """How a response with a PDU of so many bytes begins."""
+        return self.head if pdu_size == self.asked.response_size else self.exception_head
+
+
+class Scanner(Protocol):
+    """Finds the frames in what one line delivers, in the order of their ends.
+
+    `position` is how many bytes it has delivered. `late` are answers to older requests that may still come. `silence`
+    is how long the line must be quiet, in seconds, before a frame of unknown size ends.
+    """
+
+    position: int
+    silence: float
+    late: list[Expected]
+
+    def encode(self, unit: int, pdu: bytes) -> bytes:
+        """The ADU as it goes on the line."""
+
+    def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
+        """`sent` goes on the line, and `expected` is its answer; with `echoes` it comes behind the copy of `sent`."""
+
+    def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
+        """Take bytes that became readable at `now`; what is complete with them.
+
+        At least one of `damaged` ones is not what was sent: a frame that has all of them in it is damaged. The answer
+        begins behind all that came `early`.
+        """
+
+    def deadline(self, expected: Expected) -> float | None:
+        """When silence will show more of this answer, or None."""
+
+    def tick(self, now: float) -> list[Token]:
+        """Let time pass; what silence has ended."""
+
+    def flush(self) -> list[Token]:
+        """What is found in bytes that may be the beginning of the answer, so that nobody has looked at them yet."""
+
+    def end(self) -> list[Token]:
+        """The answer is not awaited any more; what was found that may have been part of it."""
+
+    @property
+    def missing(self) -> int:
+        """So many bytes must come before there can be the answer; 0 when nothing has begun, or that is not known."""
+
+    def is_damaged(self, data: bytes, expected: Expected) -> bool:
+        """Whether `data` is, for all that can be seen, this answer with a wrong check sum.
+
+        It has the right beginning and the right size, normal or exception, and neither can be those of a request that
+        was damaged.
+        """
+
+    def has_begun(self, data: bytes, head: bytes) -> bool:
+        """Whether `data` holds the first bytes of a frame."""
+
+    def ended_by_silence(self, units: set[int]) -> list[Frame]:
+        """Frames of unknown size from one of `units` that reach to the end of what has come, if nothing follows."""

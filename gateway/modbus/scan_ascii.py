@@ -1,0 +1,105 @@
+"""The scanner of an ASCII line: frames show their own ends (S 2.5.2), whoever sent them, and silence ends none."""
+
+from typing import Final
+
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus.ascii import END, SHORTEST, START, AsciiCutter, characters, plain
+from gateway.modbus.frame import Frame
+from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Token
+
+#: Unit identifier and LRC around a PDU.
+_OVERHEAD: Final = 2
+#: Behind everything that will ever come.
+_NEVER: Final = 1 << 60
+
+
+class AsciiScanner:
+    """See `Scanner`."""
+
+    encode = staticmethod(ascii_framing.encode)
+
+    def __init__(self) -> None:
+        self.position = 0
+        self.silence = 0.0
+        self.late: list[Expected] = []
+        self._cutter = AsciiCutter()
+        self._expected: Expected | None = None
+        self._sent = b""
+        #: Places of bytes of which at least one is not what was sent.
+        self._damage: list[tuple[int, int]] = []
+
+    def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
+        """See `Scanner`."""
+        self._expected, self._sent = expected, sent
+        expected.since = _NEVER if echoes else self.position
+
+    def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
+        """See `Scanner`."""
+        end = self.position - len(self._cutter.begun)
+        if damaged or self._damage:
+            self._damage = [each for each in self._damage if each[1] > end]
+        if damaged:
+            self._damage.append((self.position, self.position + len(data)))
+        self.position += len(data)
+        tokens = []
+        for before, size, frame in self._cutter.cut(data, now):
+            end += before + size
+            if frame is not None:
+                tokens.append(self._token(end - size, end, now, frame))
+        if early and self._expected is not None and self._expected.since != _NEVER:
+            self._expected.since = self.position
+        return tokens
+
+    @property
+    def missing(self) -> int:
+        """See `Scanner`. A colon may start anew at any time, and what it starts may be an exception."""
+        begun, expected = self._cutter.begun, self._expected
+        if not begun or expected is None:
+            return 0
+        size = expected.asked.response_size
+        head = START + expected.head.hex().upper().encode()
+        if expected.unit is None or size is None or not begun.upper().startswith(head):
+            return max(0, characters(SHORTEST) - len(begun))
+        return max(0, min(characters(size + _OVERHEAD) - len(begun), characters(EXCEPTION_SIZE + _OVERHEAD)))
+
+    def deadline(self, expected: Expected) -> float | None:  # noqa: ARG002 - a hole is noticed at the next character
+        """See `Scanner`."""
+        return None
+
+    def tick(self, now: float) -> list[Token]:  # noqa: ARG002 - see deadline
+        """See `Scanner`."""
+        return []
+
+    def flush(self) -> list[Token]:
+        """See `Scanner`."""
+        return []
+
+    def end(self) -> list[Token]:
+        """See `Scanner`."""
+        self._expected = None
+        return []
+
+    def is_damaged(self, data: bytes, expected: Expected) -> bool:
+        """See `Scanner`. One of the two characters at the end may be damaged."""
+        text = plain(data).upper()
+        size, odd = divmod(len(text) - characters(_OVERHEAD), 2)
+        if odd or not expected.can_be_damaged(size):
+            return False
+        has_ended = text[-2:-1] == END[:1] or text[-1:] == END[1:]
+        digits = expected.head_of(size).hex().upper().encode()
+        return has_ended and text.startswith(START) and text.startswith(digits, len(START) + 2 * expected.skipped)
+
+    def has_begun(self, data: bytes, head: bytes) -> bool:
+        """See `Scanner`."""
+        return head.hex().upper().encode() in plain(data).upper()
+
+    def ended_by_silence(self, units: set[int]) -> list[Frame]:  # noqa: ARG002 - none is
+        """See `Scanner`."""
+        return []
+
+    def _token(self, start: int, end: int, now: float, frame: Frame) -> Token:
+        expected = self._expected
+        if expected is not None and expected.since == _NEVER and self.encode(*frame) == self._sent:
+            expected.since = end
+        is_damaged = any(start <= begin and behind <= end for begin, behind in self._damage)
+        return Token(start, end, now, frame, is_damaged)
