@@ -47,10 +47,10 @@ class AsciiCutter:
         self.begun = b""
         self._last = 0.0
 
-    def cut(self, data: bytes, now: float) -> Iterator[tuple[int, int, Frame | None]]:
-        """Take bytes that became readable at `now`. The parts that are complete with them, in order.
+    def cut(self, data: bytes, now: float) -> Iterator[tuple[int, bytes]]:
+        """Take bytes that became readable at `now`. The parts that end with CR LF, in order; none behind the last one.
 
-        Of each: how many characters were passed over before it, how many it has, and the frame; None without one.
+        Of each: how many characters were passed over before it, and its text.
         """
         before = 0
         if now - self._last > CHARACTER_GAP:
@@ -59,15 +59,14 @@ class AsciiCutter:
         *texts, rest = (self.begun + plain(data)).split(END)
         for text in texts:
             start = max(text.rfind(START), 0)
-            size = len(text) - start + len(END)
-            yield before + start, size, _decode(text[start:])
+            yield before + start, text[start:] + END
             before = 0
         start = rest.rfind(START)
         if start < 0 or len(rest) - start > MAX_ASCII_ADU:
             start = len(rest)
         self.begun = rest[start:]
         if before + start:
-            yield before + start, 0, None
+            yield before + start, b""
 
     def drop(self) -> int:
         """Forget what has begun; how much that was."""
@@ -103,9 +102,9 @@ class AsciiFramer:
         if damaged:
             return self._received_damaged(data[:-1], data[-1:], now)
         frames = []
-        for before, size, frame in self._cutter.cut(data, now):
-            if before or frame is None:
-                self._pass_over(before + size * (frame is None))
+        for before, text in self._cutter.cut(data, now):
+            frame = decode(text)
+            self._pass_over(before if frame else before + len(text))
             if frame is not None:
                 frames.append(frame)
                 self._passed_over = 0
@@ -131,12 +130,12 @@ class AsciiFramer:
         self.heard_noise = self.heard_noise or count > 0
 
 
-def _decode(text: bytes) -> Frame | None:
-    """The frame whose text this is, from its colon to before CR LF."""
-    if not text.startswith(START) or len(text) + len(END) > MAX_ASCII_ADU:
+def decode(text: bytes) -> Frame | None:
+    """The frame whose text this is, from its colon to CR LF; None if it is none."""
+    if not text.startswith(START) or len(text) > MAX_ASCII_ADU:
         return None
     try:
-        body = unhexlify(text[len(START) :])
+        body = unhexlify(text[len(START) : -len(END)])
     except NotHexadecimal:
         return None
     if len(body) < SHORTEST or lrc(body[:-1]) != body[-1]:

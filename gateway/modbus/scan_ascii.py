@@ -3,7 +3,7 @@
 from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
-from gateway.modbus.ascii import END, SHORTEST, START, AsciiCutter, characters, plain
+from gateway.modbus.ascii import END, SHORTEST, START, AsciiCutter, characters, decode, plain
 from gateway.modbus.frame import Frame
 from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Token
 
@@ -42,10 +42,15 @@ class AsciiScanner:
             self._damage.append((self.position, self.position + len(data)))
         self.position += len(data)
         tokens = []
-        for before, size, frame in self._cutter.cut(data, now):
-            end += before + size
+        for before, text in self._cutter.cut(data, now):
+            end += before + len(text)
+            frame = decode(text)
+            if text == self._sent and self._expected is not None:
+                self._expected.since = min(self._expected.since, end)
             if frame is not None:
-                tokens.append(self._token(end - size, end, now, frame))
+                start = end - len(text)
+                is_damaged = any(start <= begin and behind <= end for begin, behind in self._damage)
+                tokens.append(Token(start, end, now, frame, is_damaged))
         if early and self._expected is not None and self._expected.since != _NEVER:
             self._expected.since = self.position
         return tokens
@@ -96,10 +101,3 @@ class AsciiScanner:
     def ended_by_silence(self, units: set[int]) -> list[Frame]:  # noqa: ARG002 - none is
         """See `Scanner`."""
         return []
-
-    def _token(self, start: int, end: int, now: float, frame: Frame) -> Token:
-        expected = self._expected
-        if expected is not None and expected.since == _NEVER and self.encode(*frame) == self._sent:
-            expected.since = end
-        is_damaged = any(start <= begin and behind <= end for begin, behind in self._damage)
-        return Token(start, end, now, frame, is_damaged)

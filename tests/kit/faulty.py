@@ -489,7 +489,8 @@ class FaultyLine:
         return self._right(exchange)
 
     def _echo_damaged(self, exchange: _Exchange) -> list[Answer]:
-        echo = flipped(exchange.sent, self._dice.randrange(8 * len(exchange.sent)))
+        bits = 7 if self._is_ascii else 8  # the eighth is no part of an ASCII character
+        echo = flipped(exchange.sent, 8 * self._dice.randrange(len(exchange.sent)) + self._dice.randrange(bits))
         return [Answer(exchange.left, echo), *self._right(exchange)]
 
     def _echo_alone(self, exchange: _Exchange) -> list[Answer]:

@@ -5,7 +5,6 @@ import asyncio
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.ascii import AsciiFramer
 from gateway.ports.alarm import Alarm
 from gateway.service.build import Listener
 
@@ -45,9 +44,8 @@ class OverTcpClient:
         """The PDU of a response from `unit`; anything else as it came."""
         if not adu:
             return b""
-        frames = AsciiFramer().received(adu, 0.0) if adu.startswith(b":") else rtu.responses_in(adu)
-        whole = len(frames) == 1 and self._encode(*frames[0]) == adu and frames[0].unit == unit
-        return frames[0].pdu if whole else adu
+        pdu = bytes.fromhex(adu[3:-4].decode()) if adu.startswith(b":") else adu[1:-2]
+        return pdu if self._encode(unit, pdu) == adu else adu
 
     def look(self) -> None:
         pass
