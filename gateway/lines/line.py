@@ -1,22 +1,22 @@
 """The transaction machine of one line: one request at a time, a silence before it, a limit after it, only its response.
 
-| state     | what happens                            | next      | what is done                                       |
-|-----------|-----------------------------------------|-----------|----------------------------------------------------|
-| down      | `port_up`                               | idle      |                                                    |
-| idle      | a turn, and the line is quiet           | awaiting  | the request is written                             |
-| idle      | the turn of a broadcast                 | idle      | it is written; the line is quiet for the turnaround |
-| awaiting  | the answer                              | idle      | the client gets it                                 |
-| awaiting  | the limit, a damaged or doubted answer  | idle      | 0B, or the read waits for its second sending; a    |
-|           |                                         |           | late window opens for what is owed                 |
-| awaiting  | the same, if a second sending may help  | repeating |                                                    |
-| repeating | the line is quiet                       | awaiting  | the request is written again                       |
-| repeating | bytes come: they may be the answer      | idle      | 0B                                                 |
-| idle      | `renew`: this connection may hold back  | renewing  | what waits goes on waiting                         |
-| renewing  | `port_up`                               | idle      |                                                    |
-| renewing  | `RENEWAL` seconds pass                  | down      | 0A for all that waits                              |
-| any       | `port_down`                             | down      | 0B for what was sent, 0A for all that waits        |
-| awaiting  | `finish`                                | last      | 0A for all that waits                              |
-| last      | the answer, the limit                   | down      | as from awaiting                                   |
+| state     | what happens                            | next      | what is done                                      |
+|-----------|-----------------------------------------|-----------|---------------------------------------------------|
+| down      | `port_up`                               | idle      |                                                   |
+| idle      | a turn, and the line is quiet           | awaiting  | the request is written                            |
+| idle      | the turn of a broadcast                 | idle      | it is written; the line is quiet for the turnaround|
+| awaiting  | the answer                              | idle      | the client gets it                                |
+| awaiting  | the limit, a damaged or doubted answer  | idle      | 0B, or the read waits for its second sending; a   |
+|           |                                         |           | late window opens for what is owed                |
+| awaiting  | the same, if a second sending may help  | repeating |                                                   |
+| repeating | the line is quiet                       | awaiting  | the request is written again                      |
+| repeating | bytes come: they may be the answer      | idle      | 0B                                                |
+| idle      | `renew`: this connection may hold back  | renewing  | what waits goes on waiting                        |
+| renewing  | `port_up`                               | idle      |                                                   |
+| renewing  | `RENEWAL` seconds pass                  | down      | 0A for all that waits                             |
+| any       | `port_down`                             | down      | 0B for what was sent, 0A for all that waits       |
+| awaiting  | `finish`                                | last      | 0A for all that waits                             |
+| last      | the answer, the limit                   | down      | as from awaiting                                  |
 
 Which request goes next is the matter of `scheduler`, what the bytes from the line mean that of `receiver`.
 

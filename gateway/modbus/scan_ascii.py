@@ -4,34 +4,22 @@ from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.ascii import END, SHORTEST, START, AsciiCutter, characters, decode, plain
-from gateway.modbus.frame import Frame
-from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Token
+from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Scanner, Token
 
 #: Unit identifier and LRC around a PDU.
 _OVERHEAD: Final = 2
-#: Behind everything that will ever come.
-_NEVER: Final = 1 << 60
 
 
-class AsciiScanner:
+class AsciiScanner(Scanner):
     """See `Scanner`."""
 
-    encode = staticmethod(ascii_framing.encode)
-
     def __init__(self) -> None:
-        self.position = 0
-        self.silence = 0.0
-        self.late: list[Expected] = []
+        super().__init__()
         self._cutter = AsciiCutter()
-        self._expected: Expected | None = None
-        self._sent = b""
-        #: Places of bytes of which at least one is not what was sent.
-        self._damage: list[tuple[int, int]] = []
 
-    def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
+    def encode(self, unit: int, pdu: bytes) -> bytes:
         """See `Scanner`."""
-        self._expected, self._sent = expected, sent
-        expected.since = _NEVER if echoes else self.position
+        return ascii_framing.encode(unit, pdu)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
         """See `Scanner`."""
@@ -43,16 +31,14 @@ class AsciiScanner:
         self.position += len(data)
         tokens = []
         for before, text in self._cutter.cut(data, now):
-            end += before + len(text)
+            start, end = end + before, end + before + len(text)
             frame = decode(text)
             if text == self._sent and self._expected is not None:
                 self._expected.since = min(self._expected.since, end)
             if frame is not None:
-                start = end - len(text)
-                is_damaged = any(start <= begin and behind <= end for begin, behind in self._damage)
-                tokens.append(Token(start, end, now, frame, is_damaged))
-        if early and self._expected is not None and self._expected.since != _NEVER:
-            self._expected.since = self.position
+                tokens.append(Token(start, end, now, frame, self._has_damage(start, end)))
+        if early:
+            self._came_early()
         return tokens
 
     @property
@@ -67,23 +53,6 @@ class AsciiScanner:
             return max(0, characters(SHORTEST) - len(begun))
         return max(0, min(characters(size + _OVERHEAD) - len(begun), characters(EXCEPTION_SIZE + _OVERHEAD)))
 
-    def deadline(self, expected: Expected) -> float | None:  # noqa: ARG002 - a hole is noticed at the next character
-        """See `Scanner`."""
-        return None
-
-    def tick(self, now: float) -> list[Token]:  # noqa: ARG002 - see deadline
-        """See `Scanner`."""
-        return []
-
-    def flush(self) -> list[Token]:
-        """See `Scanner`."""
-        return []
-
-    def end(self) -> list[Token]:
-        """See `Scanner`."""
-        self._expected = None
-        return []
-
     def is_damaged(self, data: bytes, expected: Expected) -> bool:
         """See `Scanner`. One of the two characters at the end may be damaged."""
         text = plain(data).upper()
@@ -97,7 +66,3 @@ class AsciiScanner:
     def has_begun(self, data: bytes, head: bytes) -> bool:
         """See `Scanner`."""
         return head.hex().upper().encode() in plain(data).upper()
-
-    def ended_by_silence(self, units: set[int]) -> list[Frame]:  # noqa: ARG002 - none is
-        """See `Scanner`."""
-        return []

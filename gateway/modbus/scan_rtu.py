@@ -24,12 +24,10 @@ from gateway.modbus.codes import MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.foretell import request_size, response_size
 from gateway.modbus.frame import Frame
 from gateway.modbus.rtu import OVERHEAD, SHORTEST
-from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Token
+from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Scanner, Token
 
 #: The ADU of an exception response.
 _EXCEPTION_ADU: Final = EXCEPTION_SIZE + OVERHEAD
-#: Behind everything that will ever come.
-_NEVER: Final = 1 << 60
 #: Bytes that are parted by a longer hole, in seconds, belong to different frames if none is awaited.
 HOLE: Final = 1.0
 #: How a frame may be read.
@@ -48,21 +46,15 @@ _BEGIN: Final = re.compile(
 _EXCEPTION: Final = re.compile(b"(?s).(?=[\x80-\xff]...)")
 
 
-class RtuScanner:
+class RtuScanner(Scanner):
     """See `Scanner`."""
 
-    encode = staticmethod(rtu.encode)
-
     def __init__(self, silence: float = 0.0) -> None:
-        self.position = 0
-        self.silence = silence
-        self.late: list[Expected] = []
+        super().__init__(silence)
         #: When the last byte was read, and whether the silence behind it is over.
         self._last = 0.0
         self._is_silent = True
-        self._expected: Expected | None = None
-        #: What was sent, where the line was then, and how much of that comes back before the answer.
-        self._sent = b""
+        #: The place of what was sent, and how much of it comes back before the answer.
         self._sent_at = 0
         self._echo_size = 0
         #: What has come as long as it can be the beginning of the answer, alone, in its pieces.
@@ -77,15 +69,16 @@ class RtuScanner:
         #: Frames in the buffer, and those that may be data of the answer.
         self._found: list[Token] = []
         self._waiting: list[Token] = []
-        #: Places of bytes of which at least one is not what was sent.
-        self._damage: list[tuple[int, int]] = []
+
+    def encode(self, unit: int, pdu: bytes) -> bytes:
+        """See `Scanner`."""
+        return rtu.encode(unit, pdu)
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
         """See `Scanner`."""
-        self._expected = expected
-        self._sent, self._sent_at, self._echo_size = sent, self.position, len(sent) if echoes else 0
+        super().expect(expected, sent, echoes=echoes)
+        self._sent_at, self._echo_size = self.position, len(sent) if echoes else 0
         self._is_alone = expected.unit is not None and expected.asked.response_size is not None
-        expected.since = _NEVER if echoes else self.position
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
         """See `Scanner`."""
@@ -95,12 +88,13 @@ class RtuScanner:
         self.position += len(data)
         if self._is_alone and not (damaged or early):
             return self._received_alone(data, now)
-        is_alone = self._is_alone
-        tokens = self.flush()
+        is_alone = self._is_alone and early
+        tokens = self._look_back()
         if damaged:
             self._damage.append((self.position - len(data), self.position))
-        if early and self._expected is not None and self._expected.since != _NEVER:
-            self._expected.since, self._is_alone = self.position, is_alone
+        if early:
+            self._came_early()
+            self._is_alone = is_alone
         return tokens + self._scan(data, now)
 
     @property
@@ -122,26 +116,15 @@ class RtuScanner:
             return []
         self._is_silent = True
         unknown = [each for each in self._awaited() if not each.asked.longest_response]
-        tokens = self.flush() if unknown else []
+        tokens = self._look_back() if unknown else []
         if self._expected is not None and self._expected.asked.response_size is None:
             tokens += self._release(patient=False)
         ended = {at for each in unknown for at in self._starts(each) if self._ends_here(at)}
         return tokens + [self._token(at, len(self._buffer), self._last) for at in sorted(ended)]
 
-    def flush(self) -> list[Token]:
-        """See `Scanner`."""
-        self._is_alone = False
-        coming, pieces, at = self._coming, self._pieces, 0
-        self._coming, self._pieces = b"", []
-        tokens: list[Token] = []
-        for size, then in pieces:
-            tokens += self._scan(coming[at : at + size], then)
-            at += size
-        return tokens
-
     def end(self) -> list[Token]:
         """See `Scanner`."""
-        tokens = self.flush() + self._waiting
+        tokens = self._look_back() + self._waiting
         self._waiting = []
         self._expected = None
         return tokens
@@ -176,7 +159,7 @@ class RtuScanner:
         come = self._coming
         if self._echo_size:
             if not _can_begin(come, self._sent):
-                return self.flush()
+                return self._look_back()
             come = come[self._echo_size :]
         for head, size in self._shapes():
             if _can_begin(come, head):
@@ -184,7 +167,18 @@ class RtuScanner:
                     return []
                 if len(come) == size and crc_fits(come):
                     return self._take_alone(come, now)
-        return self.flush()
+        return self._look_back()
+
+    def _look_back(self) -> list[Token]:
+        """Find the frames in what might have been the answer alone."""
+        self._is_alone = False
+        coming, pieces, at = self._coming, self._pieces, 0
+        self._coming, self._pieces = b"", []
+        tokens: list[Token] = []
+        for size, then in pieces:
+            tokens += self._scan(coming[at : at + size], then)
+            at += size
+        return tokens
 
     def _take_alone(self, adu: bytes, now: float) -> list[Token]:
         """The answer is there, and nothing else: whatever seemed to begin before was no frame."""
@@ -323,8 +317,8 @@ class RtuScanner:
         """The frame at this place of the buffer."""
         buffer, offset = self._buffer, self._offset
         start, stop = offset + at, offset + end
-        is_damaged = any(start <= begin and behind <= stop for begin, behind in self._damage)
-        return Token(start, stop, now, Frame(buffer[at], buffer[at + 1 : end - 2]), is_damaged)
+        frame = Frame(buffer[at], buffer[at + 1 : end - 2])
+        return Token(start, stop, now, frame, self._has_damage(start, stop))
 
     def _awaited(self) -> list[Expected]:
         return self.late if self._expected is None else [self._expected, *self.late]
