@@ -19,8 +19,7 @@ A frame with a damaged byte in it answers nothing. As a request it counts: the d
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from enum import Enum, auto
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from gateway.errors import RequestError
 from gateway.lines.late import LateWindows, Question
@@ -37,15 +36,8 @@ _PER_UNIT: Final = 16
 _LONGEST: Final = 300.0
 
 
-class Owner(Enum):
-    """Whose a frame is."""
-
-    REQUEST = auto()
-    OTHER_CLIENT = auto()
-    LATE = auto()
-    ECHO = auto()
-    FOREIGN_REQUEST = auto()
-    NOBODY = auto()
+#: Whose a frame is.
+Owner = Literal["the request", "another client", "a late answer", "an echo", "another's request", "nobody"]
 
 
 class ForeignRequest(NamedTuple):
@@ -86,13 +78,6 @@ class Attribution:
         self._echoes = False
         self._echo_until = 0.0
         self._had_echo = False
-        self._rules: Final = (
-            (Owner.REQUEST, self._answers_request),
-            (Owner.OTHER_CLIENT, self._answers_other_client),
-            (Owner.LATE, self._is_late),
-            (Owner.ECHO, self._is_echo),
-            (Owner.FOREIGN_REQUEST, self._is_request),
-        )
 
     def begin(self, transaction: Transaction, now: float, position: int, echo_until: float, *, echoes: bool) -> None:
         """The request goes on the line, where so many bytes have come.
@@ -120,10 +105,15 @@ class Attribution:
 
     def owner(self, token: Token) -> Owner:
         """Whose the frame is. Each one is shown once, in the order in which they came."""
-        for owner, fits in self._rules:
-            if fits(token):
-                return owner
-        return Owner.NOBODY
+        if self._answers_request(token):
+            return "the request"
+        if self._answers_other_client(token):
+            return "another client"
+        if self._is_late(token):
+            return "a late answer"
+        if self._is_echo(token):
+            return "an echo"
+        return "another's request" if self._is_request(token) else "nobody"
 
     def unanswered(self) -> Iterator[ForeignRequest]:
         """What other clients have asked and nobody has answered yet."""

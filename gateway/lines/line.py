@@ -27,9 +27,8 @@ request at once.
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from enum import Enum, auto
 from math import inf, nextafter
-from typing import Final
+from typing import Final, Literal
 
 from gateway import errors
 from gateway.errors import RequestError
@@ -54,15 +53,8 @@ RENEWAL: Final = 1.0
 Observer = Callable[[Transaction, Frame | None, float], None]
 
 
-class State(Enum):
-    """See the table above."""
-
-    DOWN = auto()
-    RENEWING = auto()
-    IDLE = auto()
-    AWAITING = auto()
-    REPEATING = auto()
-    LAST = auto()
+#: See the table above.
+State = Literal["down", "idle", "awaiting", "repeating", "renewing", "last"]
 
 
 class Line:
@@ -82,7 +74,7 @@ class Line:
         self._write: Callable[[bytes], None] | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
-        self._state = State.DOWN
+        self._state: State = "down"
         #: What is awaited or to be repeated, and what came instead of its answer when it was sent before.
         self._current: Transaction | None = None
         self._instead = NOTHING
@@ -119,15 +111,15 @@ class Line:
         self._write = write
         self._quiet_at = now + self._gap
         self._scheduler.connected(has_arrived)
-        if self._state is not State.RENEWING:
+        if self._state != "renewing":
             self._scheduler.end_rests()
-        self._state = State.IDLE
+        self._state = "idle"
 
     def port_down(self, now: float) -> None:
         """The port has gone: what was on the line may have been acted on (0B), what waited was not sent (0A)."""
-        if self._state is State.RENEWING and now < self._renewed_until:
+        if self._state == "renewing" and now < self._renewed_until:
             return
-        self._disconnect(State.DOWN)
+        self._disconnect("down")
         waiting = self._scheduler.clear()
         try:
             if self._current is not None:
@@ -141,13 +133,13 @@ class Line:
 
     def renew(self, now: float) -> None:
         """The connection is closed and made anew: what waits goes on waiting, for RENEWAL at most."""
-        self._disconnect(State.RENEWING)
+        self._disconnect("renewing")
         self._renewed_until = now + RENEWAL
 
     @property
     def is_renewing(self) -> bool:
         """Whether what waits goes on waiting for a new connection."""
-        return self._state is State.RENEWING
+        return self._state == "renewing"
 
     @property
     def is_busy(self) -> bool:
@@ -156,12 +148,12 @@ class Line:
 
     def is_quiet(self, now: float) -> bool:
         """Whether the line is free and its silence is over, so that a request would leave at once."""
-        return self._state is not State.AWAITING and now >= self._quiet_at
+        return self._state != "awaiting" and now >= self._quiet_at
 
     def finish(self, now: float) -> None:
         """Take no more requests: what waits is not sent any more (0A), what is on the line may be answered."""
-        is_repeating = self._state is State.REPEATING
-        self._disconnect(State.DOWN if self._current is None else State.LAST)
+        is_repeating = self._state == "repeating"
+        self._disconnect("down" if self._current is None else "last")
         waiting = self._scheduler.clear()
         try:
             if is_repeating and self._current is not None:
@@ -198,7 +190,7 @@ class Line:
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
-        is_down = self._state in (State.DOWN, State.LAST)
+        is_down = self._state in ("down", "last")
         refusal = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if refusal is not None:
             transaction.fail(refusal)
@@ -207,7 +199,7 @@ class Line:
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
         """Take bytes that became readable at `now`. No frame with all of `damaged` ones in it is an answer."""
-        if self._state is State.REPEATING and self._current is not None:
+        if self._state == "repeating" and self._current is not None:
             self._stop_repeating(self._current, now)
         current = self._current
         if current is None:
@@ -226,7 +218,7 @@ class Line:
 
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None while there is nothing to wait for."""
-        if self._current is None and self._state is not State.RENEWING:
+        if self._current is None and self._state != "renewing":
             alarm = self._scheduler.deadline(self._quiet_at)
         else:
             alarm = earliest(self._next_step(), self._scheduler.next_expiry())
@@ -243,7 +235,7 @@ class Line:
         for transaction in self._scheduler.take_underway(now):
             expected = self._receiver.expected(transaction.answers_from, transaction.asked)
             self._scheduler.await_arrived(transaction, expected, now)
-        if self._state is State.RENEWING and now >= self._renewed_until:
+        if self._state == "renewing" and now >= self._renewed_until:
             self.port_down(now)
         current = self._current
         if current is not None and outcome is not None:
@@ -254,7 +246,7 @@ class Line:
 
     @property
     def _is_awaiting(self) -> bool:
-        return self._state in (State.AWAITING, State.LAST)
+        return self._state in ("awaiting", "last")
 
     def _tune(self, latency: float) -> None:
         """Work out what follows from the line's timing and its port's latency."""
@@ -276,7 +268,7 @@ class Line:
         current = self._current
         if current is None:
             return self._renewed_until
-        if self._state is State.REPEATING:
+        if self._state == "repeating":
             return self._quiet_at
         silence, fails_at = self._receiver.deadline(), current.fails_at
         if silence is not None:
@@ -289,7 +281,7 @@ class Line:
         late = self._scheduler.expired(now)
         given_up = self._scheduler.given_up(now)
         try:
-            while self._write is not None and self._state is not State.AWAITING and now >= self._quiet_at:
+            while self._write is not None and self._state != "awaiting" and now >= self._quiet_at:
                 transaction = self._current or self._scheduler.next(now)
                 if transaction is None:
                     break
@@ -308,11 +300,11 @@ class Line:
         return self._scheduler.refusal(transaction, now) if transaction.is_wanted else errors.Unwanted()
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
-        self._current, self._state = transaction, State.AWAITING
+        self._current, self._state = transaction, "awaiting"
         try:
             transaction.start(self._budget, now)
         except RequestError as error:
-            self._current, self._state = None, State.IDLE
+            self._current, self._state = None, "idle"
             transaction.fail(error)
             return
         transaction.counts.sent += 1
@@ -326,7 +318,7 @@ class Line:
 
     def _send_unanswered(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         """Send what nobody answers, and leave the devices time to act."""
-        self._current, self._state = None, State.IDLE
+        self._current, self._state = None, "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         self.busy_seconds += self._quiet_at - now
         overdue: list[Transaction] = []
@@ -382,7 +374,7 @@ class Line:
         elif at_once:
             current.retries += 1
             self.busy_seconds += now - current.sent_at
-            self._state = State.REPEATING
+            self._state = "repeating"
         else:
             self._finish(current, None, now)
 
@@ -427,10 +419,10 @@ class Line:
         overdue = self._scheduler.await_late(current, now) if current.owed else []
         if outcome is None:
             self._scheduler.put_back(current.again())
-        if self._state is not State.REPEATING:
+        if self._state != "repeating":
             self.busy_seconds += now - current.sent_at
         self._current = None
-        self._state = State.DOWN if self._write is None else State.IDLE
+        self._state = "down" if self._write is None else "idle"
         if self._budget.line is not self.settings.timing:
             self._follow_rate(now)
         response = outcome if isinstance(outcome, Frame) else None
@@ -445,7 +437,7 @@ class Line:
 
     def __repr__(self) -> str:
         current = f" {self._current!r}" if self._current else ""
-        return f"<Line {self.settings.name} {self._state.name.lower()}{current} waiting={self.waiting}>"
+        return f"<Line {self.settings.name} {self._state}{current} waiting={self.waiting}>"
 
 
 def _answer(transaction: Transaction, outcome: Frame | RequestError | None) -> None:

@@ -168,7 +168,7 @@ class Receiver:
             return NOTHING
         self.stop()
         copies = [token for token, _ in self._heard if _is_copy(token, current)]
-        others = [token for token, owner in self._heard if owner is not Owner.LATE and token not in copies]
+        others = [token for token, owner in self._heard if owner != "a late answer" and token not in copies]
         text = bytes(self._text)
         if self._echo.is_configured and copies:
             echo = copies.pop(0)
@@ -202,7 +202,7 @@ class Receiver:
 
     def may_have_collided(self, unit: int, text: bytes, now: float) -> bool:
         """Whether a late answer of another unit has come since the request, or begins in `text`."""
-        if any(owner is Owner.LATE and token.frame.unit != unit for token, owner in self._heard):
+        if any(owner == "a late answer" and token.frame.unit != unit for token, owner in self._heard):
             return True
         return any(self._scanner.has_begun(text, head) for head in self._windows.heads_of_others(unit, now))
 
@@ -219,7 +219,7 @@ class Receiver:
         answer: Token | None = None
         for token in tokens:
             owner = self._attribution.owner(token)
-            if owner is Owner.REQUEST:
+            if owner == "the request":
                 answer = token
             else:
                 self._note(token, owner)
@@ -230,7 +230,7 @@ class Receiver:
 
     def _note(self, token: Token, owner: Owner) -> None:
         """A frame that is not the answer."""
-        if owner is Owner.LATE:
+        if owner == "a late answer":
             self.came_late.append(LateResponse(self._attribution.late, token.frame))
         elif self._current is not None and not (token.is_damaged or _is_copy(token, self._current)):
             self._report.foreign(token.frame, self._current)
@@ -254,7 +254,7 @@ class Receiver:
     def _unexplained(self, end: int) -> int:
         """How many bytes have come since the request, up to this place, that are no part of a frame."""
         at, count = self._began_at, 0
-        for token in sorted(token for token, _ in self._heard if not token.is_damaged):
+        for token in sorted((token for token, _ in self._heard if not token.is_damaged), key=_start):
             if at <= token.start < end:
                 count += token.start - at
                 at = token.end
@@ -298,6 +298,10 @@ class Receiver:
         """How long after another client has asked this its answer may come: as to us."""
         limit = self._budget.limit(asked, answer_time)
         return limit + self._windows.length(limit, answer_time)
+
+
+def _start(token: Token) -> int:
+    return token.start
 
 
 def _is_copy(token: Token, sent: Transaction) -> bool:

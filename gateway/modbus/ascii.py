@@ -6,7 +6,6 @@ be lower case, and a frame with a hole of more than one second is dropped.
 
 from binascii import Error as NotHexadecimal
 from binascii import unhexlify
-from collections.abc import Iterator
 from typing import Final
 
 from gateway.modbus.checks import lrc
@@ -47,26 +46,29 @@ class AsciiCutter:
         self.begun = b""
         self._last = 0.0
 
-    def cut(self, data: bytes, now: float) -> Iterator[tuple[int, bytes]]:
+    def cut(self, data: bytes, now: float) -> list[tuple[int, bytes]]:
         """Take bytes that became readable at `now`. The parts that end with CR LF, in order; none behind the last one.
 
         Of each: how many characters were passed over before it, and its text.
         """
         before = 0
         if now - self._last > CHARACTER_GAP:
-            before, self.begun = len(self.begun), b""
+            before = self.drop()
         self._last = now
-        *texts, rest = (self.begun + plain(data)).split(END)
-        for text in texts:
-            start = max(text.rfind(START), 0)
-            yield before + start, text[start:] + END
-            before = 0
-        start = rest.rfind(START)
-        if start < 0 or len(rest) - start > MAX_ASCII_ADU:
-            start = len(rest)
-        self.begun = rest[start:]
-        if before + start:
-            yield before + start, b""
+        text = self.begun + plain(data)
+        parts: list[tuple[int, bytes]] = []
+        at = 0
+        while (end := text.find(END, at) + len(END)) >= len(END):
+            start = max(text.rfind(START, at, end), at)
+            parts.append((before + start - at, text[start:end]))
+            before, at = 0, end
+        start = text.rfind(START, at)
+        if start < 0 or len(text) - start > MAX_ASCII_ADU:
+            start = len(text)
+        if before + start - at:
+            parts.append((before + start - at, b""))
+        self.begun = text[start:]
+        return parts
 
     def drop(self) -> int:
         """Forget what has begun; how much that was."""

@@ -4,7 +4,7 @@ A scanner sees every byte that comes from a line, once and in order, whoever sen
 each with its place in all that the line has delivered. Whose a frame is, is decided in `lines.attribution`.
 """
 
-from typing import Final, NamedTuple
+from typing import Final
 
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.frame import Frame
@@ -16,33 +16,40 @@ EXCEPTION_SIZE: Final = 2
 NEVER: Final = 1 << 60
 
 
-class Token(NamedTuple):
+class Token:
     """A frame with a fitting check sum, from `start` to before `end`, counted in bytes of the line.
 
     `at` is when its last byte was read. One that `is_damaged` has a byte in it that is not what was sent.
     """
 
-    start: int
-    end: int
-    at: float
-    frame: Frame
-    is_damaged: bool = False
+    __slots__ = ("at", "end", "frame", "is_damaged", "start")
+
+    def __init__(self, start: int, end: int, at: float, frame: Frame, *, is_damaged: bool = False) -> None:
+        self.start = start
+        self.end = end
+        self.at = at
+        self.frame = frame
+        self.is_damaged = is_damaged
 
 
 class Expected:
     """An answer that may come: to `asked`, from `unit`, None from any. It begins at `since` or behind it."""
 
-    __slots__ = ("asked", "exception_head", "head", "since", "skipped", "unit")
+    __slots__ = ("asked", "head", "since", "skipped", "unit")
 
     def __init__(self, unit: int | None, asked: RequestPdu, since: int = 0) -> None:
         known = b"" if unit is None else bytes((unit,))
         self.unit = unit
         self.asked = asked
         self.since = since
-        #: How the response begins, and an exception response; so many bytes of a frame before that are not known.
+        #: How the response begins; so many bytes of a frame before that are not known.
         self.skipped = 1 - len(known)
         self.head = known + asked.response_head
-        self.exception_head = known + bytes((asked.function | EXCEPTION_BIT,))
+
+    @property
+    def exception_head(self) -> bytes:
+        """How an exception response begins."""
+        return self.head[: 1 - self.skipped] + bytes((self.asked.function | EXCEPTION_BIT,))
 
     def can_be_damaged(self, pdu_size: int) -> bool:
         """Whether a frame with a PDU of so many bytes can be the response with a wrong check sum, and no request."""

@@ -36,7 +36,7 @@ class AsciiScanner(Scanner):
             if text == self._sent and self._expected is not None:
                 self._expected.since = min(self._expected.since, end)
             if frame is not None:
-                tokens.append(Token(start, end, now, frame, self._has_damage(start, end)))
+                tokens.append(Token(start, end, now, frame, is_damaged=self._has_damage(start, end)))
         if early:
             self._came_early()
         return tokens

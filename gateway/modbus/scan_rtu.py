@@ -16,7 +16,7 @@ any further.
 
 import re
 from heapq import heappop, heappush
-from typing import Final
+from typing import Final, cast
 
 from gateway.modbus import rtu
 from gateway.modbus.checks import crc_fits
@@ -57,8 +57,8 @@ class RtuScanner(Scanner):
         #: The place of what was sent, and how much of it comes back before the answer.
         self._sent_at = 0
         self._echo_size = 0
-        #: What has come as long as it can be the beginning of the answer, alone, in its pieces.
-        self._is_alone = False
+        #: The size of the answer as long as nothing but its beginning can have come, else 0; that, in its pieces.
+        self._size = 0
         self._coming = b""
         self._pieces: list[tuple[int, float]] = []
         #: What came last before that, and how much has come up to its end. In the order of their ends: where frames
@@ -78,7 +78,8 @@ class RtuScanner(Scanner):
         """See `Scanner`."""
         super().expect(expected, sent, echoes=echoes)
         self._sent_at, self._echo_size = self.position, len(sent) if echoes else 0
-        self._is_alone = expected.unit is not None and expected.asked.response_size is not None
+        size = expected.asked.response_size
+        self._size = 0 if size is None or expected.unit is None else size + OVERHEAD
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
         """See `Scanner`."""
@@ -86,23 +87,26 @@ class RtuScanner(Scanner):
             self._restart()
         self._last, self._is_silent = now, False
         self.position += len(data)
-        if self._is_alone and not (damaged or early):
+        if self._size and not (damaged or early):
             return self._received_alone(data, now)
-        is_alone = self._is_alone and early
+        size = self._size if early else 0
         tokens = self._look_back()
         if damaged:
             self._damage.append((self.position - len(data), self.position))
         if early:
             self._came_early()
-            self._is_alone = is_alone
+            self._size = size
         return tokens + self._scan(data, now)
 
     @property
     def missing(self) -> int:
         """See `Scanner`."""
-        come = self._coming[self._echo_size :]
-        sizes = [size - len(come) for head, size in self._shapes() if _can_begin(come, head)]
-        return min(sizes) if come else 0
+        come, expected = self._coming[self._echo_size :], self._expected
+        if expected is None or not come:
+            return 0
+        is_response = _can_begin(come, expected.head)
+        is_exception = _can_begin(come, expected.exception_head)
+        return (_EXCEPTION_ADU if is_exception else self._size) - len(come) if is_response or is_exception else 0
 
     def deadline(self, expected: Expected) -> float | None:
         """See `Scanner`. A response that tells its own size may have begun in noise: what is behind that counts too."""
@@ -124,9 +128,10 @@ class RtuScanner(Scanner):
 
     def end(self) -> list[Token]:
         """See `Scanner`."""
-        tokens = self._look_back() + self._waiting
-        self._waiting = []
-        self._expected = None
+        tokens = self._look_back() if self._coming else []
+        if self._waiting:
+            tokens, self._waiting = tokens + self._waiting, []
+        self._expected, self._size = None, 0
         return tokens
 
     def is_damaged(self, data: bytes, expected: Expected) -> bool:
@@ -144,14 +149,6 @@ class RtuScanner(Scanner):
         places = [at for at in range(len(data)) if data[at] in units and not response_size(data[at + 1 :])]
         return [Frame(data[at], data[at + 1 : -2]) for at in places if self._ends_here(at)]
 
-    def _shapes(self) -> tuple[tuple[bytes, int], ...]:
-        """How the answer and an exception begin, and their sizes, if these are known."""
-        expected = self._expected
-        if not self._is_alone or expected is None:
-            return ()
-        size = expected.asked.response_size or 0
-        return (expected.head, size + OVERHEAD), (expected.exception_head, _EXCEPTION_ADU)
-
     def _received_alone(self, data: bytes, now: float) -> list[Token]:
         """Take bytes as long as they can be the beginning of the answer, or its echo; or look at all of them."""
         self._coming += data
@@ -161,17 +158,20 @@ class RtuScanner(Scanner):
             if not _can_begin(come, self._sent):
                 return self._look_back()
             come = come[self._echo_size :]
-        for head, size in self._shapes():
-            if _can_begin(come, head):
-                if len(come) < size:
-                    return []
-                if len(come) == size and crc_fits(come):
-                    return self._take_alone(come, now)
-        return self._look_back()
+        expected = cast("Expected", self._expected)
+        if _can_begin(come, expected.head):
+            size = self._size
+        elif _can_begin(come, expected.exception_head):
+            size = _EXCEPTION_ADU
+        else:
+            return self._look_back()
+        if len(come) < size:
+            return []
+        return self._take_alone(come, now) if len(come) == size and crc_fits(come) else self._look_back()
 
     def _look_back(self) -> list[Token]:
         """Find the frames in what might have been the answer alone."""
-        self._is_alone = False
+        self._size = 0
         coming, pieces, at = self._coming, self._pieces, 0
         self._coming, self._pieces = b"", []
         tokens: list[Token] = []
@@ -190,10 +190,13 @@ class RtuScanner(Scanner):
 
     def _restart(self) -> None:
         """Nothing that has come belongs to what comes."""
-        self._buffer = self._coming = b""
-        self._scanned, self._is_alone = self.position, False
-        for kept in (self._pieces, self._begun, self._found, self._damage):
-            kept.clear()
+        self._coming, self._scanned, self._size = b"", self.position, 0
+        self._pieces.clear()
+        if self._buffer:
+            self._buffer = b""
+            self._begun.clear()
+            self._found.clear()
+            self._damage.clear()
 
     def _scan(self, data: bytes, now: float) -> list[Token]:
         """Find the frames that are complete with `data`."""
@@ -318,7 +321,7 @@ class RtuScanner(Scanner):
         buffer, offset = self._buffer, self._offset
         start, stop = offset + at, offset + end
         frame = Frame(buffer[at], buffer[at + 1 : end - 2])
-        return Token(start, stop, now, frame, self._has_damage(start, stop))
+        return Token(start, stop, now, frame, is_damaged=self._has_damage(start, stop))
 
     def _awaited(self) -> list[Expected]:
         return self.late if self._expected is None else [self._expected, *self.late]

@@ -212,7 +212,7 @@ def rtu_overheard(data: Bytes) -> tuple[bytes, Decode]:
 
     def decode(chunks: Sequence[bytes]) -> Outcome:
         scanner = RtuScanner(SILENCE)
-        return [token[:2] for chunk in chunks for token in scanner.received(chunk, 0.0)]
+        return [(token.start, token.end) for chunk in chunks for token in scanner.received(chunk, 0.0)]
 
     return data.mixture(lambda: rtu.encode(data.dice.choice(UNITS), data.pdu())), decode
 
