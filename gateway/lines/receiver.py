@@ -118,8 +118,7 @@ class Receiver:
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> Outcome:
         """Take bytes. Nothing that began in `early` ones is the answer: the request had not arrived."""
         scanner, current = self._scanner, self._current
-        if self._windows.windows or scanner.late:
-            scanner.late = self._windows.expected()
+        self._follow_windows()
         if current is None:
             self._pace.came_idle(len(data), now)
             self._heard.clear()
@@ -134,6 +133,7 @@ class Receiver:
 
     def tick(self, now: float) -> Outcome:
         """Let time pass."""
+        self._follow_windows()
         return self._attribute(self._scanner.tick(now))
 
     def deadline(self) -> float | None:
@@ -213,6 +213,11 @@ class Receiver:
     def expected(self, unit: int | None, asked: RequestPdu) -> Expected:
         """What an answer looks like that has not begun yet."""
         return Expected(unit, asked, self._scanner.position)
+
+    def _follow_windows(self) -> None:
+        """Tell the scanner which late answers may come."""
+        if self._windows.windows or self._scanner.late:
+            self._scanner.late = self._windows.expected()
 
     def _attribute(self, tokens: list[Token]) -> Outcome:
         """Find out whose these frames are, all of them: none can answer a request that is sent later."""
