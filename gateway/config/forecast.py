@@ -8,32 +8,27 @@ from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.lines.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.modbus.chartime import LineTiming
-from gateway.modbus.codes import MAX_PDU, READING_FUNCTIONS, Area
+from gateway.modbus.codes import MAX_PDU, FunctionCode
+from gateway.modbus.functions import (
+    FUNCTIONS,
+    KNOWN_FUNCTIONS,
+    READING_FUNCTIONS,
+    READING_IDENTIFICATION,
+    TABLE_FUNCTIONS,
+    Items,
+)
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime, Budget
 
-#: Most items that a request can have, by function (A 6). FC23 can write 121 registers.
-_MOST_ITEMS: Final = {1: 2000, 2: 2000, 3: 125, 4: 125, 5: 1, 6: 1, 15: 1968, 16: 123, 22: 1, 23: 125}
-_MOST_WRITTEN: Final = 121
-
-_AREAS: Final = {1: Area.COILS, 2: Area.DISCRETE, 4: Area.INPUT, 5: Area.COILS, 15: Area.COILS}
-
 #: Stands for all functions that are not known here.
 _UNKNOWN_FUNCTION: Final = 65
 
-#: The longest requests of functions that have no such items, or those with the longest responses (A 6).
-_WITHOUT_ITEMS: Final = {
-    7: b"\x07",
-    8: b"\x08" + bytes(MAX_PDU - 1),
-    11: b"\x0b",
-    12: b"\x0c",
-    17: b"\x11",
-    20: bytes((20, 7, 6, 0, 1, 0, 0, 0, 124)),
-    21: bytes((21, 245, 6, 0, 1, 0, 0, 0, 119)) + bytes(2 * 119),
-    24: bytes((24, 0, 0)),
-    43: bytes((43, 14, 1, 0)),
-    _UNKNOWN_FUNCTION: bytes((_UNKNOWN_FUNCTION,)) + bytes(MAX_PDU - 1),
+#: Of functions that read or write no table: those requests that have the longest responses, or are the longest (A 6).
+_LARGEST: Final[dict[int, bytes]] = {
+    FunctionCode.READ_FILE_RECORD: bytes((20, 7, 6, 0, 1, 0, 0, 0, 124)),
+    FunctionCode.WRITE_FILE_RECORD: bytes((21, 245, 6, 0, 1, 0, 0, 0, 119)) + bytes(2 * 119),
+    FunctionCode.ENCAPSULATED_INTERFACE: bytes((*READING_IDENTIFICATION, 1, 0)),
 }
 
 
@@ -129,16 +124,16 @@ def _needed_for_repeat(limits: FunctionLimits, line: LineSettings, device: Devic
 
 def _functions(profile: Profile) -> Iterator[int]:
     if profile.functions is None:
-        yield from (*_MOST_ITEMS, _UNKNOWN_FUNCTION)
+        yield from (*sorted(TABLE_FUNCTIONS), _UNKNOWN_FUNCTION)
     else:
         yield from sorted(profile.functions)
 
 
 def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: AnswerTime) -> FunctionLimits:
-    if function not in _MOST_ITEMS:
+    if function not in TABLE_FUNCTIONS:
         named = None if profile.functions is None else function
-        pdus = _WITHOUT_ITEMS.values() if named is None else (_longest_request(function),)
-        longest = [parse_request(pdu) for pdu in pdus]
+        functions = {*KNOWN_FUNCTIONS - TABLE_FUNCTIONS, _UNKNOWN_FUNCTION} if named is None else {named}
+        longest = [parse_request(_largest_request(each)) for each in functions]
         limit = max(budget.limit(asked, answer_time) for asked in longest)
         return FunctionLimits(named, 0, limit, limit, max(map(budget.request_wire_time, longest)))
     most = _most_items(function, profile)
@@ -152,34 +147,33 @@ def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: Ans
     )
 
 
-def _longest_request(function: int) -> bytes:
-    return _WITHOUT_ITEMS.get(function, bytes((function,)) + bytes(MAX_PDU - 1))
+def _largest_request(function: int) -> bytes:
+    row = FUNCTIONS.get(function)
+    return _LARGEST.get(function, bytes((function,)) + bytes((row.request.sizes[-1] if row else MAX_PDU) - 1))
 
 
 def _most_items(function: int, profile: Profile) -> int:
     """The most that protocol, profile and the addresses of the device allow; 1 at least."""
-    ranges = profile.areas.get(_AREAS.get(function, Area.HOLDING))
-    longest = _MOST_ITEMS[function] if ranges is None else max((last - first + 1 for first, last in ranges), default=1)
-    return min(_MOST_ITEMS[function], longest, profile.limits.get(function, longest))
+    items = _items_of(function)
+    most = max(each.most for each in items)
+    ranges = profile.areas.get(items[0].area)
+    longest = most if ranges is None else max((last - first + 1 for first, last in ranges), default=1)
+    return min(most, longest, profile.limits.get(function, longest))
 
 
-def _request(function: int, items: int) -> RequestPdu:
-    """A request for so many items from address 0 on."""
-    start, count = b"\0\0", items.to_bytes(2, "big")
-    head = bytes((function,)) + start
-    match function:
-        case 1 | 2 | 3 | 4:
-            pdu = head + count
-        case 15:
-            size = (items + 7) // 8
-            pdu = head + count + bytes((size,)) + bytes(size)
-        case 16:
-            pdu = head + count + bytes((2 * items,)) + bytes(2 * items)
-        case 23:
-            written = min(items, _MOST_WRITTEN)
-            pdu = head + count + start + bytes((0, written, 2 * written)) + bytes(2 * written)
-        case 22:
-            pdu = head + bytes(4)
-        case _:
-            pdu = head + bytes(2)
-    return parse_request(pdu)
+def _items_of(function: int) -> list[Items]:
+    """What it reads or writes in the tables."""
+    row = FUNCTIONS[function]
+    return [items for items in (row.reads, row.writes) if items is not None]
+
+
+def _request(function: int, count: int) -> RequestPdu:
+    """A request for so many items from address 0 on, or for the most there can be."""
+    pdu = bytes((function,))
+    for items in _items_of(function):
+        named = min(count, items.most)
+        pdu += bytes(2) if items.most == 1 else bytes((0, 0, *named.to_bytes(2, "big")))
+        if items.values_at and items.most > 1:
+            size = items.byte_count(named)
+            pdu += bytes((size,)) + bytes(size)
+    return parse_request(pdu.ljust(FUNCTIONS[function].request.sizes[0], b"\0"))

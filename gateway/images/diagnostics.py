@@ -10,16 +10,16 @@ from struct import Struct
 from typing import Final
 
 from gateway.errors import ExceptionCode, IllegalFunction
-from gateway.modbus.codes import BROADCAST_UNIT, FunctionCode
-from gateway.modbus.services import (
+from gateway.modbus.codes import (
+    BROADCAST_UNIT,
     CLEAR_COUNTERS,
     CLEAR_OVERRUN_COUNTER,
     COUNTERS,
-    MOST_EVENTS,
     RETURN_QUERY_DATA,
-    sub_function,
+    FunctionCode,
 )
-from gateway.modbus.structure import need
+from gateway.modbus.functions import MOST_EVENTS
+from gateway.modbus.shapes import need
 from gateway.request import Request
 
 #: Sub-functions of the counters that an image keeps; the others of 0B-12 are 0.
@@ -85,7 +85,7 @@ class Diagnostics:
             IllegalFunction: another sub-function.
             IllegalDataValue: the data is not 0000.
         """
-        asked = sub_function(pdu)
+        asked = int.from_bytes(pdu[1:3], "big")
         if asked == RETURN_QUERY_DATA:
             return pdu
         if asked not in (CLEAR_COUNTERS, *COUNTERS, CLEAR_OVERRUN_COUNTER):

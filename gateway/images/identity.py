@@ -4,8 +4,7 @@ from typing import Final
 
 from gateway import __version__
 from gateway.errors import IllegalDataAddress, IllegalFunction
-from gateway.modbus.codes import DEVICE_IDENTIFICATION, MAX_PDU
-from gateway.modbus.services import ONE_OBJECT, STREAM_CODES
+from gateway.modbus.codes import DEVICE_IDENTIFICATION, MAX_PDU, ONE_OBJECT
 
 VENDOR: Final = "modbus-gateway"
 PRODUCT: Final = "register image"
@@ -13,7 +12,7 @@ PRODUCT: Final = "register image"
 #: Identifiers of objects (A 6.21). The first three are the basic ones.
 _VENDOR_NAME, _PRODUCT_CODE, _REVISION, _APPLICATION_NAME = 0, 1, 2, 6
 #: The code that asks for the basic objects only.
-_BASIC: Final = STREAM_CODES[0]
+_BASIC: Final = 1
 #: Conformity level: basic and regular objects, as a stream and one by one.
 _REGULAR: Final = 0x82
 #: More objects follow.

@@ -7,10 +7,11 @@ from typing import Literal
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
 from gateway.events import Emit, RequestRefused, tell_nobody
 from gateway.images.diagnostics import Diagnostics
-from gateway.images.functions import FUNCTIONS, perform
+from gateway.images.functions import perform
 from gateway.images.identity import Identity
 from gateway.images.tables import make_tables
 from gateway.modbus.codes import Area, FunctionCode
+from gateway.modbus.functions import TABLE_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
@@ -105,7 +106,7 @@ class Image:
         Raises:
             RequestError: the function (01), the structure or a limit (03), or an address (02) does not fit.
         """
-        if pdu[0] not in FUNCTIONS and pdu[0] not in self._services:
+        if pdu[0] not in TABLE_FUNCTIONS and pdu[0] not in self._services:
             raise IllegalFunction(f"an image has no function {pdu[0]}")
         asked = self._profile.check(pdu)
         for span in (asked.read, asked.write):

@@ -20,7 +20,8 @@ from gateway.errors import IllegalDataAddress, RequestError, StaleValue
 from gateway.events import Emit, RequestRefused
 from gateway.images.polling import Counts, MirroredDevice, Poller, Polling
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
-from gateway.modbus.codes import EXCEPTION_BIT, only_reads
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import Span, parse_request
 from gateway.request import Request
 

@@ -4,18 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.modbus.codes import Area, FunctionCode
+from gateway.modbus.codes import Area
+from gateway.modbus.functions import READERS
 from gateway.profiles.profile import Profile, Range
 
-#: The function that reads an area, and the most items in one request (A 6.1-6.4).
-_READS: Final = {
-    Area.COILS: (FunctionCode.READ_COILS, 2000),
-    Area.DISCRETE: (FunctionCode.READ_DISCRETE_INPUTS, 2000),
-    Area.HOLDING: (FunctionCode.READ_HOLDING_REGISTERS, 125),
-    Area.INPUT: (FunctionCode.READ_INPUT_REGISTERS, 125),
-}
 #: The functions that a mirror answers from its polls.
-POLLING_FUNCTIONS: Final = frozenset(function for function, _ in _READS.values())
+POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +28,7 @@ class Poll:
     @property
     def request(self) -> bytes:
         """The request PDU."""
-        function, _ = _READS[self.area]
+        function = polling_function(self.area)
         return bytes((function, *self.first.to_bytes(2, "big"), *(self.last - self.first + 1).to_bytes(2, "big")))
 
     def __str__(self) -> str:
@@ -58,9 +52,9 @@ class MirrorSettings:
     source: str = field(default="", compare=False)
 
 
-def polling_function(area: Area) -> FunctionCode:
+def polling_function(area: Area) -> int:
     """The function that reads an area."""
-    return _READS[area][0]
+    return READERS[area][0]
 
 
 def joined(polls: Iterable[Poll], limits: Mapping[int, int]) -> list[Poll]:
@@ -94,5 +88,5 @@ def _fit_together(one: Poll, other: Poll, limits: Mapping[int, int]) -> bool:
 
 
 def _most(area: Area, limits: Mapping[int, int]) -> int:
-    function, most = _READS[area]
+    function, most = READERS[area]
     return min(most, limits.get(function, most))

@@ -6,7 +6,7 @@ from operator import attrgetter
 from typing import Final
 
 from gateway.errors import RequestError
-from gateway.modbus.pdu import KNOWN_FUNCTIONS
+from gateway.modbus.functions import KNOWN_FUNCTIONS
 
 #: Stands for every function that is not known here: clients may ask for any of them.
 OTHER_FUNCTIONS: Final = 0

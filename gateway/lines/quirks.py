@@ -18,7 +18,7 @@ from gateway.events import AddressMoved, BaudChanged, Emit
 from gateway.lines.breaker import FAILURES
 from gateway.lines.device import Device, DeviceSettings, TakesTransactions
 from gateway.lines.transaction import Transaction
-from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT, Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, Span
 from gateway.request import Request
@@ -31,8 +31,6 @@ ADDRESS_REGISTER: Final = 0x0100
 BAUD_REGISTER: Final = 0x0200
 
 _UNITS: Final = range(FIRST_UNIT, LAST_UNIT + 1)
-#: Functions that carry the values they write to holding registers, behind everything else.
-_WRITES: Final = frozenset({6, 16, 23})
 #: Rates that a line can follow to; anything else is a misunderstanding.
 BAUD_RATES: Final = range(300, 1_000_001)
 
@@ -246,12 +244,12 @@ class RestlessDevice(Device):
 def _writes(asked: RequestPdu, register: int, count: int = 1) -> bool:
     """Whether the request sets these holding registers to values that it carries."""
     span = asked.write
-    return span is not None and asked.function in _WRITES and span.start <= register and register + count <= span.end
+    if span is None or span.area is not Area.HOLDING or not asked.values:
+        return False
+    return span.start <= register and register + count <= span.end
 
 
 def _registers(asked: RequestPdu, register: int, count: int) -> bytes:
     """The values that the request writes to `count` registers from `register` on."""
-    span = cast("Span", asked.write)
-    values = asked.data[-2 * span.count :]
-    at = 2 * (register - span.start)
-    return values[at : at + 2 * count]
+    at = 2 * (register - cast("Span", asked.write).start)
+    return asked.values[at : at + 2 * count]

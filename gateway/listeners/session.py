@@ -10,7 +10,7 @@ from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus, QueueFull
 from gateway.listeners.failures import OnFailure
-from gateway.modbus.codes import only_reads
+from gateway.modbus.functions import only_reads
 from gateway.request import Request, Target
 
 #: How long a client may take to send one ADU, in seconds, however many bytes it sends meanwhile.

@@ -1,4 +1,4 @@
-"""Function codes, areas and sizes of the Modbus protocol; which requests change nothing."""
+"""The numbers of the Modbus protocol: function codes, sub-functions, areas, sizes and unit identifiers."""
 
 from enum import IntEnum, StrEnum
 from typing import Final
@@ -40,17 +40,15 @@ class Area(StrEnum):
 #: Set in the function code of an exception response (A 4.1).
 EXCEPTION_BIT: Final = 0x80
 
-#: The MEI type of function 43 that reads what a device is (A 6.21).
+#: Sub-functions of 08 (A 6.8.1). Of 0B-12 it is enough to know that they are counters.
+RETURN_QUERY_DATA: Final = 0x00
+CLEAR_COUNTERS: Final = 0x0A
+COUNTERS: Final = range(0x0B, 0x13)
+CLEAR_OVERRUN_COUNTER: Final = 0x14
+
+#: The MEI type of function 43 that reads what a device is, and its code for one object; others are for many (A 6.21).
 DEVICE_IDENTIFICATION: Final = 14
-
-#: Functions that cannot change a device. Whatever is not known to only read is a write.
-READING_FUNCTIONS: Final = frozenset({1, 2, 3, 4, 7, 11, 12, 17, 20, 24})
-
-#: How a request begins that reads what a device is: the one use of function 43 that is known to only read.
-READING_IDENTIFICATION: Final = bytes((FunctionCode.ENCAPSULATED_INTERFACE, DEVICE_IDENTIFICATION))
-
-#: Functions that may go to unit 0: every device acts, none responds (S 2.1).
-BROADCAST_FUNCTIONS: Final = frozenset({5, 6, 15, 16, 22})
+ONE_OBJECT: Final = 4
 
 #: Largest PDU (A 4.1) and the largest ADU around it on each transport (T 4.2, S 2.5.1, S 2.5.2).
 MAX_PDU: Final = 253
@@ -64,8 +62,3 @@ FIRST_UNIT: Final = 1
 LAST_UNIT: Final = 247
 #: What Modbus TCP clients send when they mean the server itself, not a unit behind it (T 4.4.1.2).
 SERVER_UNIT: Final = 255
-
-
-def only_reads(pdu: bytes) -> bool:
-    """Whether a request is known to change nothing."""
-    return pdu[0] in READING_FUNCTIONS or pdu.startswith(READING_IDENTIFICATION)

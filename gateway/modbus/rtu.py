@@ -14,8 +14,8 @@ from collections.abc import Callable, Container
 
 from gateway.modbus.checks import crc_fits, with_crc
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_PDU, MAX_RTU_ADU
-from gateway.modbus.foretell import request_size, response_size
 from gateway.modbus.frame import Frame
+from gateway.modbus.functions import request_size, response_size
 
 #: The unit identifier before the PDU and the CRC behind it.
 OVERHEAD = 3

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
-from gateway.modbus.codes import BROADCAST_FUNCTIONS, Area
+from gateway.modbus.codes import Area
+from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.timing.table import TimingTable
 

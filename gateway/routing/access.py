@@ -10,13 +10,8 @@ from functools import lru_cache
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Final, Literal
 
-from gateway.modbus.codes import (
-    BROADCAST_UNIT,
-    FIRST_UNIT,
-    LAST_UNIT,
-    READING_FUNCTIONS,
-    READING_IDENTIFICATION,
-)
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.modbus.functions import READING_FUNCTIONS, READING_IDENTIFICATION
 
 Network = IPv4Network | IPv6Network
 

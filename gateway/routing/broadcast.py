@@ -4,7 +4,8 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from gateway.errors import IllegalFunction, RequestError
-from gateway.modbus.codes import BROADCAST_FUNCTIONS, BROADCAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request, Target
 

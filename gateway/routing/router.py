@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from gateway import errors, events
-from gateway.modbus.codes import only_reads
+from gateway.modbus.functions import only_reads
 from gateway.request import Request, Target
 from gateway.routing.access import Door, Rights
 from gateway.routing.audit import Audited

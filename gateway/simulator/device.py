@@ -4,10 +4,11 @@ from collections.abc import Iterable, Mapping
 from typing import ClassVar, Literal, NamedTuple
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
-from gateway.images.functions import FUNCTIONS, perform
+from gateway.images.functions import perform
 from gateway.images.tables import Values, make_tables
-from gateway.modbus.codes import BROADCAST_FUNCTIONS, BROADCAST_UNIT, Area
+from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.frame import Frame
+from gateway.modbus.functions import BROADCAST_FUNCTIONS, TABLE_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, exception_response
 from gateway.profiles.profile import Profile, Range
 from gateway.simulator.faults import NO_FAULTS, Faults
@@ -96,7 +97,7 @@ class Device:
             return self.answer_time, exception_response(pdu[0], error.code)
 
     def _check(self, pdu: bytes) -> RequestPdu:
-        if pdu[0] not in FUNCTIONS:
+        if pdu[0] not in TABLE_FUNCTIONS:
             raise IllegalFunction(f"no device has function {pdu[0]}")
         asked = self.profile.check(pdu)
         if not self.has(asked):

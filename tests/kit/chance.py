@@ -15,7 +15,7 @@ from typing import Final
 from gateway.modbus.chartime import Mode
 from gateway.modbus.checks import crc_fits, lrc
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
-from gateway.modbus.foretell import response_size
+from gateway.modbus.functions import response_size
 from kit.noise import flipped
 
 _END: Final = b"\r\n"

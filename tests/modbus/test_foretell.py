@@ -1,6 +1,6 @@
 import pytest
 
-from gateway.modbus.foretell import request_size, response_size
+from gateway.modbus.functions import request_size, response_size
 from kit.vectors import exchanges, meaning
 
 REQUESTS = [exchange for exchange in exchanges() if exchange.request_tells_size]

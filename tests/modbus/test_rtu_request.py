@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import KNOWN_FUNCTIONS
+from gateway.modbus.functions import KNOWN_FUNCTIONS
 from gateway.modbus.rtu import RequestFramer, encode
 from kit.noise import chunkings, flipped, noise, random_chunks
 from kit.vectors import UNIT, exchanges, meaning, seed_frames

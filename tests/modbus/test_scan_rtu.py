@@ -305,7 +305,12 @@ def test_a_response_of_a_known_function_is_not_ended_by_silence():
 
 # --- responses that tell their own size ---
 
-OWN_SIZE = [each for each in exchanges() if parse_request(each.request.pdu).response_limit]
+
+def _tells_its_own_size(request):
+    return request.response_size is None and request.longest_response > 0
+
+
+OWN_SIZE = [each for each in exchanges() if _tells_its_own_size(parse_request(each.request.pdu))]
 
 
 def test_the_functions_whose_responses_tell_their_own_size():

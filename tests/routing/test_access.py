@@ -5,7 +5,7 @@ from typing import Literal
 
 import pytest
 
-from gateway.modbus.codes import only_reads
+from gateway.modbus.functions import only_reads
 from gateway.routing.access import (
     DEFAULT_ROWS,
     EVERYTHING,
