@@ -26,7 +26,8 @@ from gateway.lines.late import LateWindows, Question
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
+from gateway.modbus.functions import KNOWN_FUNCTIONS
+from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.modbus.scan import Token
 from gateway.timing.budget import AnswerTime
 

@@ -17,9 +17,9 @@ from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
-from gateway.modbus.foretell import response_size
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import KNOWN_FUNCTIONS, RequestPdu, parse_request
+from gateway.modbus.functions import KNOWN_FUNCTIONS, response_size
+from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.modbus.scan import Expected, Scanner, Token
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner

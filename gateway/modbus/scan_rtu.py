@@ -21,8 +21,8 @@ from typing import Final, cast
 from gateway.modbus import rtu
 from gateway.modbus.checks import crc_fits
 from gateway.modbus.codes import MAX_PDU, MAX_RTU_ADU
-from gateway.modbus.foretell import request_size, response_size
 from gateway.modbus.frame import Frame
+from gateway.modbus.functions import request_size, response_size
 from gateway.modbus.rtu import OVERHEAD, SHORTEST
 from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Scanner, Token
 
