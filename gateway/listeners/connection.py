@@ -115,16 +115,14 @@ class TcpConnection(asyncio.BufferedProtocol):
             self._alarm = None
         self._listener.closed(self, f"lost: {why(exc)}" if isinstance(exc, OSError) else self._reason)
 
-    def look(self) -> None:
-        """Receive what has arrived. That the connection has ended, asyncio tells."""
+    def receive(self, room: memoryview) -> int:
+        """Put what has arrived into `room`; how many bytes those are. That the connection has ended, asyncio tells."""
         if self.transport.is_closing():
-            return
+            return 0
         try:
-            size = os.readv(self._descriptor, [self.session.room()])
+            return os.readv(self._descriptor, [room])
         except OSError:
-            return
-        if size:
-            self.buffer_updated(size)
+            return 0
 
     def send(self, data: bytes) -> None:
         """Send a response; not to a client that has gone, of whom asyncio may not have told yet."""

@@ -1,7 +1,7 @@
 """What clients of Modbus TCP speak: ADUs with a transaction identifier, so many requests may be under way at once."""
 
 from gateway.listeners.failures import is_kept_back
-from gateway.listeners.session import Connection, ListenSettings, Session
+from gateway.listeners.session import GONE, Connection, ListenSettings, Session
 from gateway.modbus import mbap
 from gateway.request import Request, Target
 
@@ -45,15 +45,12 @@ class MbapSession(Session):
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response to one of the session's requests."""
         self._in_flight -= 1
-        if self.gone:
+        if self._life == GONE:
             return
-        if pdu is not None and not is_kept_back(request, self._on_failure):
+        if pdu is not None and not is_kept_back(request, self._settings.on_failure):
             self._out.append(mbap.encode(request.transaction, request.unit, pdu))
         self._hold_back(request)
-        if not self._draining:
-            self._flush()
-            self._resume()
-            self._close_when_done()
+        self._go_on()
 
     def _drain(self, now: float) -> None:
         while self._takes_more:

@@ -9,6 +9,7 @@ from math import inf
 from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus, QueueFull
+from gateway.listeners.back_pressure import BackPressure
 from gateway.listeners.failures import OnFailure
 from gateway.modbus.functions import only_reads
 from gateway.request import Request, Target
@@ -17,16 +18,20 @@ from gateway.request import Request, Target
 SENDING_DEADLINE: Final = 10.0
 #: How long a client may leave its responses untaken, in seconds.
 TAKING_DEADLINE: Final = 30.0
-#: How long no request is taken from a client when a line had no room for one of its requests, in seconds: at first, and
-#: at most. Each such refusal doubles it, any other answer shortens it to so much of it.
-SHORTEST_HOLD: Final = 0.002
-LONGEST_HOLD: Final = 0.128
-HOLD_RECOVERS: Final = 0.8
 
 #: Why a client is sent away before a byte of it is read; for other reasons see `room`.
 NOT_MEANT: Final = "it came to another address than the listener's, through a socket of systemd that takes more"
 #: When a client asked that never did.
 NEVER: Final = -inf
+
+#: The life of a session: it goes down this list, and may leave steps out.
+OPEN: Final = 0
+#: The gateway takes no more requests; those that were taken are answered.
+FINISHING: Final = 1
+#: The client sends no more. It gets its responses, but waits for no write.
+HALF_CLOSED: Final = 2
+#: Closed, or being closed.
+GONE: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +70,10 @@ class Counts:
 
 
 class Connection(Protocol):
-    """What a session can do to its connection. Only `look` calls back into the session before it returns."""
+    """What a session can do to its connection. Nothing here calls back into the session's requests and responses."""
 
-    def look(self) -> None:
-        """Call `received` with what has arrived, if anything has."""
+    def receive(self, room: memoryview) -> int:
+        """Put what has arrived into `room`; how many bytes those are, 0 when there are none."""
 
     def send(self, data: bytes) -> None:
         """Send `data`, or keep it until the client takes it."""
@@ -95,8 +100,9 @@ class Connection(Protocol):
 class _Gone:
     """In place of a connection that has gone: it takes everything and does nothing."""
 
-    def look(self) -> None:
+    def receive(self, room: memoryview) -> int:  # noqa: ARG002 - nothing arrives any more
         """See Connection."""
+        return 0
 
     def send(self, data: bytes) -> None:
         """See Connection."""
@@ -124,12 +130,12 @@ class Session(ABC):
     """A client on a TCP connection: the Origin of its requests.
 
     At most `in_flight` requests are under way; beyond that the gateway stops reading from the client. So it does for a
-    moment when a line has no room for a request (QueueFull): clients that ask again at once leave the lines no time.
+    moment when a line has no room for a request (QueueFull).
     """
 
     __slots__ = (
-        "_at_end", "_blocked", "_blocked_at", "_connection", "_draining", "_ending", "_hold", "_in_flight", "_is_held",
-        "_limit", "_on_failure", "_out", "_paused", "_router", "_whole_at", "client", "gone", "host", "last_asked",
+        "_back_pressure", "_connection", "_in_flight", "_is_draining", "_is_paused", "_life", "_limit", "_out",
+        "_router", "_settings", "_whole_at", "client", "host", "last_asked",
     )  # fmt: skip
 
     def __init__(
@@ -145,23 +151,20 @@ class Session(ABC):
         """`client` names the peer in events, `host` is its address; `router` takes its requests."""
         self.client = client
         self.host = host
-        self.gone = False
         self.last_asked = NEVER
+        self._life = OPEN
         self._router = router
         self._connection = connection
+        self._settings = settings
         self._limit = settings.in_flight
-        self._on_failure = settings.on_failure
         self._in_flight = 0
+        #: Responses that have not been sent yet.
         self._out: list[bytes] = []
-        self._draining = False
-        self._paused = False
-        self._blocked = False
-        self._blocked_at = now
-        self._is_held = False
-        self._hold = SHORTEST_HOLD
+        self._is_draining = False
+        self._is_paused = False
+        self._back_pressure = BackPressure()
+        #: When there was last no half of an ADU, as far as is known.
         self._whole_at = now
-        self._at_end = False
-        self._ending = False
 
     @abstractmethod
     def room(self) -> memoryview:
@@ -185,22 +188,27 @@ class Session(ABC):
         """Submit the requests that have arrived, as far as the bounds allow. Raises NotModbus."""
 
     @property
+    def gone(self) -> bool:
+        """Whether the connection has ended, or is being closed."""
+        return self._life == GONE
+
+    @property
     def is_idle(self) -> bool:
         """Whether no request of the client is under way."""
         return self._in_flight == 0
 
     def proceed(self, now: float) -> None:
         """Submit the requests that have arrived, as far as the bounds allow; then send what was answered at once."""
-        self._draining = True
+        self._is_draining = True
         try:
             self._drain(now)
         except NotModbus as error:
             self._flush()
-            self.gone = True
+            self._life = GONE
             self._connection.reject(str(error))
             return
         finally:
-            self._draining = False
+            self._is_draining = False
         self._flush()
         self._close_when_done()
 
@@ -210,34 +218,34 @@ class Session(ABC):
         A client that sends no more may have left or may still read: it gets the answers to what it reads, but a write
         that nobody may be waiting for is not sent any more. In case somebody is, it is answered 06.
         """
-        return not self.gone and (not self._at_end or only_reads(request.pdu))
+        return self._life != GONE and (self._life != HALF_CLOSED or only_reads(request.pdu))
 
     def block(self, now: float) -> None:
         """The client does not take its responses: read no more requests until `unblock`."""
-        self._blocked = True
-        self._blocked_at = now
+        self._back_pressure.blocked_at = now
 
     def unblock(self) -> None:
         """The client takes its responses again."""
-        self._blocked = False
+        self._back_pressure.blocked_at = None
         self._resume()
         self._close_when_done()
 
     def release(self) -> None:
         """The client was held back for long enough after a refusal."""
-        self._is_held = False
+        self._back_pressure.is_held = False
         self._resume()
 
     def end_of_input(self) -> None:
         """The client sends no more; it still gets its responses, then the connection is closed."""
-        self._at_end = True
-        self._ending = True
-        self._close_when_done()
+        if self._life != GONE:
+            self._life = HALF_CLOSED
+            self._close_when_done()
 
     def finish(self) -> None:
         """Take no more requests; the connection is closed once those under way have been answered."""
+        if self._life == OPEN:
+            self._life = FINISHING
         self._limit = 0
-        self._ending = True
         self._close_when_done()
 
     def complaint(self, now: float) -> str:
@@ -246,9 +254,10 @@ class Session(ABC):
         To be asked every now and then: the request path keeps no time for it, so an ADU counts as begun when the last
         call without one was.
         """
-        if self._blocked and now - self._blocked_at >= TAKING_DEADLINE:
+        blocked_at = self._back_pressure.blocked_at
+        if blocked_at is not None and now - blocked_at >= TAKING_DEADLINE:
             return f"took no responses for {TAKING_DEADLINE:g} s"
-        waits_for_us = self._paused or self._blocked
+        waits_for_us = self._is_paused or blocked_at is not None
         self._whole_at = now if waits_for_us or not self.has_begun else max(self._whole_at, self.last_asked)
         if now - self._whole_at >= SENDING_DEADLINE:
             return f"sent no whole request within {SENDING_DEADLINE:g} s"
@@ -259,32 +268,30 @@ class Session(ABC):
 
         It holds the session: two that hold each other at a reload would stay for ever (`service.garbage`).
         """
-        self.gone = True
+        self._life = GONE
         self._connection = _Gone()
         self._out.clear()
 
     @property
     def _takes_more(self) -> bool:
         """Whether another request may be submitted."""
-        return self._in_flight < self._limit and not self._blocked and not self._is_held
+        return self._in_flight < self._limit and not self._back_pressure.is_on
 
     def _hold_back(self, request: Request) -> None:
         """Take no more from the client for a moment, if there was no room for this request of its."""
         if not isinstance(request.error, QueueFull):
-            self._hold = max(self._hold * HOLD_RECOVERS, SHORTEST_HOLD)
-        elif not self._is_held:
-            self._is_held = True
-            self._connection.release_after(self._hold)
-            self._hold = min(self._hold * 2, LONGEST_HOLD)
+            self._back_pressure.recover()
+        elif seconds := self._back_pressure.hold():
+            self._connection.release_after(seconds)
 
     def _pause(self) -> None:
-        if not self._paused:
-            self._paused = True
+        if not self._is_paused:
+            self._is_paused = True
             self._connection.pause()
 
     def _resume(self) -> None:
-        if self._paused and self._takes_more:
-            self._paused = False
+        if self._is_paused and self._takes_more:
+            self._is_paused = False
             self._connection.resume()
 
     def _flush(self) -> None:
@@ -293,9 +300,19 @@ class Session(ABC):
             self._out.clear()
             self._connection.send(data)
 
+    def _go_on(self) -> None:
+        """A request has been finished: send its response, read again if that has stopped, and close if it was the last.
+
+        While what has arrived is being submitted, `proceed` does that for all of them together.
+        """
+        if not self._is_draining:
+            self._flush()
+            self._resume()
+            self._close_when_done()
+
     def _close_when_done(self) -> None:
-        if self._ending and self._in_flight == 0 and not self._blocked and not self.gone:
-            self.gone = True
+        if OPEN != self._life != GONE and self._in_flight == 0 and self._back_pressure.blocked_at is None:
+            self._life = GONE
             self._connection.close()
 
     def __repr__(self) -> str:

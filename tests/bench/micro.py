@@ -91,7 +91,11 @@ class Table:
         """The line."""
 
     def look(self) -> None:
-        """Nothing stands unread."""
+        """Nothing stands unread on the line."""
+
+    def receive(self, room: memoryview) -> int:
+        """Nor from the client."""
+        return 0
 
     def send(self, data: bytes) -> None:
         """The client."""

@@ -47,8 +47,8 @@ class OverTcpClient:
         pdu = bytes.fromhex(adu[3:-4].decode()) if adu.startswith(b":") else adu[1:-2]
         return pdu if self._encode(unit, pdu) == adu else adu
 
-    def look(self) -> None:
-        pass
+    def receive(self, room: memoryview) -> int:
+        return 0
 
     def send(self, data: bytes) -> None:
         self._heard += data

@@ -11,8 +11,9 @@ from gateway.errors import (
     ResponseTimeout,
     WaitedTooLong,
 )
+from gateway.listeners.back_pressure import LONGEST_HOLD, SHORTEST_HOLD
 from gateway.listeners.mbap import MbapSession
-from gateway.listeners.session import LONGEST_HOLD, SENDING_DEADLINE, SHORTEST_HOLD, TAKING_DEADLINE, ListenSettings
+from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, ListenSettings
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 

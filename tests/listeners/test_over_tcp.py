@@ -6,7 +6,8 @@ from itertools import combinations
 import pytest
 
 from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
-from gateway.listeners.over_tcp import MOST_NOISE, SILENCE, TOGETHER, OverTcpSession
+from gateway.listeners.arrivals import SILENCE, TOGETHER
+from gateway.listeners.over_tcp import MOST_NOISE, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
@@ -53,7 +54,12 @@ class Connection:
         self.wakes_at: float | None = None
         self.held_for: list[float] = []
         self.is_paused = False
-        self.look: Callable[[], None] = lambda: None
+        self.unread = b""
+
+    def receive(self, room: memoryview) -> int:
+        part, self.unread = self.unread[: len(room)], self.unread[len(room) :]
+        room[: len(part)] = part
+        return len(part)
 
     def send(self, data: bytes) -> None:
         self.sent += data
@@ -240,13 +246,82 @@ def test_a_late_response_is_not_taken_for_the_next_one(client: Client) -> None:
 def test_a_response_is_late_when_the_next_request_has_arrived_and_nobody_has_read_it(client: Client) -> None:
     client.ask(READ)
     client.wait(TIME_OUT)
-    client.connection.look = lambda: client.ask(OTHER_READ)
+    client.connection.unread = client.encode(7, OTHER_READ)
     client.respond(0, RESPONSE)
     assert client.heard()
-    client.connection.look = lambda: None
     client.respond(1, OTHER_RESPONSE)
     assert client.heard(OTHER_RESPONSE)
     assert client.session.is_idle
+
+
+def test_answering_hands_nothing_on_and_reads_no_requests_by_itself(client: Client) -> None:
+    """The session never acts on what has arrived inside a call of whoever answers: it is on the line's own way."""
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.connection.unread = client.encode(7, OTHER_READ)
+    client.target.requests[0].respond(RESPONSE)
+    assert client.target.asked == [READ]
+    assert client.connection.sent == b""
+    assert client.connection.wakes_at == 0.0
+    assert not client.session.is_idle
+    client.wait(0.0)
+    assert client.target.asked == [READ, OTHER_READ]
+
+
+def test_a_response_waits_for_what_has_arrived_and_leaves_when_that_was_sent_together(client: Client) -> None:
+    client.ask(READ)
+    client.connection.unread = client.encode(7, OTHER_READ)
+    client.respond(0)
+    assert client.heard(RESPONSE)
+    assert client.target.asked == [READ, OTHER_READ]
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+
+
+def test_all_that_has_arrived_is_read_before_a_response_leaves() -> None:
+    """More than is received at once, too."""
+    client = Client("ascii+tcp")
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.connection.unread = b"\xff" * (MOST_NOISE - 1) + client.encode(7, OTHER_READ)
+    client.respond(0, RESPONSE)
+    assert client.connection.unread == b""
+    assert client.target.asked == [READ, OTHER_READ]
+    assert client.heard()
+
+
+def test_what_arrives_while_a_response_is_kept_is_looked_at_in_order(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    whole = client.encode(7, OTHER_READ)
+    client.connection.unread = whole[:3]
+    client.target.requests[0].respond(RESPONSE)
+    client.send(whole[3:])
+    assert client.target.asked == [READ, OTHER_READ]
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+
+
+def test_nothing_is_sent_to_a_client_of_whom_only_noise_has_arrived(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.connection.unread = b"\xff" * 2 * MOST_NOISE
+    client.respond(0)
+    assert client.connection.log[0].startswith("reject: ")
+    assert client.heard()
+
+
+def test_a_request_given_up_while_the_client_takes_no_responses_is_not_handed_on(client: Client) -> None:
+    client.ask(READ, OTHER_READ)
+    client.session.block(client.now)
+    client.respond(0)
+    client.wait(TIME_OUT)
+    client.ask(WRITE)
+    client.session.unblock()
+    client.wait(0.0)
+    assert client.target.asked == [READ, WRITE]
+    client.respond(1, WRITE)
+    assert client.heard(RESPONSE, WRITE)
 
 
 def test_what_has_been_given_up_need_not_be_sent_any_more(client: Client) -> None:
@@ -383,6 +458,21 @@ def test_a_request_behind_one_of_unknown_size_is_found_though_nobody_looked_in_t
     rtu_client.ask(READ)
     rtu_client.respond(0, UNKNOWN)
     assert rtu_client.target.asked == [UNKNOWN, READ]
+
+
+def test_silence_ends_when_it_is_awaited_however_its_end_is_rounded(rtu_client: Client) -> None:
+    """After a pause the framer's time is behind by a sum of numbers that have no exact form."""
+    rtu_client.ask(*[READ] * 17)
+    for _ in range(40):
+        rtu_client.wait(0.1 + 0.01 / 3)
+        rtu_client.respond(-1)
+        rtu_client.send(b"\xff" * 3)
+        woken = 0
+        while (at := rtu_client.connection.wakes_at) is not None and not rtu_client.connection.is_paused and woken < 9:
+            rtu_client.now, rtu_client.connection.wakes_at, woken = max(rtu_client.now, at), None, woken + 1
+            rtu_client.session.proceed(rtu_client.now)
+        assert woken < 9
+        rtu_client.ask(*[READ] * 17)
 
 
 @pytest.mark.parametrize("cut", range(1, 8))
@@ -542,9 +632,11 @@ def test_what_was_sent_together_with_a_failure_is_not_taken_for_its_answer(patie
 def test_a_request_behind_a_failure_that_nobody_has_read_yet_is_answered(patient: Client) -> None:
     patient.ask(READ)
     patient.wait(TIME_OUT)
-    patient.connection.look = lambda: patient.ask(OTHER_READ)
+    patient.connection.unread = patient.encode(7, OTHER_READ)
     patient.fail(0)
-    patient.connection.look = lambda: None
+    patient.wait(0.0)
+    assert patient.target.asked == [READ]
+    patient.send(patient.connection.unread)
     patient.respond(1, OTHER_RESPONSE)
     assert patient.heard(OTHER_RESPONSE)
 

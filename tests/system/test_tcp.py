@@ -21,9 +21,9 @@ from gateway.events import ClientClosed, ClientConnected, ClientRejected, Event,
 from gateway.listeners import session as session_module
 from gateway.listeners import sockets as sockets_module
 from gateway.listeners import tcp as tcp_module
+from gateway.listeners.arrivals import SILENCE as OVER_TCP_SILENCE
+from gateway.listeners.arrivals import TOGETHER
 from gateway.listeners.connection import TcpConnection
-from gateway.listeners.over_tcp import SILENCE as OVER_TCP_SILENCE
-from gateway.listeners.over_tcp import TOGETHER
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import KEEPALIVE_IDLE, KERNEL_BUFFER, USER_TIMEOUT
 from gateway.listeners.tcp import Counts, TcpListener
@@ -203,7 +203,7 @@ async def block(client: Client, home: House) -> None:
     """Let `client` ask for more than it takes, until the gateway keeps its responses."""
     client.ask(count=2000)
     connection = next(each for each in home.listener.connections if each.client == client.name)
-    await until(lambda: connection.session._blocked)
+    await until(lambda: connection.session._back_pressure.blocked_at is not None)
 
 
 # --- room ---
