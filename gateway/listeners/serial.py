@@ -63,7 +63,7 @@ class SerialListener:
         self._border.close()
 
     def _wake(self) -> None:
-        self._border.wake()
+        self._border.plan()
 
     def _tick(self) -> None:
         """Before an answer goes out, hear what has come since: the client may not wait for it any more."""

@@ -1,8 +1,17 @@
 """The outside client of a line where we are a server: its requests are heard, and answered in time or not at all.
 
-    listening ──request for us──▶ asked ──answer, t3.5 of silence──▶ answering ──▶ listening
-        ▲                           │
-        └── anything else is heard, or `answer_within` has passed: nobody waits for this answer ──┘
+    | state     | what happens                | what is done                         | next state |
+    |-----------|-----------------------------|--------------------------------------|------------|
+    | down      | the port is open            |                                      | listening  |
+    | listening | a request for our units     | it is handed to the router           | asked      |
+    | listening | any other frame             | it is counted, a broadcast handed on | listening  |
+    | asked     | the router has answered     | the answer is kept                   | answered   |
+    | asked     | there is no answer          |                                      | listening  |
+    | asked     | anything is heard           | the answer will be dropped           | listening  |
+    | answered  | anything is heard           | the answer is dropped                | listening  |
+    | answered  | the line was quiet for t3.5 | the answer is put on the line        | listening  |
+    | asked, answered | `answer_within` is over | the answer is dropped              | listening  |
+    | any       | the port has gone           | the answer is dropped                | down       |
 
 Nothing on the line ties a response to its request: the client takes the next response that fits for the answer to what
 it asked last. So an answer that may not be awaited any more is never put on the line. Other servers may be on it too:
@@ -16,8 +25,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import events
-from gateway.lines.echo import ECHOES
 from gateway.listeners.failures import OnFailure, is_kept_back
+from gateway.listeners.own_echo import OwnEcho
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
@@ -28,10 +37,6 @@ from gateway.request import Request, Target
 
 #: So many bytes right behind a request are what switching an RS-485 line leaves; more are the next frame.
 _GLITCH: Final = 3
-#: So many seconds later than its latency allows an echo may come. Hardly a client does nothing but write the same, and
-#: each time so soon again.
-_HELD_BACK: Final = 0.1
-_ECHO_ADVICE: Final = 'if the adapter echoes, set echo = true; if the client has no wire, wire = "direct"'
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +90,10 @@ class Counts:
 
 
 class SerialSession:
-    """The Origin of the outside client's requests, one at a time. `wake` is called when `tick` has something to do."""
+    """The Origin of the outside client's requests, one at a time.
+
+    `wake` is called when `deadline` has changed outside of the calls that the driver makes. It must not call back.
+    """
 
     #: There is no address on a line.
     host = ""
@@ -98,19 +106,12 @@ class SerialSession:
         self._wake = wake
         self._emit = emit
         self._write: Callable[[bytes], None] | None = None
-        self._is_virtual = True
+        self._echo = OwnEcho(settings.name, settings.source, emit, echoes=settings.echo)
         self._current: Request | None = None
         self._answer = b""
         self._heard_at = 0.0
         self._quiet_at = 0.0
         self._glitch_until = 0.0
-        self._said: Frame | None = None
-        #: Whether a client can say it too, because it is a copy of the request; until when it is an echo even so.
-        self._is_repeatable = False
-        self._echo_until = 0.0
-        self._echoes_in_a_row = 0
-        self._echo_told = False
-        self._is_hearing = False
         self._is_ending = False
         self._tune(latency=0.0)
 
@@ -126,7 +127,7 @@ class SerialSession:
         """
         self._tune(latency)
         self._write = write
-        self._is_virtual = virtual
+        self._echo.is_virtual = virtual
         self._quiet_at = now
 
     def port_down(self) -> None:
@@ -166,7 +167,10 @@ class SerialSession:
         return request is self._current or request.unit == BROADCAST_UNIT
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the answer to a request. It is put on the line when that is quiet, if the client still waits for it."""
+        """Keep the answer to a request; `tick` puts it on the line when that is quiet, if the client still awaits it.
+
+        The driver reads what has arrived before it calls `tick`.
+        """
         if request is not self._current:
             return
         if pdu is None or is_kept_back(request, self.settings.on_failure):
@@ -174,8 +178,7 @@ class SerialSession:
             self._drop()
             return
         self._answer = pdu
-        if not self._is_hearing:
-            self._wake()
+        self._wake()
 
     def _tune(self, latency: float) -> None:
         """Begin to hear anew, on a port of this latency."""
@@ -187,19 +190,15 @@ class SerialSession:
             self._framer = RtuFramer(settings.frame_end + latency, ours)
 
     def _hear(self, frames: list[Frame], now: float) -> None:
-        self._is_hearing = True
-        try:
-            for frame in frames:
-                self._take(frame, now)
-        finally:
-            self._is_hearing = False
+        for frame in frames:
+            self._take(frame, now)
         self.counts.noise += self._framer.heard_noise
         self._framer.heard_noise = False
         if self._current is not None and self._is_followed():
             self._overtake(self._current, now)
 
     def _take(self, frame: Frame, now: float) -> None:
-        if self._is_echo(frame):
+        if self._echo.is_echo(frame, self._heard_at):
             self.counts.echoes += 1
             return
         if self._current is not None:
@@ -241,28 +240,9 @@ class SerialSession:
         adu = self._framer.encode(*response)
         leaves_at = now + self.settings.timing.frame(len(pdu))
         self._quiet_at = leaves_at + self.settings.silence_before_response
-        self._said = response
-        self._is_repeatable = pdu == request.pdu
-        # No client can repeat it sooner, and no adapter should return it later.
-        self._echo_until = leaves_at + self.settings.timing.t35 + max(leaves_at - now, self._latency)
+        until = leaves_at + self.settings.timing.t35 + max(leaves_at - now, self._latency)
+        self._echo.said(response, until, is_repeatable=pdu == request.pdu)
         write(adu)
-
-    def _is_echo(self, frame: Frame) -> bool:
-        """Whether `frame` is our own response that the adapter returns: a write would be carried out for ever."""
-        said, self._said = self._said, None
-        if said is None or self.settings.echo:
-            return frame == said
-        late_by = self._heard_at - self._echo_until
-        if self._is_virtual or frame != said or (self._is_repeatable and late_by >= _HELD_BACK):
-            self._echoes_in_a_row = 0
-            return False
-        self._echoes_in_a_row += 1 if self._is_repeatable else ECHOES
-        if late_by >= 0 and self._echoes_in_a_row < ECHOES:
-            return False
-        if not self._echo_told:
-            self._echo_told = True
-            self._emit(events.EchoHeard(self.settings.name, self.settings.source, _ECHO_ADVICE))
-        return True
 
     def _overtake(self, request: Request, now: float) -> None:
         self.counts.overtaken += 1

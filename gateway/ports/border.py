@@ -41,6 +41,10 @@ class Border:
         except Exception as error:  # noqa: BLE001 - the border: a defect in one part must not reach the others
             self._tell(error)
             self.hang_up()
+        self.plan()
+
+    def plan(self) -> None:
+        """The part's deadline may have changed: its next step is planned, and none is taken before this returns."""
         self._alarm.set(self._deadline())
 
     def wake(self) -> None:

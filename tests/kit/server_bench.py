@@ -31,7 +31,7 @@ class ServerBench:
         self.asked: list[Request] = []
         self.at_once: bytes | None = None
         self._written: list[tuple[float, bytes]] = []
-        self.session = SerialSession(self.settings, self, lambda: self.session.tick(self.now), self.events.append)
+        self.session = SerialSession(self.settings, self, lambda: None, self.events.append)
         self.counts = self.session.counts
         self.plug()
         self.pass_time(1.0)
@@ -59,7 +59,8 @@ class ServerBench:
         return self.asked[-1] if len(self.asked) > count else None
 
     def take_written(self) -> list[bytes]:
-        """What was put on the line since the last call."""
+        """What was put on the line since the last call; what is due now is put there first."""
+        self.pass_time(0.0)
         written = [data for _, data in self._written]
         self._written.clear()
         return written
