@@ -75,6 +75,11 @@ class Arrivals:
             self.noise = 0
         return frames
 
+    @property
+    def has_begun_later(self) -> bool:
+        """Whether bytes that are no request, or none yet, came later than the last request and what came with that."""
+        return self.noise > 0 and self._heard_at > self._together_until
+
     def came_together(self) -> bool:
         """Whether the frames that were found now came together with the request before; asked once of them all."""
         is_together = self._heard_at <= self._together_until

@@ -28,10 +28,10 @@ UNANSWERED: Final = "unanswered"  # for a response that never comes: nothing is 
 # What may happen:
 HANDED_OUT: Final = "handed out"  # a request that gets a response has gone to the router
 TOGETHER: Final = "together"  # a request has come together with the one before
-LATER: Final = "later"  # a request has come later than that
+LATER: Final = "later"  # a request has come later than that, or has begun, or anything else has come
 RESPONSE: Final = "response"  # the router has answered, perhaps that there is no response
 FAILURE: Final = "failure"  # the request has failed, and nothing is to be said of it
-READ_UP: Final = "read up"  # nothing has arrived that nobody has looked at
+READ_UP: Final = "read up"  # nothing has arrived since, or together with the request
 
 _NEXT: Final[dict[str, dict[str, str]]] = {
     IDLE: {
@@ -153,8 +153,6 @@ class OverTcpSession(Session):
             arrivals.go_on(now)
             self._take(arrivals.ended(now), now)
             self._take(arrivals.cut(now), now)
-            while self._state == ANSWERED and self._in_flight < self._limit and self._has_more():
-                self._take(arrivals.cut(now), now)
         if self._state == ANSWERED:
             self._deliver()
         self._hand_out(now)
@@ -165,11 +163,12 @@ class OverTcpSession(Session):
             self._pause()
 
     def _has_unread(self) -> bool:
-        """Whether anything stands unread that should be looked at before a response leaves; it is read."""
-        return not self._is_draining and not self._is_paused and self._has_more()
+        """Whether anything stands unread that is to be looked at before a response leaves; its beginning is read.
 
-    def _has_more(self) -> bool:
-        """Whether anything more has arrived; it is read."""
+        The beginning says it all: what stands unread has come together with the last request, or later than that.
+        """
+        if self._is_draining or self._is_paused:
+            return False
         count = self._connection.receive(self._arrivals.room())
         if count:
             self._arrivals.filled(count)
@@ -180,6 +179,9 @@ class OverTcpSession(Session):
         if self._arrivals.noise > MOST_NOISE:
             self._give_up()
             raise NotModbus(f"{self._arrivals.noise} bytes without a request")
+        if self._awaited is not None and not frames and self._arrivals.has_begun_later:
+            self._give_up()
+            self._happens(LATER)
         if not frames or self._limit == 0:
             return
         happening = TOGETHER if self._arrivals.came_together() else LATER

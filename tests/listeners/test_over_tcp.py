@@ -254,6 +254,48 @@ def test_a_response_is_late_when_the_next_request_has_arrived_and_nobody_has_rea
     assert client.session.is_idle
 
 
+@pytest.mark.parametrize("cut", range(1, 8))
+@pytest.mark.parametrize("is_unread", [False, True])
+def test_a_response_is_late_when_the_next_request_has_begun(client: Client, cut: int, *, is_unread: bool) -> None:
+    """It would be taken for the response to that, as soon as the rest has been sent."""
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    whole = client.encode(7, OTHER_READ)
+    if is_unread:
+        client.connection.unread = whole[:cut]
+    else:
+        client.send(whole[:cut])
+        assert not client.session.wants(client.target.requests[0])
+    client.respond(0)
+    assert client.heard()
+    client.send(whole[cut:])
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+    assert client.session.is_idle
+
+
+def test_a_response_is_late_when_a_request_with_a_wrong_check_sum_has_come_since(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    broken = bytearray(client.encode(7, OTHER_READ))
+    broken[5] ^= 1
+    client.send(bytes(broken))
+    client.respond(0)
+    client.wait(SILENCE)
+    assert client.heard()
+    assert client.session.is_idle
+
+
+def test_what_switching_a_line_leaves_behind_a_request_gives_nothing_up(client: Client) -> None:
+    """As a client sends it that is itself behind a device server."""
+    client.send(client.encode(7, READ) + b"\xff")
+    client.wait(TOGETHER)
+    client.send(b"\xff")
+    client.wait(TIME_OUT)
+    client.respond(0)
+    assert client.heard(RESPONSE)
+
+
 def test_answering_hands_nothing_on_and_reads_no_requests_by_itself(client: Client) -> None:
     """The session never acts on what has arrived inside a call of whoever answers: it is on the line's own way."""
     client.ask(READ)
@@ -278,18 +320,6 @@ def test_a_response_waits_for_what_has_arrived_and_leaves_when_that_was_sent_tog
     assert client.heard(OTHER_RESPONSE)
 
 
-def test_all_that_has_arrived_is_read_before_a_response_leaves() -> None:
-    """More than is received at once, too."""
-    client = Client("ascii+tcp")
-    client.ask(READ)
-    client.wait(TIME_OUT)
-    client.connection.unread = b"\xff" * (MOST_NOISE - 1) + client.encode(7, OTHER_READ)
-    client.respond(0, RESPONSE)
-    assert client.connection.unread == b""
-    assert client.target.asked == [READ, OTHER_READ]
-    assert client.heard()
-
-
 def test_what_arrives_while_a_response_is_kept_is_looked_at_in_order(client: Client) -> None:
     client.ask(READ)
     client.wait(TIME_OUT)
@@ -307,6 +337,7 @@ def test_nothing_is_sent_to_a_client_of_whom_only_noise_has_arrived(client: Clie
     client.wait(TIME_OUT)
     client.connection.unread = b"\xff" * 2 * MOST_NOISE
     client.respond(0)
+    client.send(client.connection.unread)
     assert client.connection.log[0].startswith("reject: ")
     assert client.heard()
 
