@@ -64,7 +64,7 @@ class MirrorDriver:
     def _run(self, step: Callable[..., None], *arguments: Any) -> None:
         try:
             step(*arguments)
-        except Exception as error:  # noqa: BLE001 - the border of a mirror: a defect in it must not reach its line
+        except Exception as error:  # noqa: BLE001 - the error boundary of a mirror: a defect in it must not reach its line
             self._emit(PartFailed.of(f"mirror {self.mirror.settings.name}", error))
         if self._is_open:
             self._alarm.set(self.mirror.deadline())

@@ -36,7 +36,7 @@ class ConnectionOwner(Protocol):
         """A client is sent away."""
 
     def failed(self, part: str, error: Exception) -> None:
-        """An error that nobody foresaw has ended at the border of a connection."""
+        """An error that nobody foresaw has ended at the error boundary of a connection."""
 
 
 class TcpConnection(asyncio.BufferedProtocol):
@@ -91,7 +91,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         """Bytes have arrived."""
         try:
             self.session.received(nbytes, self._time())
-        except Exception as error:  # noqa: BLE001 - the border of a connection
+        except Exception as error:  # noqa: BLE001 - the error boundary of a connection
             self._failed(error)
 
     def eof_received(self) -> bool:
@@ -189,7 +189,7 @@ class TcpConnection(asyncio.BufferedProtocol):
             return
         try:
             self.session.proceed(self._time())
-        except Exception as error:  # noqa: BLE001 - the border of a connection
+        except Exception as error:  # noqa: BLE001 - the error boundary of a connection
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:

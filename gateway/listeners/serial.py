@@ -6,7 +6,7 @@ from functools import partial
 from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.listeners.serial_session import SerialSession, ServerSettings
-from gateway.ports.border import Border
+from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import Port
 from gateway.ports.wire import Wire, settled
 from gateway.request import Target
@@ -28,7 +28,9 @@ class SerialListener:
         self.wire: Wire = settings.wire
         self._time = loop.time
         deadline, down = self.session.deadline, self.session.port_down
-        self._border = Border(f"line {settings.name}", loop, emit, deadline=deadline, tick=self._tick, down=down)
+        self._boundary = ErrorBoundary(
+            f"line {settings.name}", loop, emit, deadline=deadline, tick=self._tick, down=down
+        )
 
     @property
     def is_busy(self) -> bool:
@@ -37,18 +39,18 @@ class SerialListener:
 
     def port_up(self, port: Port) -> None:
         """The port is open."""
-        self._border.port = port
+        self._boundary.port = port
         self.wire = settled(self.session.settings.wire, virtual=port.virtual)
         step = partial(self.session.port_up, virtual=self.wire == "direct")
-        self._border.run(step, port.write, port.latency, self._time())
+        self._boundary.run(step, port.write, port.latency, self._time())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """These bytes became readable."""
-        self._border.run(partial(self.session.received, damaged=damaged), data, self._time())
+        self._boundary.run(partial(self.session.received, damaged=damaged), data, self._time())
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; nobody is answered until it is back."""
-        self._border.lost()
+        self._boundary.lost()
 
     def finish(self) -> None:
         """Take no more requests; the one that is under way is still answered."""
@@ -56,17 +58,17 @@ class SerialListener:
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""
-        return self._border.overdue(now)
+        return self._boundary.overdue(now)
 
     def close(self) -> None:
         """Wake no more."""
-        self._border.close()
+        self._boundary.close()
 
     def _wake(self) -> None:
-        self._border.plan()
+        self._boundary.plan()
 
     def _tick(self) -> None:
         """Before an answer goes out, hear what has come since: the client may not wait for it any more."""
-        if self._border.port is not None:
-            self._border.port.look()
+        if self._boundary.port is not None:
+            self._boundary.port.look()
         self.session.tick(self._time())

@@ -19,7 +19,7 @@ SENDING_DEADLINE: Final = 10.0
 #: How long a client may leave its responses untaken, in seconds.
 TAKING_DEADLINE: Final = 30.0
 
-#: Why a client is sent away before a byte of it is read; for other reasons see `room`.
+#: Why a client is sent away before a byte of it is read; for other reasons see `admission`.
 NOT_MEANT: Final = "it came to another address than the listener's, through a socket of systemd that takes more"
 #: When a client asked that never did.
 NEVER: Final = -inf

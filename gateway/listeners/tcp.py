@@ -5,10 +5,9 @@ import socket
 from typing import Final
 
 from gateway import events
+from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.origin import Origins
-from gateway.listeners.reserve import Reserve
-from gateway.listeners.room import MADE_ROOM, Room
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.sockets import (
     BACKLOG,
@@ -22,6 +21,7 @@ from gateway.listeners.sockets import (
     why,
     written,
 )
+from gateway.listeners.spare_descriptor import SpareDescriptor
 from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
@@ -45,12 +45,12 @@ class TcpListener:
         self.router = router
         self.emit = emit
         self.counts = Counts()
-        self.connections: Room[TcpConnection] = Room(Origins().of)
+        self.connections: Admission[TcpConnection] = Admission(Origins().of)
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
         self._doors: list[socket.socket] = []
         self._accepting: list[asyncio.Task[None]] = []
-        self._reserve = Reserve()
+        self._spare_descriptor = SpareDescriptor()
         self._sweeping: asyncio.TimerHandle | None = None
 
     @property
@@ -88,7 +88,7 @@ class TcpListener:
             ListenError: one is in use, needs more rights, or is no address of this machine.
         """
         self._doors = doors(self.settings, self._addresses, ready)
-        self._reserve.hold()
+        self._spare_descriptor.hold()
 
     def listen(self) -> None:
         """Let clients come, and wait until they are accepted.
@@ -146,7 +146,7 @@ class TcpListener:
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
     def failed(self, part: str, error: Exception) -> None:
-        """An error that nobody foresaw has ended at one of this module's borders."""
+        """An error that nobody foresaw has ended at one of this module's error boundaries."""
         self.emit(events.PartFailed.of(part, error))
 
     async def _accept(self, door: socket.socket) -> None:
@@ -174,13 +174,13 @@ class TcpListener:
             else:
                 sock.close()
                 self.rejected(client, why_not)
-        except Exception as error:  # noqa: BLE001 - the border of a connection that has just begun
+        except Exception as error:  # noqa: BLE001 - the error boundary of a connection that has just begun
             sock.close()
             self.failed(f"client {client}", error)
 
     async def _refuse(self, door: socket.socket, reason: str) -> None:
-        """Nobody could be accepted, most likely for want of descriptors: those who wait must not wait for ever."""
-        client = self._reserve.send_away(door)
+        """Nobody could be accepted, most likely for lack of descriptors: those who wait must not wait for ever."""
+        client = self._spare_descriptor.send_away(door)
         self.rejected(client or "unknown", reason)
         if client is None:
             await asyncio.sleep(ACCEPT_PAUSE)
@@ -210,7 +210,7 @@ class TcpListener:
             loop.remove_reader(door)  # now: when the task has its turn, the descriptor may be somebody else's
             door.close()
         self._accepting, self._doors = [], []
-        self._reserve.release()
+        self._spare_descriptor.release()
 
 
 def _now() -> float:

@@ -7,9 +7,9 @@ from functools import partial
 from typing import Any, Final
 
 from gateway import events
+from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Peer
-from gateway.listeners.room import MADE_ROOM, Room
 from gateway.listeners.session import Counts, ListenSettings
 from gateway.listeners.sockets import OpenSockets, addresses, door_address, doors, plain, written
 from gateway.modbus import mbap
@@ -47,7 +47,7 @@ class UdpListener:
     """One `[[listen]]` table with udp://: answers datagrams, forgets peers that ask nothing any more.
 
     Datagrams from an address without any right are dropped. At most `clients` peers are known at a time; who is
-    forgotten for another one, or whose datagrams are dropped, `room` says.
+    forgotten for another one, or whose datagrams are dropped, `admission` says.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -56,7 +56,7 @@ class UdpListener:
         self.emit = emit
         self.counts = DatagramCounts()
         self._peers: dict[tuple[Any, ...], Peer] = {}
-        self._room: Room[Peer] = Room(Origins().of)
+        self._admission: Admission[Peer] = Admission(Origins().of)
         self._addresses: list[AddressInfo] = []
         self._doors: list[socket.socket] = []
         self._sweeping: asyncio.TimerHandle | None = None
@@ -135,7 +135,7 @@ class UdpListener:
             return
         try:
             self._received(door, data, asked, address)
-        except Exception as error:  # noqa: BLE001 - the border of a datagram
+        except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
             self.emit(events.PartFailed.of(f"client {written(*address[:2])}", error))
 
     def _received(self, door: socket.socket, data: bytes, asked: Asked, address: tuple[Any, ...]) -> None:
@@ -155,7 +155,7 @@ class UdpListener:
         if peer is not None:
             return peer
         client, host = written(*address[:2]), plain(address[0])
-        why_not = self._room.refusal(host, self.router.rights, self.settings, now, self._dismiss)
+        why_not = self._admission.refusal(host, self.router.rights, self.settings, now, self._dismiss)
         if why_not:
             self.counts.rejected += 1
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
@@ -170,7 +170,7 @@ class UdpListener:
             on_failure=self.settings.on_failure,
         )
         self._peers[key] = peer
-        self._room.enter(peer, now)
+        self._admission.enter(peer, now)
         self.counts.accepted += 1
         self.emit(events.ClientConnected(self.settings.name, client))
         return peer
@@ -186,7 +186,7 @@ class UdpListener:
 
     def _forget(self, key: tuple[Any, ...], reason: str) -> None:
         peer = self._peers.pop(key)
-        self._room.leave(peer, asyncio.get_running_loop().time())
+        self._admission.leave(peer, asyncio.get_running_loop().time())
         peer.closed()
         self.emit(events.ClientClosed(self.settings.name, peer.client, reason))
 
@@ -196,7 +196,7 @@ class UdpListener:
     def _sweep(self) -> None:
         """Forget the peers that asked nothing for too long."""
         now = asyncio.get_running_loop().time()
-        self._room.look(now)
+        self._admission.look(now)
         since = now - self.settings.idle
         if self.settings.idle:
             for key, peer in list(self._peers.items()):

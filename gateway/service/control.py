@@ -139,7 +139,7 @@ async def _converse(
 async def _answer(line: bytes, verbs: Mapping[str, Verb], emit: Emit) -> bytes:
     try:
         return _line(await _answered(line, verbs))
-    except Exception as error:  # noqa: BLE001 - the border of a request
+    except Exception as error:  # noqa: BLE001 - the error boundary of a request
         emit(PartFailed.of("control socket", error))
         return _line(_refused("a defect in the gateway; its log says more"))
 

@@ -86,7 +86,7 @@ class Reloader:
             self._systemd.reloading()
             try:
                 return await self._reload()
-            except Exception as error:  # noqa: BLE001 - the supervisor's border: what serves goes on
+            except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: what serves goes on
                 self._running.emit(events.PartFailed.of("reload", error))
                 return Outcome((f"a defect in the gateway: {error!r}",))
             finally:

@@ -215,7 +215,7 @@ async def _keep(part: Part, emit: events.Emit) -> None:
     while True:
         try:
             await keeper.run()
-        except Exception as error:  # noqa: BLE001 - the supervisor's border: one line's defect is not the others'
+        except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: one line's defect is not the others'
             emit(events.PartFailed.of(f"line {part.name}", error))
             keeper.failed(PortError(f"a defect in the gateway: {error!r}"))
         await asyncio.sleep(_RESTART_PAUSE)

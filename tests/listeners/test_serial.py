@@ -129,7 +129,7 @@ async def test_a_lost_port_leaves_nobody_to_answer() -> None:
     driven.listener.close()
 
 
-async def test_a_defect_ends_at_the_border_and_the_port_is_reopened() -> None:
+async def test_a_defect_ends_at_the_error_boundary_and_the_port_is_reopened() -> None:
     driven = Driven()
     driven.listener.received(READ)
 
@@ -153,7 +153,7 @@ async def test_a_defect_ends_at_the_border_and_the_port_is_reopened() -> None:
     driven.listener.close()
 
 
-async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too(monkeypatch) -> None:
+async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_error_boundary_too(monkeypatch) -> None:
     def defect(*_: object) -> None:
         raise ZeroDivisionError
 

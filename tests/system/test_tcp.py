@@ -462,7 +462,7 @@ async def test_who_leaves_is_freed_without_the_collector_which_passes_over_those
             gc.enable()
 
 
-# --- bounds and borders ---
+# --- bounds and error boundaries ---
 
 
 async def test_beyond_in_flight_nothing_is_read_until_a_response_has_gone() -> None:

@@ -1,4 +1,4 @@
-"""A way out of want of descriptors."""
+"""A way out when no descriptors are left."""
 
 import os
 import socket
@@ -7,7 +7,7 @@ from contextlib import suppress
 from gateway.listeners.sockets import written
 
 
-class Reserve:
+class SpareDescriptor:
     """A descriptor kept back. When there are no others, it makes room to take a client and send it away at once.
 
     A client that is left waiting would keep the listening socket readable, and the event loop busy.

@@ -5,7 +5,7 @@ from ipaddress import ip_network
 
 import pytest
 
-from gateway.listeners.room import ALL_BUSY, MEMORY, MOST_REMEMBERED, NO_RIGHTS, NOBODY_GOES, Room
+from gateway.listeners.admission import ALL_BUSY, MEMORY, MOST_REMEMBERED, NO_RIGHTS, NOBODY_GOES, Admission
 from gateway.listeners.session import NEVER, ListenSettings
 from gateway.routing.access import DEFAULT_ROWS, READING, Door, Rights, Row
 
@@ -34,7 +34,7 @@ class Lobby:
     closed: list[Client] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.room: Room[Client] = Room(lambda host, now: host)
+        self.room: Admission[Client] = Admission(lambda host, now: host)
 
     def comes(self, host: str, *, asks: bool = False) -> Client | str:
         """A client connects, and asks at once or does not; or the reason why it is not let in."""

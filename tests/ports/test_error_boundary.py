@@ -1,9 +1,9 @@
-"""The border of a part: it wakes the part in time, and what goes wrong in it ends there."""
+"""The error boundary of a part: it wakes the part in time, and what goes wrong in it ends there."""
 
 import asyncio
 
 from gateway.events import Event, PartFailed
-from gateway.ports.border import Border
+from gateway.ports.error_boundary import ErrorBoundary
 
 
 class FakePort:
@@ -20,7 +20,7 @@ class Part:
         self.events: list[Event] = []
         self.done: list[str] = []
         self.wants: float | None = None
-        self.border = Border(
+        self.boundary = ErrorBoundary(
             "line hall-a",
             asyncio.get_running_loop(),
             self.events.append,
@@ -28,7 +28,7 @@ class Part:
             tick=self.tick,
             down=self.down,
         )
-        self.border.port = self.port = FakePort()
+        self.boundary.port = self.port = FakePort()
 
     def tick(self) -> None:
         self.done.append("tick")
@@ -47,33 +47,33 @@ def defect() -> None:
 
 async def test_a_part_is_woken_when_it_wants_to_be() -> None:
     part = Part()
-    part.border.run(part.plan, 2.0)
+    part.boundary.run(part.plan, 2.0)
     await asyncio.sleep(1.9)
     assert part.done == []
-    assert (part.border.overdue(1.9), part.border.overdue(2.5)) == (0.0, 0.5)
+    assert (part.boundary.overdue(1.9), part.boundary.overdue(2.5)) == (0.0, 0.5)
     await asyncio.sleep(0.2)
     assert part.done == ["tick"]
-    assert part.border.overdue(9.0) == 0.0
+    assert part.boundary.overdue(9.0) == 0.0
 
 
 async def test_a_part_that_was_closed_is_not_woken() -> None:
     part = Part()
-    part.border.run(part.plan, 2.0)
-    part.border.close()
+    part.boundary.run(part.plan, 2.0)
+    part.boundary.close()
     await asyncio.sleep(3)
     assert part.done == []
 
 
 async def test_a_port_that_has_gone_is_not_closed_and_the_part_knows() -> None:
     part = Part()
-    part.border.lost()
-    assert (part.done, part.border.port, part.port.closed) == (["down"], None, False)
+    part.boundary.lost()
+    assert (part.done, part.boundary.port, part.port.closed) == (["down"], None, False)
 
 
 async def test_a_defect_is_told_and_the_part_does_without_its_port() -> None:
     part = Part()
-    part.border.run(defect)
-    assert (part.done, part.border.port, part.port.closed) == (["down"], None, True)
+    part.boundary.run(defect)
+    assert (part.done, part.boundary.port, part.port.closed) == (["down"], None, True)
     (told,) = part.events
     assert isinstance(told, PartFailed)
     assert (told.part, "ZeroDivisionError" in told.traceback) == ("line hall-a", True)
@@ -81,15 +81,15 @@ async def test_a_defect_is_told_and_the_part_does_without_its_port() -> None:
 
 async def test_a_second_defect_is_told_too_and_the_port_is_closed_all_the_same() -> None:
     part = Part()
-    part.border._down = defect
-    part.border.run(defect)
+    part.boundary._down = defect
+    part.boundary.run(defect)
     assert [type(event) for event in part.events] == [PartFailed, PartFailed]
     assert part.port.closed
 
 
 async def test_a_part_without_a_port_fails_like_any_other() -> None:
     part = Part()
-    part.border.port = None
-    part.border.run(defect)
+    part.boundary.port = None
+    part.boundary.run(defect)
     assert part.done == ["down"]
     assert len(part.events) == 1

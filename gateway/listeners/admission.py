@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import Final, Generic, TypeVar
 
-from gateway.listeners.habit import Client, Habit
+from gateway.listeners.activity import Activity, Client
 from gateway.listeners.session import ListenSettings
 from gateway.routing.access import Rights
 
@@ -27,14 +27,14 @@ NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
 ALL_BUSY: Final = "too many clients, and all of them have requests under way"
 NOBODY_GOES: Final = "too many clients; those without a request ask as usual, or their addresses have fewer connections"
 
-#: So many habits are remembered of addresses that have left, for so many seconds: a client that comes back goes on.
+#: So many activities are remembered of addresses that have left, for so many seconds: a client that comes back goes on.
 MOST_REMEMBERED: Final = 1000
 MEMORY: Final = 600.0
 
 AnyClient = TypeVar("AnyClient", bound=Client)
 
 
-class Room(Generic[AnyClient]):
+class Admission(Generic[AnyClient]):
     """The clients of one listener, and those that were. Times are of the loop's clock.
 
     `origin_of` tells what counts as the address of a client from a host, at a time.
@@ -42,41 +42,41 @@ class Room(Generic[AnyClient]):
 
     def __init__(self, origin_of: Callable[[str, float], str]) -> None:
         self._origin_of = origin_of
-        self._habits: dict[AnyClient, Habit] = {}
+        self._activities: dict[AnyClient, Activity] = {}
         #: Those of addresses that have left, by origin; who left first is the first.
-        self._left: dict[str, Habit] = {}
+        self._left: dict[str, Activity] = {}
 
     def __len__(self) -> int:
-        return len(self._habits)
+        return len(self._activities)
 
     def __iter__(self) -> Iterator[AnyClient]:
-        return iter(list(self._habits))
+        return iter(list(self._activities))
 
     def enter(self, client: AnyClient, now: float) -> None:
         """A client has come in."""
         origin = self._origin_of(client.host, now)
-        habit = self._left.pop(origin, None)
-        if habit is None or now - habit.active_at > MEMORY:
-            habit = Habit(origin, now)
-        habit.come_back(now)
-        self._habits[client] = habit
+        activity = self._left.pop(origin, None)
+        if activity is None or now - activity.active_at > MEMORY:
+            activity = Activity(origin, now)
+        activity.come_back(now)
+        self._activities[client] = activity
 
     def leave(self, client: AnyClient, now: float) -> None:
         """A client has gone, or is going; one that has gone already may go again."""
-        habit = self._habits.pop(client, None)
-        if habit is None:
+        activity = self._activities.pop(client, None)
+        if activity is None:
             return
-        habit.look(client, now)
-        habit.rights = None
-        self._left.pop(habit.origin, None)
-        self._left[habit.origin] = habit
+        activity.look(client, now)
+        activity.rights = None
+        self._left.pop(activity.origin, None)
+        self._left[activity.origin] = activity
         if len(self._left) > MOST_REMEMBERED:
             del self._left[next(iter(self._left))]
 
     def look(self, now: float) -> None:
         """Look at what everybody does; to be called every now and then, whoever comes."""
-        for client, habit in self._habits.items():
-            habit.look(client, now)
+        for client, activity in self._activities.items():
+            activity.look(client, now)
 
     def refusal(
         self, host: str, rights: Rights, settings: ListenSettings, now: float, dismiss: Callable[[AnyClient], None]
@@ -97,20 +97,22 @@ class Room(Generic[AnyClient]):
     def _rivals(self, host: str, rights: Rights, settings: ListenSettings) -> list[AnyClient] | None:
         """Those of whom one has to go for a client from `host`; None as long as there is a place."""
         if settings.reserve and not rights.names(host):
-            strangers = [client for client, habit in self._habits.items() if not habit.is_named_by(rights, client.host)]
-            if len(strangers) >= settings.clients - settings.reserve:
-                return strangers
+            unnamed = [
+                client for client, activity in self._activities.items() if not activity.is_named_by(rights, client.host)
+            ]
+            if len(unnamed) >= settings.clients - settings.reserve:
+                return unnamed
         return list(self) if len(self) >= settings.clients else None
 
     def _first_to_go(self, rivals: list[AnyClient], origin: str, now: float) -> AnyClient | None:
         """Who goes for a client from `origin`, which has its connections without the one that comes."""
-        share = Counter(habit.origin for habit in self._habits.values())
+        share = Counter(activity.origin for activity in self._activities.values())
         own = share[origin]
         fewest = min([*share.values(), own + 1])
         may_go: list[tuple[tuple[int, bool, bool, float], AnyClient]] = []
         for client in rivals:
-            habit = self._habits[client]
-            has = share[habit.origin]
-            if client.is_idle and has >= own and (has > fewest or not habit.is_usual(now)):
-                may_go.append(((has, *habit.order(now)), client))
+            activity = self._activities[client]
+            has = share[activity.origin]
+            if client.is_idle and has >= own and (has > fewest or not activity.is_usual(now)):
+                may_go.append(((has, *activity.order(now)), client))
         return max(may_go, key=itemgetter(0))[1] if may_go else None

@@ -31,7 +31,7 @@ class Client(Protocol):
 
 
 @dataclass(slots=True)
-class Habit:
+class Activity:
     """What looks at a client every now and then have shown. `origin` is what counts as its address.
 
     `longest` is the longest time that it has lately left between two requests, 0.0 while it has not asked twice. It is
