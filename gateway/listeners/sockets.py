@@ -102,10 +102,10 @@ class OpenSockets:
         """The addresses of those of systemd with this port."""
         return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
 
-    def without(self, doors: Iterable[socket.socket]) -> list[str]:
-        """The addresses of those of systemd through which none of these `doors` leads: `tcp://0.0.0.0:502`."""
-        used = {(door.type, door.getsockname()) for door in doors}
-        return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in used]
+    def without(self, used: Iterable[socket.socket]) -> list[str]:
+        """The addresses of those of systemd through which no listener in `used` is reached: `tcp://0.0.0.0:502`."""
+        names = {(sock.type, sock.getsockname()) for sock in used}
+        return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in names]
 
     def _make_way(self, kind: int, port: int) -> None:
         """See that those at this port are in nobody's way. They stay bound; those of systemd are not ours to stop."""
@@ -133,7 +133,7 @@ async def addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[A
     return list(dict.fromkeys(found))
 
 
-def doors(
+def bound_sockets(
     settings: ListenSettings, addresses: Iterable[AddressInfo], ready: OpenSockets | None = None
 ) -> list[socket.socket]:
     """A socket for each of a listener's addresses, through which nobody can come yet. `::` takes IPv4 clients as well.
@@ -150,19 +150,19 @@ def doors(
         raise cannot_listen(settings, error, ready) from error
 
 
-def is_meant(client: socket.socket, door: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
-    """Whether a listener at these addresses is for `client`. One that came through a wider `door` may want another."""
+def is_meant(client: socket.socket, listening: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
+    """Whether a listener at these addresses is for `client`. One that came through a wider socket may want another."""
     ours = {address[0] for *_, address in addresses}
-    if door.getsockname()[0] in ours:
+    if listening.getsockname()[0] in ours:
         return True
     asked = plain(client.getsockname()[0])
     return asked in ours or (_EVERY_IPV4_ADDRESS in ours and ":" not in asked)
 
 
-def door_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
+def bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
     """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, the configured one when there is none."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)
-    if host in {_EVERY_ADDRESS, _EVERY_IPV4_ADDRESS}:  # perhaps of a wider door
+    if host in {_EVERY_ADDRESS, _EVERY_IPV4_ADDRESS}:  # perhaps of a wider socket
         host = settings.host
     return url(settings.scheme, host, port)
 

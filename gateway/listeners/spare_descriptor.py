@@ -28,11 +28,11 @@ class SpareDescriptor:
             os.close(self._descriptor)
             self._descriptor = None
 
-    def send_away(self, door: socket.socket) -> str | None:
-        """Close the connection that waits first at `door`; who it was, or None when that could not be done."""
+    def send_away(self, listening: socket.socket) -> str | None:
+        """Close the connection that waits first at `listening`; who it was, or None when that could not be done."""
         self.release()
         try:
-            client, address = door.accept()
+            client, address = listening.accept()
             client.close()
         except OSError:
             return None

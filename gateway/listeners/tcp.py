@@ -13,9 +13,9 @@ from gateway.listeners.sockets import (
     BACKLOG,
     OpenSockets,
     addresses,
+    bound_address,
+    bound_sockets,
     cannot_listen,
-    door_address,
-    doors,
     is_meant,
     plain,
     why,
@@ -48,7 +48,7 @@ class TcpListener:
         self.connections: Admission[TcpConnection] = Admission(Origins().of)
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
-        self._doors: list[socket.socket] = []
+        self._sockets: list[socket.socket] = []
         self._accepting: list[asyncio.Task[None]] = []
         self._spare_descriptor = SpareDescriptor()
         self._sweeping: asyncio.TimerHandle | None = None
@@ -56,12 +56,12 @@ class TcpListener:
     @property
     def address(self) -> str:
         """The bound address, `tcp://127.0.0.1:5020`; the configured one while it is not bound."""
-        return door_address(self.settings, self._doors)
+        return bound_address(self.settings, self._sockets)
 
     @property
-    def doors(self) -> tuple[socket.socket, ...]:
+    def sockets(self) -> tuple[socket.socket, ...]:
         """The bound sockets: another listener at the same address can take them over."""
-        return tuple(self._doors)
+        return tuple(self._sockets)
 
     @property
     def clients(self) -> int:
@@ -87,7 +87,7 @@ class TcpListener:
         Raises:
             ListenError: one is in use, needs more rights, or is no address of this machine.
         """
-        self._doors = doors(self.settings, self._addresses, ready)
+        self._sockets = bound_sockets(self.settings, self._addresses, ready)
         self._spare_descriptor.hold()
 
     def listen(self) -> None:
@@ -97,15 +97,15 @@ class TcpListener:
             ListenError: another socket on this port was quicker.
         """
         try:
-            for door in self._doors:
-                door.listen(BACKLOG)
+            for listening in self._sockets:
+                listening.listen(BACKLOG)
         except OSError as error:
             raise cannot_listen(self.settings, error) from error
 
     def start(self) -> None:
         """Accept clients."""
         name = f"accept:{self.settings.name}"
-        self._accepting = [asyncio.create_task(self._accept(door), name=name) for door in self._doors]
+        self._accepting = [asyncio.create_task(self._accept(listening), name=name) for listening in self._sockets]
         self._sweep_later()
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
@@ -149,23 +149,23 @@ class TcpListener:
         """An error that nobody foresaw has ended at one of this module's error boundaries."""
         self.emit(events.PartFailed.of(part, error))
 
-    async def _accept(self, door: socket.socket) -> None:
+    async def _accept(self, listening: socket.socket) -> None:
         """Take one client after the other, each in a turn of the loop of its own."""
         loop = asyncio.get_running_loop()
         while True:
             try:
-                sock, address = await loop.sock_accept(door)
+                sock, address = await loop.sock_accept(listening)
             except OSError as error:
-                await self._refuse(door, why(error))
+                await self._refuse(listening, why(error))
             else:
-                await self._welcome(sock, door, *address[:2])
+                await self._welcome(sock, listening, *address[:2])
             await asyncio.sleep(0)
 
-    async def _welcome(self, sock: socket.socket, door: socket.socket, host: str, port: int) -> None:
+    async def _welcome(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
         host, client = plain(host), written(host, port)
         loop = asyncio.get_running_loop()
         try:
-            if not is_meant(sock, door, self._addresses):
+            if not is_meant(sock, listening, self._addresses):
                 why_not = NOT_MEANT
             else:
                 why_not = self.connections.refusal(host, self.router.rights, self.settings, loop.time(), self._dismiss)
@@ -178,9 +178,9 @@ class TcpListener:
             sock.close()
             self.failed(f"client {client}", error)
 
-    async def _refuse(self, door: socket.socket, reason: str) -> None:
+    async def _refuse(self, listening: socket.socket, reason: str) -> None:
         """Nobody could be accepted, most likely for lack of descriptors: those who wait must not wait for ever."""
-        client = self._spare_descriptor.send_away(door)
+        client = self._spare_descriptor.send_away(listening)
         self.rejected(client or "unknown", reason)
         if client is None:
             await asyncio.sleep(ACCEPT_PAUSE)
@@ -206,10 +206,10 @@ class TcpListener:
         loop = asyncio.get_running_loop()
         for task in self._accepting:
             task.cancel()
-        for door in self._doors:
-            loop.remove_reader(door)  # now: when the task has its turn, the descriptor may be somebody else's
-            door.close()
-        self._accepting, self._doors = [], []
+        for listening in self._sockets:
+            loop.remove_reader(listening)  # now: when the task has its turn, the descriptor may be somebody else's
+            listening.close()
+        self._accepting, self._sockets = [], []
         self._spare_descriptor.release()
 
 

@@ -11,7 +11,7 @@ from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Peer
 from gateway.listeners.session import Counts, ListenSettings
-from gateway.listeners.sockets import OpenSockets, addresses, door_address, doors, plain, written
+from gateway.listeners.sockets import OpenSockets, addresses, bound_address, bound_sockets, plain, written
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
 from gateway.ports.lookup import AddressInfo
@@ -58,18 +58,18 @@ class UdpListener:
         self._peers: dict[tuple[Any, ...], Peer] = {}
         self._admission: Admission[Peer] = Admission(Origins().of)
         self._addresses: list[AddressInfo] = []
-        self._doors: list[socket.socket] = []
+        self._sockets: list[socket.socket] = []
         self._sweeping: asyncio.TimerHandle | None = None
 
     @property
     def address(self) -> str:
         """The bound address, `udp://127.0.0.1:5020`; the configured one while it is not bound."""
-        return door_address(self.settings, self._doors)
+        return bound_address(self.settings, self._sockets)
 
     @property
-    def doors(self) -> tuple[socket.socket, ...]:
+    def sockets(self) -> tuple[socket.socket, ...]:
         """The bound sockets: another listener at the same address can take them over."""
-        return tuple(self._doors)
+        return tuple(self._sockets)
 
     @property
     def clients(self) -> int:
@@ -95,9 +95,9 @@ class UdpListener:
         Raises:
             ListenError: one is in use, needs more rights, or is no address of this machine.
         """
-        self._doors = doors(self.settings, self._addresses, ready)
-        for door in self._doors:
-            _tell_which_address_was_asked(door)
+        self._sockets = bound_sockets(self.settings, self._addresses, ready)
+        for sock in self._sockets:
+            _tell_which_address_was_asked(sock)
 
     def listen(self) -> None:
         """Nothing: datagrams come and wait from `bind` on."""
@@ -105,16 +105,16 @@ class UdpListener:
     def start(self) -> None:
         """Take requests."""
         loop = asyncio.get_running_loop()
-        for door in self._doors:
-            loop.add_reader(door, self._readable, door)
+        for sock in self._sockets:
+            loop.add_reader(sock, self._readable, sock)
         self._sweep_later()
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
         """Take no more requests; those under way are still answered."""
         loop = asyncio.get_running_loop()
-        for door in self._doors:
-            loop.remove_reader(door)
+        for sock in self._sockets:
+            loop.remove_reader(sock)
 
     def close(self) -> None:
         """Take no more requests and answer none."""
@@ -123,32 +123,32 @@ class UdpListener:
             self._sweeping.cancel()
         for key in list(self._peers):
             self._forget(key, "the gateway ends")
-        for door in self._doors:
-            door.close()
-        self._doors = []
+        for sock in self._sockets:
+            sock.close()
+        self._sockets = []
 
-    def _readable(self, door: socket.socket) -> None:
+    def _readable(self, sock: socket.socket) -> None:
         """Take one datagram; for the next one the loop comes back, after it has served everybody else."""
         try:
-            data, asked, _, address = door.recvmsg(MAX_TCP_ADU + 1, _ANCILLARY_SIZE)
+            data, asked, _, address = sock.recvmsg(MAX_TCP_ADU + 1, _ANCILLARY_SIZE)
         except OSError:  # nothing there after all: its check sum was wrong
             return
         try:
-            self._received(door, data, asked, address)
+            self._received(sock, data, asked, address)
         except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
             self.emit(events.PartFailed.of(f"client {written(*address[:2])}", error))
 
-    def _received(self, door: socket.socket, data: bytes, asked: Asked, address: tuple[Any, ...]) -> None:
+    def _received(self, sock: socket.socket, data: bytes, asked: Asked, address: tuple[Any, ...]) -> None:
         adu = mbap.decode(data)
         if adu is None or adu.pdu[0] & EXCEPTION_BIT:
             self.counts.malformed += 1
             return
         now = asyncio.get_running_loop().time()
-        peer = self._peer(door, asked, address, now)
+        peer = self._peer(sock, asked, address, now)
         if peer is not None:
             peer.received(adu, now)
 
-    def _peer(self, door: socket.socket, asked: Asked, address: tuple[Any, ...], now: float) -> Peer | None:
+    def _peer(self, sock: socket.socket, asked: Asked, address: tuple[Any, ...], now: float) -> Peer | None:
         """Who sent a datagram to one of our addresses; None when it may do nothing, or there is no room for it."""
         key = (*address, *asked)
         peer = self._peers.get(key)
@@ -160,7 +160,7 @@ class UdpListener:
             self.counts.rejected += 1
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
             return None
-        send = partial(self._send, door, _from_where_it_was_asked(asked), address)
+        send = partial(self._send, sock, _from_where_it_was_asked(asked), address)
         peer = Peer(
             client,
             host=host,
@@ -175,9 +175,9 @@ class UdpListener:
         self.emit(events.ClientConnected(self.settings.name, client))
         return peer
 
-    def _send(self, door: socket.socket, asked: Asked, address: tuple[Any, ...], data: bytes) -> None:
+    def _send(self, sock: socket.socket, asked: Asked, address: tuple[Any, ...], data: bytes) -> None:
         try:
-            door.sendmsg([data], asked, 0, address)
+            sock.sendmsg([data], asked, 0, address)
         except OSError:  # as good as lost on its way, and the client knows what to do then
             self.counts.unsent += 1
 
@@ -205,11 +205,11 @@ class UdpListener:
         self._sweep_later()
 
 
-def _tell_which_address_was_asked(door: socket.socket) -> None:
-    if door.family == socket.AF_INET6:
-        door.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO, 1)
+def _tell_which_address_was_asked(sock: socket.socket) -> None:
+    if sock.family == socket.AF_INET6:
+        sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO, 1)
     else:
-        door.setsockopt(socket.IPPROTO_IP, _IP_PKTINFO, 1)
+        sock.setsockopt(socket.IPPROTO_IP, _IP_PKTINFO, 1)
 
 
 def _from_where_it_was_asked(asked: Asked) -> Asked:

@@ -1,7 +1,7 @@
-"""Whom clients can ask, at any door and through a listener for one line.
+"""Whom clients can ask, through any listener and through one for one line.
 
-At most doors a unit identifier is a unit that every client knows. Through a listener for one line it is an address on
-that line's wire, whatever other clients call the device there.
+Through most listeners a unit identifier is a unit that every client knows. Through a listener for one line it is an
+address on that line's wire, whatever other clients call the device there.
 """
 
 from collections.abc import Collection, Mapping

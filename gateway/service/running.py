@@ -75,7 +75,7 @@ class Running:
         for mirror in self.gateway.mirrors:
             mirror.start()
 
-    def open_doors(self) -> None:
+    def start_listening(self) -> None:
         """Let clients come in.
 
         Raises:
@@ -86,7 +86,7 @@ class Running:
         for listener in self.gateway.listeners:
             listener.start()
 
-    def close_doors(self) -> None:
+    def stop_listening(self) -> None:
         """Drop all clients."""
         for listener in (*self.gateway.listeners, *self._going):
             listener.close()
@@ -116,7 +116,7 @@ class Running:
         old = self.gateway
         gone = [one for one in old.listeners if one not in new.listeners]
         come = [one for one in new.listeners if one not in old.listeners]
-        await self._take_doors(new, come, gone)
+        await self._take_sockets(new, come, gone)
         for listener in gone:
             listener.finish()
         new.route()
@@ -141,9 +141,9 @@ class Running:
             for mirror in new.mirrors:
                 mirror.start()
 
-    async def _take_doors(self, new: Gateway, come: list[Listener], gone: list[Listener]) -> None:
+    async def _take_sockets(self, new: Gateway, come: list[Listener], gone: list[Listener]) -> None:
         """Let clients wait at the addresses of those that `come`, also where these were in the way that have `gone`."""
-        sockets = OpenSockets(self._sockets.all, leaving=(door for one in gone for door in one.doors))
+        sockets = OpenSockets(self._sockets.all, leaving=(sock for one in gone for sock in one.sockets))
         try:
             await self._bind(new, come, sockets)
             for listener in come:
@@ -165,7 +165,7 @@ class Running:
 
     def _check_that_all_are_used(self, gateway: Gateway) -> None:
         """Clients of a socket that nobody looks after would wait for ever."""
-        left_over = self._sockets.without(door for one in gateway.listeners for door in one.doors)
+        left_over = self._sockets.without(sock for one in gateway.listeners for sock in one.sockets)
         if left_over:
             advice = "add one, or take it out of modbus-gateway.socket, then systemctl restart modbus-gateway.socket"
             raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")

@@ -46,16 +46,16 @@ async def serve(
         is_bound = await _done_before(stop, running.bind())
         async with running.lines_open():
             if is_bound and await _done_before(stop, running.tried()):
-                running.open_doors()
+                running.start_listening()
                 await _serve_until(stop, running, systemd)
             if reloader is not None:
                 await reloader.close()
             running.emit(events.Stopping(stop.reason))
             systemd.stopping()
             await running.drain(lambda: stop.at_once)
-            running.close_doors()
+            running.stop_listening()
     finally:
-        running.close_doors()
+        running.stop_listening()
     running.emit(events.Stopped())
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
-from gateway.listeners.sockets import OpenSockets, cannot_listen, door_address, doors, plain, why, written
+from gateway.listeners.sockets import OpenSockets, bound_address, bound_sockets, cannot_listen, plain, why, written
 from kit.ipv6 import needs_ipv6
 
 
@@ -95,10 +95,10 @@ def opened(ready: socket.socket, host: str, *, shares_port: bool = False) -> str
     port = ready.getsockname()[1]
     settings = ListenSettings("scada", host, port, shares_port=shares_port)
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
-    (door,) = doors(settings, found, OpenSockets([ready]))
-    with door:
-        assert door.getsockname() == ready.getsockname()
-        return door_address(settings, [door])
+    (sock,) = bound_sockets(settings, found, OpenSockets([ready]))
+    with sock:
+        assert sock.getsockname() == ready.getsockname()
+        return bound_address(settings, [sock])
 
 
 @needs_ipv6

@@ -61,7 +61,7 @@ class Doors:
     address = "tcp://127.0.0.1:5020"
     clients = 0
     has_clients = False
-    doors = ()
+    sockets = ()
 
     def __init__(self, listener) -> None:
         self.settings = listener.settings

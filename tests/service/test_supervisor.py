@@ -28,14 +28,14 @@ READ = "03 00 00 00 01"
 NEVER = 1e6
 
 
-class Doors:
+class FakeListener:
     """A listener without sockets: notes what it is told.
 
     Its address is known `found_in` seconds after `find`, or it is `nowhere`; its clients are gone `drains_in` seconds
     after `finish`.
     """
 
-    doors = ()
+    sockets = ()
 
     def __init__(
         self, drains_in: float = 0.0, error: Exception | None = None, *, found_in: float = 0.0, nowhere: bool = False
@@ -78,12 +78,12 @@ class Doors:
 
 
 class Service:
-    """A gateway that is served, with doors in the test's hands."""
+    """A gateway that is served, with listeners in the test's hands."""
 
-    def __init__(self, *doors: Doors) -> None:
+    def __init__(self, *doors: FakeListener) -> None:
         self.home = House(CONFIG)
         self.events: list[Event] = self.home.events
-        self.doors = doors or (Doors(),)
+        self.doors = doors or (FakeListener(),)
         self.client = self.home.client()
         plan = self.home.gateway.plan
         plan = replace(plan, listeners=plan.listeners * len(self.doors))
@@ -126,14 +126,14 @@ async def test_it_is_ready_once_every_line_was_tried_and_clients_can_connect() -
 
 
 async def test_names_are_looked_up_side_by_side() -> None:
-    service = Service(Doors(found_in=14.0), Doors(found_in=14.0))
+    service = Service(FakeListener(found_in=14.0), FakeListener(found_in=14.0))
     await asyncio.sleep(14.5)
     assert service.told(Ready) != []
     await service.stops_within()
 
 
 async def test_a_name_that_nobody_knows_ends_it() -> None:
-    service = Service(Doors(), Doors(found_in=1.0, nowhere=True))
+    service = Service(FakeListener(), FakeListener(found_in=1.0, nowhere=True))
     with pytest.raises(ListenError, match="nobody knows the name"):
         await service.serving
     assert "bind" not in service.doors[0].told
@@ -141,7 +141,7 @@ async def test_a_name_that_nobody_knows_ends_it() -> None:
 
 
 async def test_an_order_to_stop_does_not_wait_for_name_servers() -> None:
-    service = Service(Doors(found_in=14.0))
+    service = Service(FakeListener(found_in=14.0))
     await asyncio.sleep(0.1)
     assert await service.stops_within() < 0.1
     assert service.told(Ready) == service.told(LineUp) == []
@@ -181,7 +181,7 @@ async def test_a_line_that_met_a_defect_is_started_again() -> None:
 
 
 async def test_a_stop_asks_no_more_of_clients_than_they_need() -> None:
-    service = Service(Doors(drains_in=0.5), Doors(drains_in=1.0))
+    service = Service(FakeListener(drains_in=0.5), FakeListener(drains_in=1.0))
     await asyncio.sleep(1)
     assert await service.stops_within() == pytest.approx(1.0, abs=0.1)
     assert [doors.told for doors in service.doors] == [
@@ -191,13 +191,13 @@ async def test_a_stop_asks_no_more_of_clients_than_they_need() -> None:
 
 
 async def test_clients_that_take_for_ever_do_not_hold_up_a_stop() -> None:
-    service = Service(Doors(drains_in=NEVER))
+    service = Service(FakeListener(drains_in=NEVER))
     await asyncio.sleep(1)
     assert await service.stops_within() == pytest.approx(3.0, abs=0.1)
 
 
 async def test_a_second_order_waits_for_no_client() -> None:
-    service = Service(Doors(drains_in=NEVER))
+    service = Service(FakeListener(drains_in=NEVER))
     await asyncio.sleep(1)
     service.stop.order("SIGTERM")
     await asyncio.sleep(0.5)
@@ -205,7 +205,7 @@ async def test_a_second_order_waits_for_no_client() -> None:
 
 
 async def test_with_clients_and_a_driver_that_both_hang_a_stop_takes_less_than_five_seconds() -> None:
-    service = Service(Doors(drains_in=NEVER))
+    service = Service(FakeListener(drains_in=NEVER))
     await asyncio.sleep(1)
     service.home.lines["hall-a"]._port.wait_closed = asyncio.Event().wait
     assert await service.stops_within() < 4.8
@@ -222,7 +222,7 @@ async def test_a_stop_does_not_wait_for_a_port_that_hangs_at_the_start() -> None
 
 
 async def test_an_address_that_is_taken_only_now_ends_the_start_and_closes_all() -> None:
-    service = Service(Doors(), Doors(error=ListenError("taken")))
+    service = Service(FakeListener(), FakeListener(error=ListenError("taken")))
     with pytest.raises(ListenError, match="taken"):
         await service.serving
     assert [doors.told[-1] for doors in service.doors] == ["close", "close"]
