@@ -1,12 +1,13 @@
 """Clients of RTU and ASCII over TCP: one response at a time, in order, and none that is awaited no more."""
 
+import gc
 from collections.abc import Callable
 from itertools import combinations
 
 import pytest
 
 from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
-from gateway.listeners.arrivals import SILENCE, TOGETHER
+from gateway.listeners.arrivals import SILENCE, TOGETHER, Arrivals
 from gateway.listeners.over_tcp import MOST_NOISE, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
@@ -456,6 +457,20 @@ def test_a_broadcast_keeps_its_place_and_goes_out_though_what_was_before_it_is_g
     assert client.session.is_idle
 
 
+def test_no_more_broadcasts_are_under_way_than_requests_may_be() -> None:
+    client = Client("rtu+tcp", in_flight=2)
+    client.ask(*[WRITE] * 9, unit=0)
+    under_way = len(client.target.requests)
+    assert under_way == 3  # and one, as behind an awaited request
+    assert client.connection.is_paused
+    for ended in range(9):
+        assert len(client.target.requests) == min(9, under_way + ended)
+        client.target.requests[ended].end()
+        client.wait(0.0)
+    assert client.session.is_idle
+    assert not client.connection.is_paused
+
+
 @pytest.mark.parametrize("scheme", ENCODE)
 def test_a_unit_that_answers_for_unit_0_is_heard(scheme: str) -> None:
     client = Client(scheme, unit0=41)
@@ -491,19 +506,17 @@ def test_a_request_behind_one_of_unknown_size_is_found_though_nobody_looked_in_t
     assert rtu_client.target.asked == [UNKNOWN, READ]
 
 
-def test_silence_ends_when_it_is_awaited_however_its_end_is_rounded(rtu_client: Client) -> None:
-    """After a pause the framer's time is behind by a sum of numbers that have no exact form."""
-    rtu_client.ask(*[READ] * 17)
-    for _ in range(40):
-        rtu_client.wait(0.1 + 0.01 / 3)
-        rtu_client.respond(-1)
-        rtu_client.send(b"\xff" * 3)
-        woken = 0
-        while (at := rtu_client.connection.wakes_at) is not None and not rtu_client.connection.is_paused and woken < 9:
-            rtu_client.now, rtu_client.connection.wakes_at, woken = max(rtu_client.now, at), None, woken + 1
-            rtu_client.session.proceed(rtu_client.now)
-        assert woken < 9
-        rtu_client.ask(*[READ] * 17)
+def test_silence_ends_when_it_is_awaited_however_its_end_is_rounded() -> None:
+    """After a pause the framer's time is behind by a number that has no exact form."""
+    for number in range(1000):
+        arrivals = Arrivals("rtu+tcp", 0.0)
+        arrivals.stop(0.0)
+        arrivals.go_on(number / 300)
+        arrivals.room()[:3] = b"\xff\xff\xff"
+        arrivals.filled(3)
+        arrivals.cut(number / 300 + number / 7000)
+        arrivals.ended(arrivals.deadline())
+        assert arrivals.deadline() is None
 
 
 @pytest.mark.parametrize("cut", range(1, 8))
@@ -578,6 +591,25 @@ def test_a_client_that_leaves_hears_nothing_and_wants_nothing(client: Client) ->
     client.respond(0)
     assert client.heard()
     assert client.target.asked == [READ]
+
+
+def test_a_session_that_has_ended_does_not_hold_itself_by_what_waited(client: Client) -> None:
+    """See `closed`."""
+
+    def remain() -> int:
+        return sum(isinstance(each, OverTcpSession) for each in gc.get_objects())
+
+    gc.collect()
+    gc.disable()
+    try:
+        before = remain()
+        client.ask(READ, OTHER_READ)
+        client.session.closed()
+        client.target.requests.clear()
+        del client.session
+        assert remain() == before - 1
+    finally:
+        gc.enable()
 
 
 def test_a_half_closed_client_gets_all_its_responses_first(client: Client) -> None:
