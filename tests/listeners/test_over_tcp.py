@@ -724,3 +724,18 @@ def test_a_failure_at_once_is_a_failure(patient: Client) -> None:
     assert patient.heard()
     assert patient.session.is_idle
     assert not patient.connection.is_paused
+
+
+def test_a_response_that_is_kept_leaves_though_the_client_is_held_back(client: Client) -> None:
+    client.ask(READ)
+    client.connection.unread = client.encode(7, OTHER_READ)
+    client.target.requests[0].fail(QueueFull())
+    assert client.connection.held_for
+    client.wait(0.0)
+    assert client.heard(bytes.fromhex("83 06"))
+    assert client.target.asked == [READ]
+    client.release()
+    assert client.target.asked == [READ, OTHER_READ]
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+    assert client.session.is_idle
