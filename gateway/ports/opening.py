@@ -5,12 +5,11 @@ import os
 import stat
 import termios
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
-
-from serial import PARITY_NONE, Serial
+from typing import Final, Generic, Protocol, TypeVar
 
 from gateway.errors import PortError
 from gateway.modbus.chartime import CharacterFormat
@@ -23,11 +22,10 @@ from gateway.ports.ioctls import (
     has_redefined_38400,
     is_sending,
     is_usb,
-    set_input_flags,
     want_low_latency,
 )
 from gateway.ports.port import SerialSettings
-from gateway.ports.reasons import DriverError, why_lost, why_not_opened
+from gateway.ports.reasons import DriverError, why_lost, why_no_such_rate, why_not_opened
 from gateway.ports.rs485 import put_back, switch_rs485
 from gateway.ports.wire import VIRTUAL_MAJORS
 
@@ -43,8 +41,30 @@ DRAINING_DEADLINE: Final = 2.5
 _VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
 
 
+class Configured(Protocol):
+    """A port that a library has opened, locked and configured: all that a library is needed for."""
+
+    @property
+    def checks_parity(self) -> bool:
+        """Whether characters have a parity bit, which is checked: what is read is marked (ports/marked.py)."""
+
+    def fileno(self) -> int:
+        """Its descriptor."""
+
+    def change_baud(self, baud: int) -> None:
+        """Go on at another rate; raises what opening raises."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+C = TypeVar("C", bound=Configured)
+#: Opens, locks and configures a port at its settings, in a format that it can do. Raises DriverError or ValueError.
+Configure = Callable[[SerialSettings, CharacterFormat], C]
+
+
 @dataclass(frozen=True, slots=True)
-class OpenDevice:
+class OpenDevice(Generic[C]):
     """A serial device that is open and configured. `latency` in seconds; `virtual` carries bytes at once.
 
     `baud` is the rate at which it runs, as far as its driver tells; `rs485` what the driver goes back to at the end.
@@ -52,7 +72,7 @@ class OpenDevice:
     """
 
     port: str
-    serial: Serial
+    serial: C
     virtual: bool
     latency: float
     baud: int | None
@@ -60,27 +80,7 @@ class OpenDevice:
     marked: bool
 
 
-class ConfiguredOnce(Serial):
-    """pyserial's port, configured when it is opened and never again.
-
-    pyserial configures anew with every setting that is assigned, and pyserial-asyncio assigns two when it takes a port
-    over: in the event loop, where a USB adapter that hangs would stop everything for seconds.
-
-    Each time it leaves parity unchecked, which is set right here.
-    """
-
-    def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
-        if force_update and self.fd is not None:
-            super()._reconfigure_port(force_update=True)  # type: ignore[misc]  # private, so not in the stubs
-            set_input_flags(self.fd, checks_parity=self.checks_parity)
-
-    @property
-    def checks_parity(self) -> bool:
-        """Whether characters have a parity bit."""
-        return bool(self.parity != PARITY_NONE)
-
-
-def open_device(settings: SerialSettings) -> OpenDevice:
+def open_device(settings: SerialSettings, configure: Configure[C]) -> OpenDevice[C]:
     """Open and configure the port; blocks as long as its driver likes.
 
     Raises:
@@ -88,7 +88,10 @@ def open_device(settings: SerialSettings) -> OpenDevice:
     """
     virtual = _is_virtual(settings)
     with ExitStack() as on_error:
-        serial = _configured(settings, _VIRTUAL_FORMAT if virtual else settings.format)
+        try:
+            serial = configure(settings, _VIRTUAL_FORMAT if virtual else settings.format)
+        except (*DriverError, ValueError) as error:
+            raise PortError(why_not_opened(settings, error)) from error
         on_error.callback(serial.close)
         try:
             device = _settled(serial, settings, virtual=virtual)
@@ -98,22 +101,22 @@ def open_device(settings: SerialSettings) -> OpenDevice:
     return device
 
 
-def change_baud(device: OpenDevice, baud: int) -> None:
+def change_baud(device: OpenDevice[C], baud: int) -> None:
     """Go on at another rate; blocks as long as the driver likes.
 
     Raises:
         PortError: the port cannot do it, or is gone.
     """
-    serial = device.serial
     try:
-        serial.baudrate = baud
-        serial._reconfigure_port(force_update=True)  # type: ignore[attr-defined]  # noqa: SLF001 - see ConfiguredOnce
-        _check_baud(serial.fileno(), device.port, baud)
+        device.serial.change_baud(baud)
+        _check_baud(device.serial.fileno(), device.port, baud)
+    except ValueError as error:
+        raise PortError(why_no_such_rate(device.port, baud)) from error
     except DriverError as error:
         raise PortError(why_lost(device.port, error)) from error
 
 
-def close_device(device: OpenDevice, *, lost: bool) -> None:
+def close_device(device: OpenDevice[C], *, lost: bool) -> None:
     """Close the port. What was written to one that is not lost is sent first, within DRAINING_DEADLINE."""
     descriptor = device.serial.fileno()
     with suppress(*DriverError):  # a device that is gone has nothing to send and nothing to give back
@@ -136,24 +139,8 @@ def _is_virtual(settings: SerialSettings) -> bool:
     return os.major(status.st_rdev) in VIRTUAL_MAJORS
 
 
-def _configured(settings: SerialSettings, format_: CharacterFormat) -> ConfiguredOnce:
-    try:
-        return ConfiguredOnce(
-            port=settings.port,
-            baudrate=settings.baud,
-            bytesize=format_.data_bits,
-            parity=format_.parity,
-            stopbits=format_.stop_bits,
-            exclusive=True,
-            # VMIN 1, VTIME 0: an idle port says "nothing yet" and only one that hung up says "end of file".
-            inter_byte_timeout=0,
-        )
-    except (*DriverError, ValueError) as error:
-        raise PortError(why_not_opened(settings, error)) from error
-
-
-def _settled(serial: ConfiguredOnce, settings: SerialSettings, *, virtual: bool) -> OpenDevice:
-    """See to what pyserial does not: that the driver did as told, RS-485, and the least latency."""
+def _settled(serial: C, settings: SerialSettings, *, virtual: bool) -> OpenDevice[C]:
+    """See to what no library does: that the driver did as told, RS-485, and the least latency."""
     descriptor = serial.fileno()
     if not virtual:
         _check_format(descriptor, settings)
@@ -200,7 +187,7 @@ def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
     return actual
 
 
-def _drained(device: OpenDevice) -> bool:
+def _drained(device: OpenDevice[C]) -> bool:
     """Wait until all has been sent; False at the deadline. Not tcdrain: nothing ends that.
 
     Where RS-485 is put back then, which may switch the transmitter off, the last bit must have left the UART too.

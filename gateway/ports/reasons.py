@@ -39,7 +39,7 @@ _ANOTHER_GROUP: Final = "add the user to the {group} group, the service with Sup
 def why_not_opened(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
     """What keeps the port from being opened, and what to do about it."""
     if isinstance(error, ValueError):  # pyserial's way to say that a custom rate could not be set
-        return f"{settings.port} refuses {settings.baud} baud: its driver knows standard rates only"
+        return why_no_such_rate(settings.port, settings.baud)
     number = _errno(error)
     reason = _REASONS.get(number, "{port} cannot be opened: {error}")
     return reason.format(
@@ -49,6 +49,11 @@ def why_not_opened(settings: SerialSettings, error: OSError | termios.error | Va
         permission=permission_remedy(settings.port),
         error=os.strerror(number),
     )
+
+
+def why_no_such_rate(port: str, baud: int) -> str:
+    """What keeps an odd rate from being set."""
+    return f"{port} refuses {baud} baud: its driver knows standard rates only"
 
 
 def why_lost(port: str, error: OSError | termios.error) -> str:

@@ -1,12 +1,19 @@
-"""An open serial port in the event loop: pyserial-asyncio's transport, made quick, bounded and quiet."""
+"""An open serial port in the event loop: pyserial-asyncio's transport, made quick, bounded and quiet.
+
+The only module that knows a serial library's ports: another library takes its place with a module like this one, which
+must pass tests/system/test_serial_contract.py. See docs/adr/0014-serial-transport.md.
+"""
 
 import asyncio
 import os
 from typing import Final
 
+from serial import PARITY_NONE, Serial
 from serial_asyncio import SerialTransport
 
 from gateway.errors import PortClosed, PortError
+from gateway.modbus.chartime import CharacterFormat
+from gateway.ports.ioctls import set_input_flags
 from gateway.ports.marked import MarkedInput
 from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
 from gateway.ports.port import Port, PortUser, SerialSettings
@@ -24,6 +31,45 @@ FLUSHING_DEADLINE: Final = 1.0
 _being_opened: set[str] = set()
 
 
+class ConfiguredOnce(Serial):
+    """pyserial's port, configured when it is opened and never again.
+
+    pyserial configures anew with every setting that is assigned, and pyserial-asyncio assigns two when it takes a port
+    over: in the event loop, where a USB adapter that hangs would stop everything for seconds.
+
+    Each time it leaves parity unchecked, which is set right here.
+    """
+
+    def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
+        if force_update and self.fd is not None:
+            super()._reconfigure_port(force_update=True)  # type: ignore[misc]  # private, so not in the stubs
+            set_input_flags(self.fd, checks_parity=self.checks_parity)
+
+    @property
+    def checks_parity(self) -> bool:
+        """Whether characters have a parity bit."""
+        return bool(self.parity != PARITY_NONE)
+
+    def change_baud(self, baud: int) -> None:
+        """Go on at another rate."""
+        self.baudrate = baud
+        self._reconfigure_port(force_update=True)
+
+
+def configured(settings: SerialSettings, format_: CharacterFormat) -> ConfiguredOnce:
+    """Open, lock and configure a port; blocks as long as its driver likes. Raises what pyserial raises."""
+    return ConfiguredOnce(
+        port=settings.port,
+        baudrate=settings.baud,
+        bytesize=format_.data_bits,
+        parity=format_.parity,
+        stopbits=format_.stop_bits,
+        exclusive=True,
+        # VMIN 1, VTIME 0: an idle port says "nothing yet" and only one that hung up says "end of file".
+        inter_byte_timeout=0,
+    )
+
+
 async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
     """Open a serial port for `user`; bytes from before are discarded. Cancelled, it leaves nothing open.
 
@@ -34,7 +80,7 @@ async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
         raise PortError(f"{settings.port}: its driver hangs in an earlier attempt to open it")
     loop = asyncio.get_running_loop()
     _being_opened.add(settings.port)
-    opening = loop.run_in_executor(ThreadOfItsOwn(f"open {settings.port}"), open_device, settings)
+    opening = loop.run_in_executor(ThreadOfItsOwn(f"open {settings.port}"), open_device, settings, configured)
     opening.add_done_callback(lambda _: _being_opened.discard(settings.port))
     try:
         device = await asyncio.shield(opening)
@@ -52,7 +98,7 @@ class SerialPort(SerialTransport):
 
     has_arrived = None
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, device: OpenDevice, user: PortUser) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, device: OpenDevice[ConfiguredOnce], user: PortUser) -> None:
         super().__init__(loop, asyncio.Protocol(), device.serial)
         self.latency = device.latency
         self.virtual = device.virtual
@@ -166,7 +212,7 @@ class SerialPort(SerialTransport):
         closing.add_done_callback(lambda _: self._closed.set())
 
 
-def _close_unwanted(opening: asyncio.Future[OpenDevice]) -> None:
+def _close_unwanted(opening: asyncio.Future[OpenDevice[ConfiguredOnce]]) -> None:
     """Close what was opened for somebody who no longer waits for it."""
     if opening.cancelled() or opening.exception() is not None:
         return
