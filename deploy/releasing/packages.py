@@ -78,6 +78,6 @@ def build_image(shop: Workshop) -> None:
 
 def _build(shop: Workshop, *words: str | Path, folder: Path, **variables: str) -> None:
     """Build with pinned tools; variables go to the build hook."""
-    pinned = shop.source / "deploy/requirements-dev.txt"
+    pinned = shop.source / "deploy/requirements-build.txt"
     command = ("uv", "build", "--quiet", "--build-constraints", pinned, "--require-hashes", "--out-dir", folder)
     run(*command, *words, **variables)

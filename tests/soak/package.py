@@ -1,10 +1,10 @@
 """The Debian package in a Debian that is booted for it: it installs, serves, is upgraded, removed and purged.
 
     .venv/bin/python tests/soak/package.py bookworm
-    .venv/bin/python tests/soak/package.py trixie
+    .venv/bin/python tests/soak/package.py trixie dist/modbus-gateway_0.1.0_amd64.deb
 
-It builds the package first, and needs root, systemd-nspawn, mmdebstrap, and what deploy/build-deb asks for. That
-takes a minute or two; status 0 if all went well.
+Without a package it builds one first, and needs what deploy/build-deb asks for. One of a release must run compiled
+modules there. It needs root, systemd-nspawn and mmdebstrap, and takes a minute or two; status 0 if all went well.
 """
 
 import re
@@ -23,7 +23,8 @@ from kit.system_tree import make, system_tree
 BUILD = Path(__file__).resolve().parents[2] / "deploy/build-deb"
 CONFIG = "/etc/modbus-gateway/gateway.toml"
 STATE = "/var/lib/private/modbus-gateway"
-COMPILED = "/usr/lib/modbus-gateway/gateway/__pycache__"
+LIBRARIES = "/usr/lib/modbus-gateway"
+COMPILED = f"{LIBRARIES}/gateway/__pycache__"
 #: The first three holding registers of unit 200, and what the config of a new installation says about them.
 READ = bytes.fromhex("0001 0000 0006 C8 03 0000 0003")
 ANSWER = bytes.fromhex("0001 0000 0009 C8 03 06 0001 0002 0003")
@@ -82,6 +83,14 @@ def check_installation(system: BootedSystem, package: Path) -> None:
 def check_compiled(system: BootedSystem) -> None:
     """The service cannot compile for itself."""
     assert (system.root / COMPILED.lstrip("/")).exists(), "nothing was compiled"
+
+
+def check_runs_compiled(system: BootedSystem) -> None:
+    """Debian's Python takes the modules that were compiled for it."""
+    program = f"import sys; sys.path.insert(0, {LIBRARIES!r}); import gateway.lines.line as line; print(line.__file__)"
+    where = system.done("python3", "-IS", "-c", program).strip()
+    assert where.endswith(".so"), f"{where} runs"
+    print(f"it runs {Path(where).name}")
 
 
 def check_another_python(system: BootedSystem) -> None:
@@ -143,13 +152,15 @@ def check_purge(system: BootedSystem) -> None:
     print("nothing is left after a purge")
 
 
-def main(release: str) -> None:
+def main(release: str, built: str = "") -> None:
     """Check all of it; the first thing that is wrong ends it."""
-    package = build()
+    package = Path(built) if built else build()
     print(f"{package.name}, {package.stat().st_size / 1e6:.1f} MB, on Debian {release}")
     make(release)
     with tempfile.TemporaryDirectory() as folder, booted_bare(Path(folder), system_tree(release)) as system:
         check_installation(system, package)
+        if built:
+            check_runs_compiled(system)
         check_another_python(system)
         check_failed_upgrade(system, newer(package, Path(folder), "#!/bin/sh\nexit 1\n"))
         check_documents(system)
@@ -159,4 +170,4 @@ def main(release: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

@@ -8,10 +8,13 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 from collections.abc import Iterator
+from email.parser import HeaderParser
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 from zipfile import ZipFile
 
 import pytest
@@ -21,6 +24,8 @@ from gateway.cli.main import VERBS
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 DEPLOY = CHECKOUT / "deploy"
+#: What compiles the gateway in the image, and does not get into it.
+BUILDS = "deploy/requirements-build.txt"
 PROGRAM = Path(sys.executable).with_name("modbus-gateway")
 
 
@@ -29,10 +34,14 @@ def printed(*words: str | Path) -> str:
     return subprocess.run(words, capture_output=True, text=True, check=True, cwd=CHECKOUT).stdout
 
 
+def declared_project() -> dict[str, Any]:
+    """What pyproject.toml says."""
+    return tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
 def declared() -> list[Requirement]:
     """The libraries that the gateway asks for."""
-    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return [Requirement(text) for text in project["dependencies"]]
+    return [Requirement(text) for text in declared_project()["project"]["dependencies"]]
 
 
 def pinned() -> dict[str, str]:
@@ -84,22 +93,69 @@ def test_they_are_of_versions_that_the_gateway_asks_for():
 @pytest.mark.parametrize("builder", ["build-deb", "Dockerfile", "Dockerfile.dockerignore"])
 def test_whoever_packs_them_takes_them_from_that_list(builder):
     named = re.findall(r"deploy/[\w-]*requirements[\w-]*.*", (DEPLOY / builder).read_text(encoding="utf-8"))
-    assert [re.split(r"[ \"]", words)[0] for words in named] == ["deploy/requirements.txt"]
+    assert {re.split(r"[ \"]", words)[0] for words in named} - {BUILDS} == {"deploy/requirements.txt"}
 
 
-def test_the_wheel_has_every_file_of_the_gateway_and_its_commands(tmp_path):
-    printed(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path)
-    (wheel,) = tmp_path.iterdir()
-    with ZipFile(wheel) as archive:
-        names = archive.namelist()
-        (commands,) = (archive.read(name).decode() for name in names if name.endswith("entry_points.txt"))
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Wheel and sdist, as `deploy/release` builds them."""
+    folder = tmp_path_factory.mktemp("dist")
+    printed(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", folder)
+    return folder
+
+
+@pytest.fixture
+def wheel(built):
+    """What is in the wheel."""
+    (path,) = built.glob("*.whl")
+    with ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def member(files: dict[str, bytes], end: str) -> str:
+    (content,) = (content for name, content in files.items() if name.endswith(end))
+    return content.decode()
+
+
+def test_the_wheel_has_every_file_of_the_gateway_and_its_commands(wheel):
     package = CHECKOUT / "gateway"
     files = [path for path in package.rglob("*") if path.is_file() and path.suffix != ".pyc"]
-    assert {name for name in names if ".dist-info/" not in name} == {str(path.relative_to(CHECKOUT)) for path in files}
-    assert set(re.findall(r"^([\w-]+) = gateway\.cli\.main:main$", commands, re.MULTILINE)) == {
-        "modbus-gateway",
-        "mbgw",
-    }
+    assert {name for name in wheel if ".dist-info/" not in name} == {str(path.relative_to(CHECKOUT)) for path in files}
+    commands = re.findall(r"^([\w-]+) = gateway\.cli\.main:main$", member(wheel, "entry_points.txt"), re.MULTILINE)
+    assert set(commands) == {"modbus-gateway", "mbgw"}
+
+
+def test_the_wheel_is_for_every_python_and_tells_type_checkers_that_it_is_typed(built, wheel):
+    assert [path.name.endswith("-py3-none-any.whl") for path in built.glob("*.whl")] == [True]
+    assert "gateway/py.typed" in wheel
+
+
+def test_a_package_index_can_follow_every_link_of_the_readme(wheel):
+    metadata = HeaderParser().parsestr(member(wheel, "METADATA"))
+    described = metadata.get_payload()
+    targets = re.findall(r"\]\(([^)]+)\)", described)
+    assert len(targets) == (CHECKOUT / "README.md").read_text(encoding="utf-8").count("](")
+    assert [target for target in targets if not target.startswith("https://")] == []
+    addresses = dict(address.split(", ", 1) for address in metadata.get_all("Project-URL"))
+    ours = [target for target in targets if ".example/" in target]  # of the placeholder
+    assert ours
+    assert all(target.startswith(addresses["Source"]) for target in ours)
+
+
+def test_every_link_of_the_readme_leads_to_what_is_there(wheel):
+    """As it is rewritten for an index: the path behind the version is one of the checkout's."""
+    targets = re.findall(r"\]\(https://[^)]*/(?:blob|raw)/v[\d.]+/([^)#]+)", member(wheel, "METADATA"))
+    assert "docs/operations.md" in targets
+    assert [target for target in targets if not (CHECKOUT / target).exists()] == []
+
+
+def test_a_wheel_can_be_built_from_the_sdist_and_compiled_too(built):
+    """It has what the build hook needs."""
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    hook = declared_project()["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]
+    assert {"README.md", "LICENSE", "gateway/py.typed", "deploy/compile", hook["path"]} <= names
 
 
 def test_the_package_admits_the_pythons_for_which_it_has_libraries():
