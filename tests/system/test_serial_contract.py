@@ -182,11 +182,24 @@ async def test_what_was_there_before_is_discarded(opened, virtual, user):
 
 
 async def test_nothing_is_received_before_the_opener_has_its_port(transport, virtual, user):
-    port = await transport(settings(virtual.path), user)
-    virtual.write(b"at once")
-    assert user.heard == b""
-    port.close()
-    await port.wait_closed()
+    """While somebody else talks on the line all the time."""
+    has_ended = threading.Event()
+
+    def talk():
+        while not has_ended.wait(0.001):
+            virtual.write(b"?")
+
+    talking = threading.Thread(target=talk, name="talk")
+    talking.start()
+    try:
+        port = await transport(settings(virtual.path), user)
+        assert user.heard == b""
+        await until(lambda: user.heard)
+        port.close()
+        await asyncio.wait_for(port.wait_closed(), PATIENCE)
+    finally:
+        has_ended.set()
+        talking.join()
 
 
 async def test_a_break_discards_nothing_whatever_was_set_before(opened, virtual):
@@ -379,7 +392,7 @@ async def test_more_than_the_driver_takes_is_sent_in_order(opened, virtual, user
         while not received.endswith(b"the end"):
             assert time.monotonic() < deadline, "not within the time"
             await asyncio.sleep(0.001)
-            received += virtual.read(65536, timeout=0)
+            received += virtual.read(1000, timeout=0)
         assert received == data + b"the end"
         assert user.losses == []
 
@@ -438,6 +451,7 @@ async def test_what_was_written_is_sent_before_the_port_closes(opened, virtual, 
             await asyncio.sleep(0.001)
             received += virtual.read(65536, timeout=0)
     assert len(received) == A_LOT + len(b"the end")
+    await asyncio.sleep(CLOSED_WITHIN / 2)  # no deadline for what was sent comes to tell it again
     assert [type(loss) for loss in user.losses] == [PortClosed]
 
 
