@@ -23,14 +23,16 @@ def commit_id() -> str:
     return git("rev-parse", "HEAD").decode().strip()
 
 
-def export(folder: Path) -> None:
-    """Write its files, so that nothing else gets into a release; all that is built gets the commit's time."""
+def export(folder: Path) -> str:
+    """Write its files, and nothing else; all that is built gets its time. Returns which commit it is."""
+    commit = commit_id()
     with tempfile.TemporaryFile() as file:
-        file.write(git("archive", "HEAD"))
+        file.write(git("archive", commit))
         file.seek(0)
         with tarfile.open(fileobj=file) as archive:
             archive.extractall(folder, filter="data")
-    os.environ["SOURCE_DATE_EPOCH"] = git("log", "-1", "--format=%ct").decode().strip()
+    os.environ["SOURCE_DATE_EPOCH"] = git("log", "-1", "--format=%ct", commit).decode().strip()
+    return commit
 
 
 def committed(*paths: str) -> dict[str, bytes]:
@@ -50,13 +52,13 @@ def files_of_tar(file: IO[bytes]) -> Iterator[tuple[str, bytes]]:
                 yield member.name, content.read()
 
 
-def version() -> str:
+def version(commit: str = "HEAD") -> str:
     """Its version."""
-    text = git("show", "HEAD:gateway/__init__.py").decode()
+    text = git("show", f"{commit}:gateway/__init__.py").decode()
     return re.findall(r'^__version__ = "(.*)"$', text, re.MULTILINE)[0]
 
 
-def project() -> dict[str, Any]:
+def project(commit: str = "HEAD") -> dict[str, Any]:
     """What its pyproject.toml declares."""
-    declared: dict[str, Any] = tomllib.loads(git("show", "HEAD:pyproject.toml").decode())["project"]
+    declared: dict[str, Any] = tomllib.loads(git("show", f"{commit}:pyproject.toml").decode())["project"]
     return declared

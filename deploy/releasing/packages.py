@@ -14,6 +14,7 @@ from releasing.kinds import MACHINES, PYTHONS, compiled_wheels, tag_of
 class Workshop:
     """Where is built: `source` holds the commit's files and nothing else, `dist` gets the release."""
 
+    commit: str
     source: Path
     work: Path
     dist: Path

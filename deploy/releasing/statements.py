@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from releasing.commands import output, run
-from releasing.commit import commit_id, project
+from releasing.commit import project
 from releasing.packages import Workshop
 
 
@@ -30,8 +30,7 @@ def write_sbom(shop: Workshop) -> None:
 
 def write_provenance(shop: Workshop, began: datetime, builder: str, arguments: list[str]) -> None:
     """State what was built, from what and by whom: an in-toto statement with SLSA's predicate. It is not signed."""
-    repository = project()["urls"]["Source"]
-    commit = commit_id()
+    commit, repository = shop.commit, project(shop.commit)["urls"]["Source"]
     pinned = _sums((shop.source / "deploy").glob("requirements*.txt"))
     definition = {
         "buildType": f"{repository}/deploy/release",

@@ -11,7 +11,7 @@ import pytest
 from checking.contents import check_sdist, check_wheel
 from checking.findings import Findings
 from checking.statements import check_provenance, check_sums
-from releasing.commit import export, version
+from releasing.commit import commit_id, export, version
 from releasing.packages import Workshop
 from releasing.statements import write_provenance, write_sums
 
@@ -33,7 +33,7 @@ def dist(built, tmp_path):
     dist.mkdir()
     for name, content in built.items():
         (dist / name).write_bytes(content)
-    shop = Workshop(tmp_path, tmp_path, dist, version())
+    shop = Workshop(commit_id(), tmp_path, tmp_path, dist, version())
     write_provenance(shop, datetime.now(UTC), "", [])
     write_sums(shop)
     return dist
