@@ -27,9 +27,9 @@ from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolv
 from gateway.config.port_trouble import foreseen
 from gateway.config.problem import Problem, dotted
 from gateway.config.unitset import show_units
+from gateway.devices.device import DeviceSettings
 from gateway.errors import StateError
 from gateway.events import AddressRemembered, BaudRemembered
-from gateway.lines.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import url

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
-from gateway.lines.device import DeviceSettings
+from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import MAX_PDU, FunctionCode

@@ -7,11 +7,10 @@ from typing import Final, Literal
 from gateway.config.address import Address
 from gateway.config.ranges import joined_ranges
 from gateway.config.schema import Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
+from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
-from gateway.lines.device import DeviceSettings
 from gateway.lines.settings import LineSettings
-from gateway.lines.upstream import UpstreamSettings
 from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
@@ -21,6 +20,7 @@ from gateway.profiles.profile import Profile
 from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import Point, TimingTable
+from gateway.upstreams.upstream import UpstreamSettings
 
 #: Where clients connect when no [[listen]] says it.
 DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=5020)

@@ -37,7 +37,7 @@ from gateway.config.values import (
     WebAddress,
     WireUnits,
 )
-from gateway.lines.quirks import Quirk
+from gateway.devices.quirks import Quirk
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 from gateway.ports.wire import Wire
 

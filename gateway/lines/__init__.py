@@ -1,1 +1,1 @@
-"""Downstream: the transaction machine of a line, its queue, and the devices that requests are routed to."""
+"""The transaction machine of a line: what is asked next, what comes back, and whose it is."""

@@ -9,7 +9,7 @@ from gateway.events import ConnectionRenewed, Emit
 from gateway.lines.line import Line
 from gateway.lines.scheduler import earliest
 from gateway.lines.transaction import Transaction
-from gateway.ports.border import Border
+from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import Port
 from gateway.ports.wire import Wire, settled
 
@@ -33,35 +33,35 @@ class LineDriver:
         self._time = loop.time
         self._look_at: float | None = None
         name = f"line {line.settings.name}"
-        self._border = Border(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
+        self._boundary = ErrorBoundary(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction. Bytes that nobody has read yet came before it: they are no answer to it."""
         if self.line.is_quiet(now):
             self._look()
-        self._border.run(self.line.submit, transaction, now)
+        self._boundary.run(self.line.submit, transaction, now)
 
     def port_up(self, port: Port) -> None:
         """The port is open."""
-        self._border.port = port
+        self._boundary.port = port
         self.wire = settled(self.line.settings.wire, virtual=port.virtual)
         port_up = partial(self.line.port_up, virtual=self.wire == "direct", has_arrived=port.has_arrived)
-        self._border.run(port_up, port.write, port.latency, self._time())
+        self._boundary.run(port_up, port.write, port.latency, self._time())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """These bytes became readable."""
-        self._border.run(self._receive, data, self._time(), damaged)
+        self._boundary.run(self._receive, data, self._time(), damaged)
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The port has gone; requests fail at once until it is back."""
-        self._border.lost()
+        self._boundary.lost()
 
     def change_rate(self, baud: int) -> None:
         """Go on at `baud`, line and port: the only device has changed its rate."""
         self.line.change_rate(baud, self._time())
         self._rate_changed(baud)
-        if self._border.port is not None:
-            self._border.port.change_baud(baud)
+        if self._boundary.port is not None:
+            self._boundary.port.change_baud(baud)
 
     @property
     def is_renewing(self) -> bool:
@@ -75,15 +75,15 @@ class LineDriver:
 
     def finish(self) -> None:
         """Take no more requests; the one that is on the line may still be answered."""
-        self._border.run(self.line.finish, self._time())
+        self._boundary.run(self.line.finish, self._time())
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""
-        return self._border.overdue(now)
+        return self._boundary.overdue(now)
 
     def close(self) -> None:
         """Wake no more."""
-        self._border.close()
+        self._boundary.close()
 
     def _deadline(self) -> float | None:
         return earliest(self.line.deadline(), self._look_at)
@@ -96,7 +96,7 @@ class LineDriver:
 
     def _renew(self) -> None:
         """Close the connection; the keeper makes the next one."""
-        port, self._border.port = self._border.port, None
+        port, self._boundary.port = self._boundary.port, None
         if port is not None:
             self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))
             self.line.renew(self._time())
@@ -105,13 +105,13 @@ class LineDriver:
     def _look(self) -> None:
         """Take what has come, before anything is sent or given up."""
         self._look_at = None
-        if self._border.port is not None:
-            self._border.port.look()
+        if self._boundary.port is not None:
+            self._boundary.port.look()
 
-    def _receive(self, data: bytes, now: float, damaged: bool) -> None:  # noqa: FBT001 - a step of the border
+    def _receive(self, data: bytes, now: float, damaged: bool) -> None:  # noqa: FBT001 - a step of the boundary
         """Take bytes, and look away if that can be. Pieces of one read may still come while the port is paused."""
         self.line.received(data, now, damaged=damaged)
-        look_at, port = self.line.look_at(now), self._border.port
+        look_at, port = self.line.look_at(now), self._boundary.port
         if look_at is not None and port is not None and port.pause():
             self._look_at = look_at
         elif self._look_at is not None:

@@ -217,7 +217,7 @@ class WaitingQueue:
         return self._urgent if urgent else self._plain
 
     def _offer(self, transaction: Transaction) -> None:
-        """Let others join a read; anything else is a border between the reads before it and those behind it."""
+        """Let others join a read; anything else parts the reads before it from those behind it."""
         if transaction.yields:
             return  # whoever joined it would wait as long as it does
         if transaction.asked.only_reads:

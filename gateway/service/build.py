@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
+from gateway.devices.device import Device
 from gateway.events import Emit
 from gateway.images.image import Image, ImageSettings
 from gateway.images.mirror_driver import MirrorDriver
 from gateway.images.persistent import PersistentImage
 from gateway.images.polls import MirrorSettings
 from gateway.images.store import Store
-from gateway.lines.device import Device
 from gateway.lines.driver import LineDriver
-from gateway.lines.upstream_driver import UpstreamDriver
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
@@ -28,6 +27,7 @@ from gateway.routing.router import Router
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.reach import Reach, everything, one_line
 from gateway.service.state import Memory
+from gateway.upstreams.driver import UpstreamDriver
 
 #: Where clients connect, whatever they speak.
 Listener = TcpListener | UdpListener

@@ -6,14 +6,12 @@ from functools import partial
 
 from gateway.config.forecast import longest_wait, longest_wait_behind
 from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
+from gateway.devices.device import Device, DeviceSettings, EveryDevice
+from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.events import Emit
-from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.driver import LineDriver
 from gateway.lines.late import Overdue
 from gateway.lines.line import Line
-from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
-from gateway.lines.upstream import Upstream
-from gateway.lines.upstream_driver import UpstreamDriver
 from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.keeper import Keeper
@@ -22,6 +20,8 @@ from gateway.routing.access import Door
 from gateway.routing.router import Router
 from gateway.service import remembered
 from gateway.service.state import Memory
+from gateway.upstreams.driver import UpstreamDriver
+from gateway.upstreams.upstream import Upstream
 
 
 class GatewayLine:

@@ -7,8 +7,8 @@ address on that line's wire, whatever other clients call the device there.
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
+from gateway.devices.device import Device
 from gateway.images.mirror_driver import MirrorDriver
-from gateway.lines.device import Device
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, SERVER_UNIT
 from gateway.request import Target
 from gateway.routing.access import AS_NUMBERED, KnownAs

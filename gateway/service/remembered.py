@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 
 from gateway.config.plan import LinePlan, Plan
+from gateway.devices.device import DeviceSettings
+from gateway.devices.quirks import BAUD_RATES
 from gateway.events import AddressRemembered, BaudRemembered
-from gateway.lines.device import DeviceSettings
-from gateway.lines.quirks import BAUD_RATES
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.service.state import Memory
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
-from gateway.lines.device import Device
 from gateway.listeners.serial_session import Counts as ServerCounts
 from gateway.ports.keeper import Keeper
 from gateway.ports.wire import Wire

@@ -9,7 +9,6 @@ from gateway.config.load import parse
 from gateway.config.plan import DEFAULT_LISTENER, LogSettings, Plan, resolve
 from gateway.images.image import ImageSettings
 from gateway.lines.settings import LineSettings
-from gateway.lines.upstream import UpstreamSettings
 from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
@@ -18,6 +17,7 @@ from gateway.modbus.pdu import parse_request
 from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, WRITING, Row, right_to
 from gateway.timing.budget import AnswerTime
+from gateway.upstreams.upstream import UpstreamSettings
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\n'
 RTU_8E1 = LineTiming("rtu", 19200, CharacterFormat(8, "E", 1))

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
+from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.events import Event
 from gateway.lines.counts import Counts, total
-from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
 from gateway.modbus import ascii as ascii_framing

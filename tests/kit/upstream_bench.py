@@ -2,14 +2,14 @@
 
 from typing import NamedTuple, TypeVar
 
+from gateway.devices.device import Device, DeviceSettings
 from gateway.events import Event
 from gateway.lines.counts import Counts, total
-from gateway.lines.device import Device, DeviceSettings
-from gateway.lines.upstream import Upstream, UpstreamSettings
 from gateway.modbus.mbap import MbapFramer, encode
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
+from gateway.upstreams.upstream import Upstream, UpstreamSettings
 from kit.asker import Asker
 
 READ = "03 00 10 00 01"

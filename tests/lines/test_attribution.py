@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.devices.quirks import LoneDevice
 from gateway.events import OtherClientHeard
 from gateway.lines import attribution
-from gateway.lines.quirks import LoneDevice
 from kit.line_bench import ASCII, LATENCY, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench
 
 #: What another client asks, and its answer, which would fit our READ.

@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import pytest
 
+from gateway.devices.device import Device, EveryDevice
 from gateway.errors import PortError
 from gateway.events import Event, PartFailed
-from gateway.lines.device import Device, EveryDevice
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from kit.asker import Asker
@@ -142,7 +142,7 @@ async def test_a_change_of_rate_reaches_line_port_and_whoever_opens_the_port_nex
 
 
 @pytest.mark.interpreted
-async def test_a_defect_ends_at_the_border_requests_fail_and_the_port_is_reopened() -> None:
+async def test_a_defect_ends_at_the_error_boundary_requests_fail_and_the_port_is_reopened() -> None:
     driven = Driven()
     driven.ask()
     await asyncio.sleep(0.01)
@@ -182,7 +182,7 @@ async def three_clients(driven: Driven) -> list[Asker]:
 
 
 @pytest.mark.interpreted
-async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too() -> None:
+async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_error_boundary_too() -> None:
     driven = Driven()
     clients = await three_clients(driven)
     driven.line._receiver.received = defect  # type: ignore[method-assign]

@@ -2,9 +2,9 @@
 
 import pytest
 
+from gateway.devices.quirks import LoneDevice
 from gateway.events import BadFrame, EchoHeard
 from gateway.lines.echo import ECHOES
-from gateway.lines.quirks import LoneDevice
 from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
 
 WRITE = "06 00 01 00 05"

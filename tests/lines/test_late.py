@@ -2,9 +2,9 @@
 
 import pytest
 
+from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.events import BadFrame, ForeignFrame, LateResponse, OtherClientHeard, RequestTimeout
 from gateway.lines.late import WORTH_WAITING
-from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.modbus.ascii import AsciiFramer
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime

@@ -2,10 +2,10 @@
 
 import pytest
 
+from gateway.devices.quirks import RestlessDevice, Whereabouts
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.lines.counts import Counts
 from gateway.lines.line import RATE_CHANGE_PAUSE
-from gateway.lines.quirks import RestlessDevice, Whereabouts
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.profiles.profile import Profile

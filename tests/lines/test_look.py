@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.lines.device import Device
+from gateway.devices.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.lines.look import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, is_paced, look_at, look_at_noise

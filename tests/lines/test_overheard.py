@@ -2,8 +2,8 @@
 
 import pytest
 
+from gateway.devices.quirks import LoneDevice
 from gateway.events import ForeignFrame, OtherClientHeard
-from gateway.lines.quirks import LoneDevice
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from kit.line_bench import ASCII, LIMIT, RESPONSE, TIMING, Bench

@@ -2,8 +2,8 @@
 
 import pytest
 
+from gateway.devices.device import Device, EveryDevice
 from gateway.lines.counts import total
-from gateway.lines.device import Device, EveryDevice
 from gateway.lines.queue import _EMPTY_ROWS, OVERTAKES, YIELDS, WaitingQueue
 from gateway.lines.transaction import BroadcastTransaction, Transaction
 from gateway.modbus.pdu import parse_request
@@ -257,7 +257,7 @@ def test_nothing_of_its_client_overtakes_a_broadcast(waiting: Waiting) -> None:
     assert waiting.take_all() == ["A1", "A0!", "A2!"]
 
 
-def test_a_broadcast_is_no_border_for_other_clients(waiting: Waiting) -> None:
+def test_a_broadcast_parts_nothing_for_other_clients(waiting: Waiting) -> None:
     waiting.put("A", unit=1)
     waiting.put("A", WRITE, unit=0)
     waiting.put("B", unit=2)
@@ -326,7 +326,7 @@ def test_what_has_left_the_queue_is_joined_no_more(waiting: Waiting) -> None:
 
 
 @pytest.mark.parametrize(("pdu", "unit"), [(WRITE, 1), (WRITE, 2), (WRITE, 0), ("41 01", 2)])
-def test_anything_but_a_read_is_a_border(waiting: Waiting, pdu: str, unit: int) -> None:
+def test_anything_but_a_read_parts_them(waiting: Waiting, pdu: str, unit: int) -> None:
     waiting.put("A")
     waiting.put("B", pdu, unit)
     waiting.put("C")

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.events import EchoHeard, Event
-from gateway.lines.device import Device, DeviceSettings, EveryDevice
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT

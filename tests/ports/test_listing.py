@@ -156,6 +156,6 @@ def test_the_verb_prints_json(machine, capsys):
 
 def test_the_verb_says_so_when_there_is_no_port(machine, capsys):
     assert verb.run(Namespace(json=False)) == 0
-    assert capsys.readouterr().out.startswith("This machine has no serial port.")
+    assert capsys.readouterr().out.startswith("No serial port found.")
     assert verb.run(Namespace(json=True)) == 0
     assert capsys.readouterr().out == "[]\n"

@@ -9,7 +9,7 @@ from threading import Event, Thread
 
 import pytest
 
-from gateway.lines.device import Device
+from gateway.devices.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings

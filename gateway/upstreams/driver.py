@@ -7,9 +7,9 @@ from typing import Any
 from gateway.errors import NotModbus, PortError
 from gateway.events import Emit, UpstreamClosed
 from gateway.lines.transaction import Transaction
-from gateway.lines.upstream import Upstream
-from gateway.ports.border import Border
+from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import Port
+from gateway.upstreams.upstream import Upstream
 
 
 class UpstreamDriver:
@@ -26,7 +26,9 @@ class UpstreamDriver:
         self._emit = emit
         self._time = loop.time
         name = f"upstream {upstream.settings.name}"
-        self._border = Border(name, loop, emit, deadline=upstream.deadline, tick=self._tick, down=upstream.port_down)
+        self._boundary = ErrorBoundary(
+            name, loop, emit, deadline=upstream.deadline, tick=self._tick, down=upstream.port_down
+        )
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
@@ -34,7 +36,7 @@ class UpstreamDriver:
 
     def port_up(self, port: Port) -> None:
         """There is a connection."""
-        self._border.port = port
+        self._boundary.port = port
         self._run(self.upstream.port_up, port.write)
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:  # noqa: ARG002 - a connection damages nothing
@@ -43,7 +45,7 @@ class UpstreamDriver:
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
         """The connection has gone; requests fail at once until there is another one."""
-        self._border.lost()
+        self._boundary.lost()
 
     @property
     def is_busy(self) -> bool:
@@ -56,17 +58,17 @@ class UpstreamDriver:
 
     def overdue(self, now: float) -> float:
         """For how many seconds something should have been done, and was not."""
-        return self._border.overdue(now)
+        return self._boundary.overdue(now)
 
     def close(self) -> None:
         """Wake no more."""
-        self._border.close()
+        self._boundary.close()
 
     def _tick(self) -> None:
         self._step(self.upstream.tick, self._time())
 
     def _run(self, step: Callable[..., None], *arguments: Any) -> None:
-        self._border.run(self._step, step, *arguments)
+        self._boundary.run(self._step, step, *arguments)
 
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:
         try:
@@ -78,4 +80,4 @@ class UpstreamDriver:
 
     def _hang_up(self, reason: str) -> None:
         self._emit(UpstreamClosed(self.upstream.settings.name, reason))
-        self._border.hang_up()
+        self._boundary.hang_up()

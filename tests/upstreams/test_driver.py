@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from gateway.devices.device import Device
 from gateway.errors import PortError
 from gateway.events import Event, PartFailed, UpstreamClosed
 from gateway.lines import upstream as upstream_module
-from gateway.lines.device import Device
-from gateway.lines.upstream import Upstream, UpstreamSettings
-from gateway.lines.upstream_driver import UpstreamDriver
 from gateway.modbus.mbap import encode
+from gateway.upstreams.driver import UpstreamDriver
+from gateway.upstreams.upstream import Upstream, UpstreamSettings
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, UpstreamBench
 
@@ -111,7 +111,9 @@ def defect(*_: object) -> None:
 
 @pytest.mark.interpreted
 @pytest.mark.parametrize("where", ["write", "cut", "_answers"])
-async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driven: Driven, where: str, monkeypatch):
+async def test_a_defect_ends_at_the_error_boundary_and_each_request_gets_one_answer(
+    driven: Driven, where: str, monkeypatch
+):
     clients = [Asker(f"10.0.0.{number}:1") for number in range(4)]
     for client in clients[:2]:
         driven.ask(client=client)
@@ -120,7 +122,7 @@ async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driv
     elif where == "cut":
         driven.upstream._framer = SimpleNamespace(cut=defect)
     else:
-        monkeypatch.setattr("gateway.lines.upstream._answers", defect)
+        monkeypatch.setattr("gateway.upstreams.upstream._answers", defect)
     driven.ask(client=clients[2])
     driven.driver.received(encode(1, 7, bytes.fromhex(RESPONSE)))
     driven.ask(client=clients[3])
@@ -133,7 +135,7 @@ async def test_a_defect_ends_at_the_border_and_each_request_gets_one_answer(driv
 
 
 @pytest.mark.interpreted
-async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_border_too(monkeypatch):
+async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_error_boundary_too(monkeypatch):
     monkeypatch.setattr(Upstream, "port_down", defect)
     driven = Driven()
     driven.upstream._framer = SimpleNamespace(cut=defect)

@@ -8,8 +8,8 @@ from gateway import events
 from gateway.errors import NotModbus
 from gateway.lines import upstream as upstream_module
 from gateway.lines.breaker import FAILURES
-from gateway.lines.upstream import MOST_OWED
 from gateway.modbus.mbap import encode
+from gateway.upstreams.upstream import MOST_OWED
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, TIMEOUT, WRITE, UpstreamBench
 

@@ -2,9 +2,9 @@
 
 import pytest
 
+from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.events import AddressMoved, BaudChanged, Event
 from gateway.lines.line import RATE_CHANGE_PAUSE
-from gateway.lines.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.profiles.profile import Profile
 from kit.asker import Asker
 from kit.line_bench import RESPONSE, Bench, frame

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from struct import unpack
 from typing import Final, Literal, Protocol, cast
 
+from gateway.devices.device import Device, DeviceSettings, TakesTransactions
 from gateway.errors import IllegalDataValue
 from gateway.events import AddressMoved, BaudChanged, Emit
 from gateway.lines.breaker import FAILURES
-from gateway.lines.device import Device, DeviceSettings, TakesTransactions
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT, Area
 from gateway.modbus.frame import Frame

@@ -1,0 +1,1 @@
+"""Units behind other Modbus TCP servers."""
