@@ -1,6 +1,7 @@
 """What holds for all tests: the clock they run by, their order, and how hard hypothesis tries."""
 
 import asyncio
+import gc
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -34,6 +35,11 @@ def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=_in_real_time)  # stable: otherwise as collected
+
+
+def pytest_collection_finish() -> None:
+    gc.collect()
+    gc.freeze()  # thousands of tests that stay: each collection would look at them again
 
 
 def _in_real_time(item: pytest.Item) -> bool:

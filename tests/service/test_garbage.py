@@ -3,8 +3,6 @@
 import gc
 import weakref
 
-import pytest
-
 from gateway.service.garbage import settle
 
 
@@ -13,12 +11,6 @@ class Part:
 
     def __init__(self) -> None:
         self.other = self
-
-
-@pytest.fixture(autouse=True)
-def _unsettled():
-    yield
-    gc.unfreeze()
 
 
 def test_a_collection_passes_over_what_was_there_before():

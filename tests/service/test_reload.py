@@ -137,6 +137,14 @@ class Service:
         return parse(file.read_text(), str(file), port_trouble=lambda port: None, real_path=lambda port: port)
 
 
+@pytest.fixture(autouse=True)
+def settled(monkeypatch) -> list[None]:
+    """An entry for each time that the collector was told to settle, which looks at the objects of all tests."""
+    times: list[None] = []
+    monkeypatch.setattr("gateway.service.garbage.settle", lambda: times.append(None))
+    return times
+
+
 @pytest.fixture
 def serving(tmp_path, monkeypatch):
     @asynccontextmanager
@@ -162,6 +170,13 @@ async def test_a_file_that_means_the_same_changes_nothing(serving):
         assert outcome == Outcome()
         assert (after.parts, after.images, after.listeners) == (before.parts, before.images, before.listeners)
         assert service.part("hall-a").devices[41].source.endswith(":11")
+
+
+async def test_what_it_leaves_behind_is_freed(serving, settled):
+    async with serving(LISTEN + HALL_A) as service:
+        settled.clear()
+        await service.reload(LISTEN + HALL_B)
+        assert len(settled) == 1
 
 
 async def test_what_has_changed_is_built_anew_and_the_rest_is_not_touched(serving):
