@@ -39,6 +39,13 @@ NO_PYTHON = "#!/bin/sh\nexit 1\n"
 COMPILED = "gateway__mypyc.some-machine.so"
 COMPILE = f"import pathlib, sys\npathlib.Path(sys.argv[1], '{COMPILED}').touch()\n"
 MAIN = "import gateway, sys\nprint(gateway.__version__, sys.argv[1:])\n"
+#: As pytest is called; what is asked of it with these words in it fails.
+PYTEST = """#!/bin/sh
+echo "tested $*"
+case " $* " in *" {failing} "*) echo "FAILED $*"; exit 1 ;; esac
+"""
+#: Words that only one of the passes of `test` has.
+PASSES = ["tests/system tests", "loadfile tests/system", "tests/stories", "tests/system/test_udp.py"]
 SET_UP = ["venv .venv", "pip requirements.txt"]
 TOOLS = ["pip requirements-dev.txt"]
 
@@ -254,3 +261,38 @@ def test_what_uv_has_made_needs_uv_for_more_and_runs_without(checkout: Checkout)
     (checkout.programs / "uv").unlink()
     assert checkout.go() == (0, "1 []\n", "")
     assert "with uv in the PATH" in checkout.go("compile")[2]
+
+
+def with_tools(checkout: Checkout, failing: str = "nothing") -> Checkout:
+    for name in ("ruff", "mypy", "lint-imports"):
+        checkout.program(name, "#!/bin/sh\n")
+    checkout.program("pytest", PYTEST.format(failing=failing))
+    return checkout
+
+
+def test_everything_is_tested_as_it_is_and_compiled(checkout: Checkout) -> None:
+    status, shown, _ = with_tools(checkout).go("test")
+    assert status == 0
+    tested = [f"{line} " for line in shown.splitlines()]
+    assert all(any(f" {words} " in line for line in tested) for words in PASSES)
+    assert len(tested) == len(PASSES)
+
+
+@pytest.mark.parametrize("words", PASSES)
+def test_a_pass_that_fails_fails_the_whole_and_is_shown(checkout: Checkout, words: str) -> None:
+    status, shown, _ = with_tools(checkout, failing=words).go("test")
+    assert status == 1
+    assert shown.count("FAILED") == 1
+
+
+@pytest.mark.parametrize("tool", ["ruff", "mypy", "lint-imports"])
+def test_a_check_that_fails_is_a_failure(checkout: Checkout, tool: str) -> None:
+    with_tools(checkout).program(tool, "#!/bin/sh\nexit 3\n")
+    assert checkout.go("test")[0] == 3
+
+
+@pytest.mark.parametrize(("own", "status"), [({}, 0), ({"CI": "true"}, 1)])
+def test_without_a_compiler_the_rest_is_tested_which_ci_does_not_accept(checkout: Checkout, own, status: int) -> None:
+    with_tools(checkout).write("deploy/compile", "import sys\nsys.exit('no compiler')\n")
+    checkout.own |= own
+    assert checkout.go("test")[0] == status
