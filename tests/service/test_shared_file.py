@@ -12,6 +12,7 @@ import pytest
 from gateway.events import StateDamaged, StateKeptAgain, StateNotKept
 from gateway.service import shared_file
 from gateway.service.shared_file import SharedFile
+from kit.process import PATIENCE
 
 
 @pytest.fixture
@@ -55,11 +56,9 @@ def test_a_lock_that_somebody_keeps_holds_up_no_end(shared, told, monkeypatch) -
     with shared.file.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         shared.change("a", 1)
-        began = time.monotonic()
         shared.close()
-        assert time.monotonic() - began < 1.5
         assert told == [StateNotKept(str(shared.file), "the disk, or another gateway, takes too long")]
-    monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", 10.0)
+    monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", PATIENCE)
     shared.close()
     assert shared.read() == {"a": 1}
 
@@ -67,17 +66,17 @@ def test_a_lock_that_somebody_keeps_holds_up_no_end(shared, told, monkeypatch) -
 def test_a_disk_that_hangs_is_waited_for_once_whatever_has_changed(tmp_path, told, monkeypatch) -> None:
     monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", 0.5)
     released = threading.Event()
-    monkeypatch.setattr("os.fsync", lambda descriptor: released.wait(10.0))
-    files = [SharedFile(tmp_path / f"{number}.json", lambda entry: True, told.append) for number in range(6)]
+    monkeypatch.setattr("os.fsync", lambda descriptor: released.wait(PATIENCE))
+    files = [SharedFile(tmp_path / f"{number}.json", lambda entry: True, told.append) for number in range(20)]
     for file in files:
         file.change("a", 1)
     began = time.monotonic()
     for file in files:
         file.close()
-    assert time.monotonic() - began < 1.5
+    assert time.monotonic() - began < 5.0  # of ten if each is waited for
     assert len(told) == len(files)
     released.set()
-    monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", 10.0)
+    monkeypatch.setattr(shared_file, "CLOSING_DEADLINE", PATIENCE)
     for file in files:
         file.close()
         assert file.read() == {"a": 1}
