@@ -25,8 +25,14 @@ class UpstreamDriver:
         self.upstream = upstream
         self._emit = emit
         self._time = loop.time
-        name = f"upstream {upstream.settings.name}"
         self._boundary = ErrorBoundary(
+            f"upstream {upstream.settings.name}",
+            loop,
+            emit,
+            deadline=upstream.deadline,
+            tick=self._tick,
+            down=upstream.port_down,
+        )
             name, loop, emit, deadline=upstream.deadline, tick=self._tick, down=upstream.port_down
         )
 
