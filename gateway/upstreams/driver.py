@@ -33,8 +33,6 @@ class UpstreamDriver:
             tick=self._tick,
             down=upstream.port_down,
         )
-            name, loop, emit, deadline=upstream.deadline, tick=self._tick, down=upstream.port_down
-        )
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
