@@ -82,13 +82,13 @@ def longest_wait_behind(plan: UpstreamPlan) -> float:
 
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
     """For each unit that a server line serves: who answers, and the longest that one may take."""
-    waits = {image.unit: (image.name, 0.0) for image in plan.images}
-    for line in plan.lines:
-        waits |= {device.known_as: (device.name, longest_wait(line, device)) for device in line.shared}
-    for upstream in plan.upstreams:
-        waits |= {device.known_as: (device.name, longest_wait_behind(upstream)) for device in upstream.devices}
-    devices = dict(waits.values())
-    waits |= {mirror.unit: (mirror.name, devices[mirror.of]) for mirror in plan.mirrors}
+    behind = {device.name: longest_wait(line, device) for line in plan.lines for device in line.devices}
+    behind |= {device.name: longest_wait_behind(upstream) for upstream in plan.upstreams for device in upstream.devices}
+    shared = [device for line in plan.lines for device in line.shared]
+    shared += [device for upstream in plan.upstreams for device in upstream.devices]
+    waits = {device.known_as: (device.name, behind[device.name]) for device in shared}
+    waits |= {image.unit: (image.name, 0.0) for image in plan.images}
+    waits |= {mirror.unit: (mirror.name, behind[mirror.of]) for mirror in plan.mirrors}
     return {unit: waits[unit] for unit in sorted(server.line.serves)}
 
 

@@ -214,3 +214,19 @@ def test_a_device_without_any_read_on_a_line_that_repeats_reads():
     text = line + "[profile.w]\nfunctions = [6]\n"
     once, repeated = (resolve(parse(text.format(retries)).config).lines[0] for retries in (0, 2))
     assert longest_wait(repeated, repeated.devices[0]) == longest_wait(once, once.devices[0])
+
+
+def test_a_mirror_of_a_unit_that_only_a_listener_of_its_line_leads_to():
+    """The mirror has taken the unit's number everywhere else."""
+    config = parse(
+        '[[line]]\nname = "b"\nport = "/dev/b"\n'
+        '[[line]]\nport = "/dev/a"\nrole = "server"\nserves = [6]\n'
+        '[[image]]\nunit = 6\nname = "m"\nof = "b/6"\nread = [{ holding = 1, every = "1 s" }]\n'
+        '[[listen]]\nbind = "tcp://:502"\nline = "b"\n',
+        port_trouble=lambda _: None,
+    ).config
+    assert config is not None
+    plan = resolve(config)
+    line = plan.lines[0]
+    (device,) = [device for device in line.devices if device.unit == 6]
+    assert waits_behind(plan.servers[0], plan) == {6: ("m", longest_wait(line, device))}

@@ -6,7 +6,7 @@ import pytest
 
 from gateway import events
 from gateway.errors import NotModbus
-from gateway.lines import upstream as upstream_module
+from gateway.upstreams import upstream as upstream_module
 from gateway.lines.breaker import FAILURES
 from gateway.modbus.mbap import encode
 from gateway.upstreams.upstream import MOST_OWED
