@@ -222,7 +222,7 @@ def test_a_mirror_of_a_unit_that_only_a_listener_of_its_line_leads_to():
         '[[line]]\nname = "b"\nport = "/dev/b"\n'
         '[[line]]\nport = "/dev/a"\nrole = "server"\nserves = [6]\n'
         '[[image]]\nunit = 6\nname = "m"\nof = "b/6"\nread = [{ holding = 1, every = "1 s" }]\n'
-        '[[listen]]\nbind = "tcp://:502"\nline = "b"\n',
+        '[[listen]]\nbind = "tcp://0.0.0.0:502"\nline = "b"\n',
         port_trouble=lambda _: None,
     ).config
     assert config is not None

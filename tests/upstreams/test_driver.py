@@ -8,8 +8,8 @@ import pytest
 from gateway.devices.device import Device
 from gateway.errors import PortError
 from gateway.events import Event, PartFailed, UpstreamClosed
-from gateway.upstreams import upstream as upstream_module
 from gateway.modbus.mbap import encode
+from gateway.upstreams import upstream as upstream_module
 from gateway.upstreams.driver import UpstreamDriver
 from gateway.upstreams.upstream import Upstream, UpstreamSettings
 from kit.asker import Asker

@@ -6,9 +6,9 @@ import pytest
 
 from gateway import events
 from gateway.errors import NotModbus
-from gateway.upstreams import upstream as upstream_module
 from gateway.lines.breaker import FAILURES
 from gateway.modbus.mbap import encode
+from gateway.upstreams import upstream as upstream_module
 from gateway.upstreams.upstream import MOST_OWED
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, TIMEOUT, WRITE, UpstreamBench
