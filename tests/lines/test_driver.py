@@ -218,6 +218,7 @@ async def test_a_defect_loses_no_request_each_gets_exactly_one_answer(where: str
     driven.driver.close()
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("where", ["encode", "write"])
 async def test_a_defect_while_a_broadcast_leaves_ends_it_once(where: str) -> None:
     driven = Driven()

@@ -5,7 +5,7 @@ import pytest
 from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.events import BadFrame, ForeignFrame, LateResponse, OtherClientHeard, RequestTimeout
 from gateway.lines.late import WORTH_WAITING
-from gateway.modbus.ascii import AsciiFramer
+from gateway.modbus.scan import Expected
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import Point, TimingTable
@@ -451,7 +451,8 @@ def test_of_several_windows_the_longest_one_counts(bench: Bench) -> None:
     bench.device()
     windows = bench.line._windows
     for ends_at in (5.0, 9.0, 7.0):
-        windows.open(transaction(bench), AsciiFramer(), ends_at)
+        late = transaction(bench)
+        windows.open(late, Expected(1, late.asked), ends_at)
     assert windows.forbid_until(transaction(bench), 0.0) == 9.0
 
 

@@ -149,7 +149,7 @@ def daemon(path: Path, answer: bytes, *, hears: bool = True) -> Iterator[Thread]
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (b"", r"the daemon has hung up before it answered; does it end\?"),
+        (b"", r"the daemon closed the connection before it answered; is it stopping\?"),
         (b"HTTP/1.1 400\n", "what answers there is no modbus-gateway"),
         (b"[]\n", "what answers there is no modbus-gateway"),
     ],
@@ -203,7 +203,7 @@ def test_a_config_that_cannot_be_read_is_a_reason(config: Path, text: bytes) -> 
 def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, connected = tmp_path / "control.sock", daemon_module._connected
+    path, connected = tmp_path / "control.sock", daemon_module._connect
     with daemon(path, b'{"ok": false, "error": "later"}\n', hears=False) as thread:
 
         def slowly(control: str | None) -> socket:
@@ -211,6 +211,6 @@ def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
             thread.join(PATIENCE)
             return sock
 
-        monkeypatch.setattr(daemon_module, "_connected", slowly)
+        monkeypatch.setattr(daemon_module, "_connect", slowly)
         with pytest.raises(DaemonError, match="the daemon says: later"):
             ask("status", str(path))
