@@ -1,6 +1,7 @@
 """`./deploy/go`, in a small checkout and with an installer that only notes what it is asked for."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -296,3 +297,10 @@ def test_without_a_compiler_the_rest_is_tested_which_ci_does_not_accept(checkout
     with_tools(checkout).write("deploy/compile", "import sys\nsys.exit('no compiler')\n")
     checkout.own |= own
     assert checkout.go("test")[0] == status
+
+
+def test_what_it_names_is_there() -> None:
+    """pytest says nothing when what it shall ignore is not."""
+    named = re.findall(r"tests(?:/[\w.]+)+", GO.read_text())
+    assert named
+    assert [path for path in named if not (GO.parents[1] / path).exists()] == []
