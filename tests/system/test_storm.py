@@ -42,7 +42,7 @@ def test_clients_that_are_refused_and_ask_again_leave_the_line_its_time(tmp_path
         with flooded(gateway, connections=60):
             stormy = transactions(device, seconds=4.0)
             answers = [polled(gateway, address) for address in range(20)]
-    assert stormy > undisturbed / 2  # 0.8 and more of it on a machine that does nothing else
+    assert stormy > undisturbed / 5  # a quiet machine: 0.8 and more; without the pause, a busy one: a fiftieth
     assert answers.count("0302002a") >= 19
 
 
