@@ -1,9 +1,32 @@
 """Plain tables for people."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+
+_BETWEEN = "  "
+#: No column gets narrower than this, in characters.
+_NARROWEST = 8
 
 
 def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
     """The rows with their columns under one another; the first row is the headings."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(indent + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    return "\n".join(indent + _BETWEEN.join(map(str.ljust, row, widths)).rstrip() for row in rows)
+
+
+def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int) -> list[list[str]]:
+    """The rows with the texts of the `flexible` columns shortened until a row fits into `width` characters."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    while sum(widths) + len(_BETWEEN) * (len(widths) - 1) > width:
+        widest = max(flexible, key=widths.__getitem__, default=None)
+        if widest is None or widths[widest] <= _NARROWEST:
+            break
+        widths[widest] -= 1
+    return [list(map(shorten, row, widths)) for row in rows]
+
+
+def shorten(text: str, width: int) -> str:
+    """`text` in at most `width` characters: what names a thing stands at its beginning and at its end."""
+    if len(text) <= width:
+        return text
+    end = (width - 1) * 2 // 3
+    return f"{text[: width - 1 - end]}…{text[len(text) - end :]}"

@@ -2,22 +2,32 @@
 
 import argparse
 import json
+import os
+import shutil
+import sys
+import textwrap
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from math import ceil
 from typing import Any, Final
 
-from gateway.cli.columns import align
+from gateway.cli.advice import ADVICE, count_failed, count_ok, show_age
+from gateway.cli.columns import align, narrow
 from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
 from gateway.cli.main import FINE
 from gateway.config.duration import show_duration
 from gateway.errors import DaemonError
-from gateway.lines.counts import RESULTS
 
 #: How often `-w` looks, in seconds.
 _WATCH_STEP: Final = 1.0
 #: What makes a cell of the picture empty: nothing to tell.
 _NOTHING: Final = "-"
+_INDENT: Final = "  "
+
+#: For terminals: to the upper left; what is right of a line's end, and below, away.
+_HOME: Final = "\x1b[H"
+_CLEAR_LINE: Final = "\x1b[K"
+_CLEAR_BELOW: Final = "\x1b[J"
 
 #: A key of a row, or what makes its text of the row.
 _Column = str | Callable[[Mapping[str, Any]], object]
@@ -36,24 +46,38 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         DaemonError: no daemon answers.
     """
+    in_place = args.watch and not args.json and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
     while True:
         status = ask("status", args.control).get("status")
         if not isinstance(status, dict):
             raise DaemonError("the daemon's answer has no status in it")
-        print(json.dumps(status, indent=None if args.watch else 2) if args.json else picture(status), flush=True)
+        columns, rows = shutil.get_terminal_size()
+        if args.json:
+            print(json.dumps(status, indent=None if args.watch else 2), flush=True)
+        elif in_place:
+            print(end=_redrawn(picture(status, columns), rows), flush=True)
+        else:
+            print(picture(status, columns), end="\n\n" if args.watch else "\n", flush=True)
         if not args.watch:
             return FINE
         time.sleep(_WATCH_STEP)
-        if not args.json:
-            print()
 
 
-def picture(status: Mapping[str, Any]) -> str:
-    """The status as tables."""
+def _redrawn(text: str, rows: int) -> str:
+    """`text` over what stands on a terminal of so many rows."""
+    lines = text.splitlines()
+    if len(lines) >= rows:
+        lines = [*lines[: rows - 2], f"{len(lines) - rows + 2} more lines: make the window higher"]
+    return _HOME + "".join(f"{line}{_CLEAR_LINE}\n" for line in lines) + _CLEAR_BELOW
+
+
+def picture(status: Mapping[str, Any], width: int = 80) -> str:
+    """The status as tables of so many characters, if names and addresses are not too long for that."""
     units = _rows(status, "units")
     asked = [unit for unit in units or () if _cell(_was_asked, unit)]
     shown = {**status, "units": None if units is None else asked}
-    parts = [_table(title, _rows(shown, section), columns) for title, section, columns in _TABLES]
+    parts = [_table(title, _rows(shown, section), columns, width) for title, section, columns in _TABLES]
+    parts.append(_notes(shown, width))
     silent = len(units or ()) - len(asked)
     if silent:
         parts.append(f"{silent} units have not been asked yet.")
@@ -66,35 +90,92 @@ def _rows(status: Mapping[str, Any], section: str) -> list[Any] | None:
     return rows if isinstance(rows, list) else None
 
 
-def _table(title: str, rows: list[Any] | None, columns: Mapping[str, _Column]) -> str:
+def _table(title: str, rows: list[Any] | None, columns: Mapping[str, _Column], width: int) -> str:
     if rows is None:
         return f"{title}\n  {UNKNOWN}"
-    cells = [tuple(str(_cell(column, row)) for column in columns.values()) for row in rows]
-    return f"{title}\n{align([tuple(columns), *cells], '  ')}" if cells else ""
+    if not rows:
+        return ""
+    cells = [tuple(columns), *([str(_cell(column, row)) for column in columns.values()] for row in rows)]
+    flexible = [place for place, heading in enumerate(columns) if heading in _FLEXIBLE]
+    return f"{title}\n{align(narrow(cells, flexible, width - len(_INDENT)), _INDENT)}"
+
+
+def _notes(status: Mapping[str, Any], width: int) -> str:
+    """What to do, a paragraph for each note."""
+    notes = [
+        textwrap.fill(f"{_name(row)}: {note}", width, initial_indent=_INDENT, subsequent_indent=2 * _INDENT)
+        for section, advise in ADVICE.items()
+        for row in _rows(status, section) or ()
+        for note in _told(advise, row)
+    ]
+    return "\n".join(["Notes", *notes]) if notes else ""
+
+
+def _name(row: Mapping[str, Any]) -> str:
+    return f"unit {row['unit']}, {_cell('name', row)}" if "unit" in row else str(_cell("name", row))
+
+
+def _told(advise: Callable[[Mapping[str, Any]], Iterator[str]], row: Any) -> list[str]:
+    """The notes about a row; none about one that this version does not understand."""
+    try:
+        return list(advise(row))
+    except _NOT_UNDERSTOOD:
+        return []
 
 
 def _cell(column: _Column, row: Any) -> object:
     """What stands in a column. Daemons of other versions may lack it, or tell it in another way."""
     try:
         return row[column] if isinstance(column, str) else column(row)
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
+    except _NOT_UNDERSTOOD:
         return UNKNOWN
 
 
 def _was_asked(unit: Mapping[str, Any]) -> bool:
-    return bool(unit["counts"]["sent"] or unit["state"] != "fine" or _count_failed(unit))
+    return bool(unit["counts"]["sent"] or unit["state"] != "fine" or count_failed(unit))
 
 
 def _at(unit: Mapping[str, Any]) -> str:
     return f"{unit['line']}/{unit['on_the_wire']}"
 
 
-def _unit_state(unit: Mapping[str, Any]) -> str:
-    return f"rests {show_duration(ceil(unit['rests_ms'] / 1000))}" if unit["state"] == "resting" else str(unit["state"])
+def _speed(line: Mapping[str, Any]) -> str:
+    return f"{line['baud']} {line['format']}"
 
 
-def _last_error(unit: Mapping[str, Any]) -> str:
-    return str(unit["last_error"] or _NOTHING)
+def _busy(line: Mapping[str, Any]) -> str:
+    return _share(line["busy_share"])
+
+
+def _per_second(line: Mapping[str, Any]) -> str:
+    rate = line["requests_per_s"]
+    return _NOTHING if rate is None else f"{rate:.1f}"
+
+
+def _last_answer(unit: Mapping[str, Any]) -> str:
+    return _age(unit["last_answer_ms"])
+
+
+def _asked_last(client: Mapping[str, Any]) -> str:
+    return _age(client["asked_ms"])
+
+
+def _p50(unit: Mapping[str, Any]) -> str:
+    return _milliseconds(unit["times"]["answer_p50_ms"])
+
+
+def _p99(unit: Mapping[str, Any]) -> str:
+    return _milliseconds(unit["times"]["answer_p99_ms"])
+
+
+def _limit(unit: Mapping[str, Any]) -> str:
+    return _milliseconds(unit["times"]["limit_ms"])
+
+
+def _answered(unit: Mapping[str, Any]) -> str:
+    """The share of the requests that were answered; 100 % only if all were."""
+    ok, failed = count_ok(unit), count_failed(unit)
+    return _NOTHING if not ok + failed else f"{100 * ok // (ok + failed)} %"
 
 
 def _longest_wait(unit: Mapping[str, Any]) -> str:
@@ -106,49 +187,62 @@ def _count_answered(server: Mapping[str, Any]) -> int:
 
 
 def _ages(mirror: Mapping[str, Any]) -> str:
-    return ", ".join(f"{each['addresses']}: {_age(each['age_ms'])}" for each in mirror["ranges"])
+    return ", ".join(f"{each['addresses']}: {_age_of_values(each['age_ms'])}" for each in mirror["ranges"])
 
 
-def _age(age: float | None) -> str:
+def _age_of_values(age: float | None) -> str:
     return "not known" if age is None else f"{age / 1000:.1f} s"
 
 
-def _state(one: Mapping[str, Any]) -> str:
-    return f"down: {one['reason']}" if one["state"] == "down" else str(one["state"])
+def _age(age: float | None) -> str:
+    return _NOTHING if age is None else show_age(age)
 
 
-def _count_ok(one: Mapping[str, Any]) -> int:
-    """Requests that were answered by the device, exceptions included, and broadcasts."""
-    counts = one["counts"]
-    return int(counts["ok"] + counts["exception"] + counts["broadcast"])
+def _milliseconds(value: float | None) -> str:
+    return _NOTHING if value is None else f"{value:.1f}" if value < 10 else f"{value:.0f}"
 
 
-def _count_failed(one: Mapping[str, Any]) -> int:
-    """Requests that were not. A result that the daemon does not know has not happened there."""
-    counts: Mapping[str, int] = one["counts"]
-    return sum(counts.get(result, 0) for result in RESULTS) - _count_ok(one)
+def _share(share: float | None) -> str:
+    return _NOTHING if share is None else f"{100 * share:.0f} %"
 
+
+#: What a row raises that tells something in another way than expected.
+_NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
+
+#: The columns whose texts may be shortened.
+_FLEXIBLE: Final = frozenset({"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER"})
 
 #: The tables: what each is called, the section of the status that it shows, and its columns.
 _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
-    ("Listeners", "listeners", {"NAME": "name", "ADDRESS": "address", "CLIENTS": "clients", "REJECTED": "rejected"}),
     (
-        "Lines",
+        "Lines (busy and requests/s: of the last minute)",
         "lines",
         {
             "NAME": "name",
             "PORT": "port",
-            "WIRE": "wire",
-            "STATE": _state,
+            "SPEED": _speed,
+            "STATE": "state",
+            "BUSY": _busy,
+            "REQ/S": _per_second,
             "WAITING": "queue",
-            "OK": _count_ok,
-            "FAILED": _count_failed,
+            "ERRORS": count_failed,
         },
     ),
     (
-        "Server lines",
-        "servers",
-        {"NAME": "name", "PORT": "port", "WIRE": "wire", "STATE": _state, "ANSWERED": _count_answered},
+        "Units (answer times in ms)",
+        "units",
+        {
+            "UNIT": "unit",
+            "AT": _at,
+            "DEVICE": "name",
+            "STATE": "state",
+            "LAST": _last_answer,
+            "P50": _p50,
+            "P99": _p99,
+            "LIMIT": _limit,
+            "ANSWERED": _answered,
+            "MAX-WAIT": _longest_wait,
+        },
     ),
     (
         "Upstreams",
@@ -156,26 +250,19 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
         {
             "NAME": "name",
             "ADDRESS": "to",
-            "STATE": _state,
+            "STATE": "state",
             "WAITING": "queue",
-            "OK": _count_ok,
-            "FAILED": _count_failed,
+            "OK": count_ok,
+            "ERRORS": count_failed,
         },
     ),
     (
-        "Units",
-        "units",
-        {
-            "UNIT": "unit",
-            "AT": _at,
-            "DEVICE": "name",
-            "STATE": _unit_state,
-            "OK": _count_ok,
-            "FAILED": _count_failed,
-            "LAST-ERROR": _last_error,
-            "LONGEST-WAIT": _longest_wait,
-        },
+        "Server lines",
+        "servers",
+        {"NAME": "name", "PORT": "port", "SPEED": _speed, "STATE": "state", "ANSWERED": _count_answered},
     ),
     ("Images", "images", {"UNIT": "unit", "NAME": "name", "REQUESTS": "requests", "EXCEPTIONS": "exceptions"}),
     ("Mirrors", "mirrors", {"UNIT": "unit", "NAME": "name", "OF": "of", "REQUESTS": "requests", "AGES": _ages}),
+    ("Listeners", "listeners", {"NAME": "name", "ADDRESS": "address", "CLIENTS": "clients", "REJECTED": "rejected"}),
+    ("Clients", "clients", {"CLIENT": "client", "LISTENER": "listener", "LAST": _asked_last}),
 )

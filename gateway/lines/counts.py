@@ -7,6 +7,7 @@ from typing import Final
 
 from gateway.errors import RequestError
 from gateway.modbus.functions import KNOWN_FUNCTIONS
+from gateway.timing.measured import NEVER, Times
 
 #: Stands for every function that is not known here: clients may ask for any of them.
 OTHER_FUNCTIONS: Final = 0
@@ -60,29 +61,39 @@ class Counts:
 
 
 class UnitCounts(dict[int, Counts]):
-    """The Counts of one unit by function; those that are not known here share one.
+    """The Counts of one unit by function; those that are not known here share one. `times` has an entry beside each.
 
     `codes` are the unit's exception responses by their code. `last_error` is what became of the last request that was
-    sent and not `ok`: `timeout`, `exception 02`.
+    sent and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`.
     """
 
-    __slots__ = ("codes", "last_error")
+    __slots__ = ("codes", "last_error", "last_error_at", "times")
 
     def __init__(self) -> None:
         super().__init__()
+        self.times: dict[int, Times] = {}
         self.codes: dict[int, int] = {}
         self.last_error = ""
+        self.last_error_at = NEVER
 
     def __missing__(self, function: int) -> Counts:
         if function not in KNOWN_FUNCTIONS and function != OTHER_FUNCTIONS:
-            return self[OTHER_FUNCTIONS]
+            counts = self[OTHER_FUNCTIONS]
+            self.times[function] = self.times[OTHER_FUNCTIONS]
+            return counts
         counts = self[function] = Counts()
+        self.times[function] = Times()
         return counts
 
-    def refused_by_unit(self, code: int, requests: int) -> None:
+    def refused_by_unit(self, code: int, requests: int, now: float) -> None:
         """So many requests have got the exception `code` from the unit."""
         self.codes[code] = self.codes.get(code, 0) + requests
-        self.last_error = f"exception {code:02X}"
+        self.failed(f"exception {code:02X}", now)
+
+    def failed(self, error: str, now: float) -> None:
+        """A request that was sent has come to this."""
+        self.last_error = error
+        self.last_error_at = now
 
 
 _NAMES: Final = tuple(field.name for field in fields(Counts))

@@ -43,6 +43,7 @@ from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
+from gateway.timing.measured import Phases, Spending
 
 #: Silence after a device has answered that it changes its rate, in seconds: time for it, and for our own port.
 RATE_CHANGE_PAUSE: Final = 0.1
@@ -62,9 +63,9 @@ class Line:
 
     def __init__(self, settings: LineSettings, emit: Emit) -> None:
         self.settings = settings
-        #: Bytes that came while nothing was asked, and the seconds in which something was.
+        #: Bytes that came while nothing was asked, and what the line's time went into.
         self.unasked_bytes = 0
-        self.busy_seconds = 0.0
+        self.spent = Spending()
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit)
         self._windows = LateWindows(settings.late_window)
@@ -90,6 +91,14 @@ class Line:
     def late_windows(self, now: float) -> int:
         """How many late answers are awaited."""
         return self._windows.count(now)
+
+    def phases(self, now: float) -> Phases:
+        """What the line's time has gone into, also the time for what is awaited `now`."""
+        current = self._current
+        if current is None or not self._is_awaiting:
+            return self.spent.phases()
+        ends_at = min(current.ends_at, now)
+        return self.spent.phases(ends_at - current.sent_at, now - ends_at)
 
     def port_up(
         self,
@@ -252,6 +261,7 @@ class Line:
         """Work out what follows from the line's timing and its port's latency."""
         self._budget = Budget(self.settings.timing, latency)
         self._gap = self.settings.silence_before_request
+        self.spent.tune(self.settings.timing)
         self._receiver.tune(self._budget, self.settings.frame_end + latency, virtual=self._is_virtual)
 
     def _disconnect(self, state: State) -> None:
@@ -307,8 +317,7 @@ class Line:
             self._current, self._state = None, "idle"
             transaction.fail(error)
             return
-        transaction.counts.sent += 1
-        transaction.counts.retries += transaction.retries > 0
+        transaction.sent(now)
         transaction.owed += not transaction.is_broadcast
         if transaction.expects_answer:
             self._quiet_at = transaction.ends_at + self._gap
@@ -320,7 +329,7 @@ class Line:
         """Send what nobody answers, and leave the devices time to act."""
         self._current, self._state = None, "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
-        self.busy_seconds += self._quiet_at - now
+        self.spent.add(now, transaction.ends_at, transaction.ends_at, 0, self._quiet_at)
         overdue: list[Transaction] = []
         try:
             write(self._receiver.begin(transaction, now))
@@ -351,7 +360,7 @@ class Line:
     def _take(self, current: Transaction, outcome: Outcome, now: float) -> None:
         """The answer has come, or one that is doubted."""
         if isinstance(outcome, Frame):
-            current.counts.responses += 1
+            current.answered(now)
             current.owed -= 1
             self._scheduler.answered(current)
         else:  # its own answer comes next: nobody speaks into it
@@ -373,7 +382,7 @@ class Line:
             self._lose(current, now)
         elif at_once:
             current.retries += 1
-            self.busy_seconds += now - current.sent_at
+            self._spend(current, 0, now)
             self._state = "repeating"
         else:
             self._finish(current, None, now)
@@ -419,33 +428,36 @@ class Line:
         overdue = self._scheduler.await_late(current, now) if current.owed else []
         if outcome is None:
             self._scheduler.put_back(current.again())
+        response = outcome if isinstance(outcome, Frame) else None
         if self._state != "repeating":
-            self.busy_seconds += now - current.sent_at
+            self._spend(current, 0 if response is None else len(response.pdu), now)
         self._current = None
         self._state = "down" if self._write is None else "idle"
         if self._budget.line is not self.settings.timing:
             self._follow_rate(now)
-        response = outcome if isinstance(outcome, Frame) else None
         try:
             current.device.finished(current, response)
             if self.observer is not None:
                 self.observer(current, response, now)
             self._go_on(now)
         finally:
-            _answer(current, outcome)
+            _answer(current, outcome, now)
             _fail_all(overdue, errors.AnswerOverdue())
+
+    def _spend(self, current: Transaction, response: int, now: float) -> None:
+        """The line was given to this until `now`; the PDU of its response has so many bytes."""
+        self.spent.add(current.sent_at, current.ends_at, now, response, self._quiet_at)
 
     def __repr__(self) -> str:
         current = f" {self._current!r}" if self._current else ""
         return f"<Line {self.settings.name} {self._state}{current} waiting={self.waiting}>"
 
 
-def _answer(transaction: Transaction, outcome: Frame | RequestError | None) -> None:
+def _answer(transaction: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
     if isinstance(outcome, RequestError):
-        transaction.device.counts.last_error = outcome.result
-        transaction.fail(outcome)
+        transaction.lose(outcome, now)
     elif outcome is not None:
-        transaction.respond(outcome.pdu)
+        transaction.respond(outcome.pdu, now)
 
 
 def _fail_waiting(transactions: list[Transaction]) -> None:

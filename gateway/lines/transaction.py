@@ -39,7 +39,7 @@ class Transaction:
 
     __slots__ = (
         "asked", "client", "counts", "device", "ends_at", "expected", "expects_answer", "gives_up_at", "limit", "owed",
-        "requests", "retries", "sent_at", "unit", "yields",
+        "requests", "retries", "sent_at", "times", "unit", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
@@ -50,7 +50,9 @@ class Transaction:
         self.client = request.origin.client
         self.asked = asked
         self.device = device
-        self.counts = device.counts[asked.function]
+        counts, function = device.counts, asked.function
+        self.counts = counts[function]
+        self.times = counts.times[function]
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
@@ -109,15 +111,38 @@ class Transaction:
         """When the response must be there."""
         return self.ends_at + self.limit
 
-    def respond(self, pdu: bytes) -> None:
+    def sent(self, now: float) -> None:
+        """It goes on its way, for the first time or again."""
+        self.counts.sent += 1
+        if self.retries:
+            self.counts.retries += 1
+            return
+        for request in self.requests:
+            self.times.wait.add(now - request.received_at)
+
+    def answered(self, now: float) -> None:
+        """A valid answer has come in time."""
+        self.counts.responses += 1
+        self.times.answered(now, self.ends_at, self.limit)
+
+    def respond(self, pdu: bytes, now: float) -> None:
         """Answer all requests."""
         if pdu[0] & EXCEPTION_BIT:
             self.counts.exception += len(self.requests)
-            self.device.counts.refused_by_unit(pdu[1], len(self.requests))
+            self.device.counts.refused_by_unit(pdu[1], len(self.requests), now)
         else:
             self.counts.ok += len(self.requests)
         for request in self.requests:
+            self.times.request.add(now - request.received_at)
             request.respond(pdu)
+
+    def lose(self, error: RequestError, now: float) -> None:
+        """Fail all requests, which were sent."""
+        self.times.limit = self.limit
+        self.device.counts.failed(error.result, now)
+        for request in self.requests:
+            self.times.request.add(now - request.received_at)
+        self.fail(error)
 
     def fail(self, error: RequestError) -> None:
         """Fail all requests."""

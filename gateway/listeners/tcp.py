@@ -69,6 +69,11 @@ class TcpListener:
         return len(self.connections)
 
     @property
+    def connected_clients(self) -> tuple[TcpConnection, ...]:
+        """Who they are."""
+        return tuple(self.connections)
+
+    @property
     def has_clients(self) -> bool:
         """Whether any connection is open, or being closed."""
         return bool(len(self.connections) or self._closing)

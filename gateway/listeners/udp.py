@@ -77,6 +77,11 @@ class UdpListener:
         return len(self._peers)
 
     @property
+    def connected_clients(self) -> tuple[Peer, ...]:
+        """Who they are."""
+        return tuple(self._peers.values())
+
+    @property
     def has_clients(self) -> bool:
         """Whether any peer has a request under way."""
         return not all(peer.is_idle for peer in self._peers.values())

@@ -9,6 +9,7 @@ from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
 from gateway.events import Emit
+from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
 from gateway.lines.late import Overdue
 from gateway.lines.line import Line
@@ -48,6 +49,11 @@ class GatewayLine:
     def means(self, plan: LinePlan) -> bool:
         """Whether `plan` asks for this very line. One that passes units through may get or lose some of them."""
         return self.plan.meaning == plan.meaning
+
+    @property
+    def counts(self) -> tuple[UnitCounts, ...]:
+        """Those of its units, and of its broadcasts."""
+        return (self.every_device.counts, *(device.counts for device in self.devices.values()))
 
     @property
     def patience(self) -> float:

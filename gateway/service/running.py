@@ -13,6 +13,7 @@ from gateway.ports.keeper import Keeper
 from gateway.service.build import Driver, Gateway, Listener, Part
 from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
+from gateway.service.recent import Recent
 
 #: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
 #: seconds; and how long ports may take to close then. With the end of the process that is less than 5 s. Only a disk
@@ -43,6 +44,7 @@ class Running:
         self.emit = emit
         #: Set while clients can connect and nobody has ordered the end.
         self.ready = asyncio.Event()
+        self.recent = Recent(gateway, asyncio.get_running_loop().time())
         self._sockets = sockets or OpenSockets()
         self._left_behind = left_behind or LeftBehind()
         self._tasks: dict[Part, asyncio.Task[None]] = {}

@@ -3,8 +3,8 @@
 Counts are those since the start. Durations have their unit in their name.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import astuple, dataclass, replace
 from typing import Literal
 
 from gateway.devices.device import Device
@@ -17,6 +17,9 @@ from gateway.ports.keeper import Keeper
 from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.service.recent import Rate, Recent
+from gateway.timing.histogram import SECONDS, SHARES, merged
+from gateway.timing.measured import NEVER, Phases, Times
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +36,23 @@ class ListenerStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class ClientStatus:
+    """A client that is connected, or has sent datagrams. It asked last so long ago; None if it never did."""
+
+    client: str
+    listener: str
+    asked_ms: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class LineStatus:
     """A line. `reason` says why it is down. `late_windows` is how many late answers are awaited.
 
     `wire` is how bytes travel; it may be `auto` as long as its port was never open.
 
-    `busy_s` is how long something was asked on it: the share of a time is the difference over that time. `counts` are
-    those of all its units and of its broadcasts.
+    `phases` are the seconds that went into requests, waiting for responses, responses, and the silences behind them;
+    `busy_s` is all of that. `busy_share` of the last minute, and so many requests a second, were its own; None in the
+    first second. `counts` are those of all its units and of its broadcasts.
     """
 
     name: str
@@ -54,6 +67,9 @@ class LineStatus:
     queue: int
     late_windows: int
     busy_s: float
+    busy_share: float | None
+    requests_per_s: float | None
+    phases: Phases
     unasked_bytes: int
     counts: Counts
 
@@ -95,12 +111,31 @@ class UpstreamStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class TimesStatus:
+    """How long requests took: the median and what 99 of 100 did not exceed, as far as fixed buckets tell.
+
+    `wait` is until a request was sent; `answer` is from its last character to the last one of a valid response, and
+    `limit_share` that time's share of the limit. `limit_ms` is the last one. None before the first request.
+    """
+
+    wait_p50_ms: float | None
+    wait_p99_ms: float | None
+    answer_p50_ms: float | None
+    answer_p99_ms: float | None
+    limit_share_p50: float | None
+    limit_share_p99: float | None
+    limit_ms: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class UnitStatus:
     """A unit on a line or behind an upstream, which `line` names: `unit` to clients, `on_the_wire` there.
 
-    It is failing after `failures` in a row, and after three of them it rests: `rests_ms` are left of that.
+    It is failing after `failures` in a row, and after three of them it rests: `rests_ms` are left of that. The last
+    valid answer came `last_answer_ms` ago, and what was sent and not answered well was so `last_error_ms` ago.
     `exceptions` are those of the unit itself, by code. `functions` are the counts of each function that was asked, 0
-    standing for all that the gateway does not know. A client's time-out should be longer than `longest_wait_ms`.
+    standing for all that the gateway does not know, and `function_times` their times; `times` are those of all. A
+    client's time-out should be longer than `longest_wait_ms`.
     """
 
     line: str
@@ -112,11 +147,15 @@ class UnitStatus:
     state: Literal["fine", "failing", "resting"]
     failures: int
     rests_ms: float
+    last_answer_ms: float | None
     last_error: str
+    last_error_ms: float | None
     longest_wait_ms: float
     counts: Counts
+    times: TimesStatus
     exceptions: Mapping[int, int]
     functions: Mapping[int, Counts]
+    function_times: Mapping[int, TimesStatus]
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +199,7 @@ class Status:
 
     at: float
     listeners: tuple[ListenerStatus, ...]
+    clients: tuple[ClientStatus, ...]
     lines: tuple[LineStatus, ...]
     servers: tuple[ServerStatus, ...]
     upstreams: tuple[UpstreamStatus, ...]
@@ -168,13 +208,14 @@ class Status:
     mirrors: tuple[MirrorStatus, ...]
 
 
-def status(gateway: Gateway, now: float) -> Status:
-    """How `gateway` is doing at `now`."""
+def status(gateway: Gateway, recent: Recent, now: float) -> Status:
+    """How `gateway` is doing at `now`, and did in `recent` time."""
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     return Status(
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
-        lines=tuple(_line(each, now) for each in gateway.lines),
+        clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
+        lines=tuple(_line(each, recent.rate(each, now), now) for each in gateway.lines),
         servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
         units=tuple(_unit(owner, device, now) for owner in owners for device in owner.devices.values()),
@@ -195,8 +236,14 @@ def _listener(listener: Listener) -> ListenerStatus:
     )
 
 
-def _line(parts: GatewayLine, now: float) -> LineStatus:
+def _clients(listener: Listener, now: float) -> Iterator[ClientStatus]:
+    for each in listener.connected_clients:
+        yield ClientStatus(each.client, listener.settings.name, _since(each.last_asked, now))
+
+
+def _line(parts: GatewayLine, rate: Rate | None, now: float) -> LineStatus:
     line, timing = parts.driver.line, parts.driver.line.settings.timing
+    phases = line.phases(now)
     return LineStatus(
         name=line.settings.name,
         source=line.settings.source,
@@ -209,9 +256,12 @@ def _line(parts: GatewayLine, now: float) -> LineStatus:
         format=str(timing.format),
         queue=line.waiting,
         late_windows=line.late_windows(now),
-        busy_s=round(line.busy_seconds, 3),
+        busy_s=round(phases.busy, 3),
+        busy_share=rate and round(rate.busy, 3),
+        requests_per_s=rate and round(rate.per_second, 1),
+        phases=Phases(*(round(each, 3) for each in astuple(phases))),
         unasked_bytes=line.unasked_bytes,
-        counts=_sum([parts.every_device.counts, *(device.counts for device in parts.devices.values())]),
+        counts=_sum(parts.counts),
     )
 
 
@@ -255,7 +305,8 @@ def _port_state(keeper: Keeper) -> Literal["up", "down", "not tried"]:
 
 
 def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> UnitStatus:
-    settings, breaker = device.settings, device.breaker
+    settings, breaker, counts = device.settings, device.breaker, device.counts
+    times = {function: counts.times[function] for function in counts}
     return UnitStatus(
         line=parts.name,
         unit=settings.known_as,
@@ -266,11 +317,15 @@ def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> U
         state=_unit_state(breaker, now),
         failures=breaker.failures,
         rests_ms=_milliseconds(breaker.rest_left(now)),
-        last_error=device.counts.last_error,
+        last_answer_ms=_since(max((each.answered_at for each in times.values()), default=NEVER), now),
+        last_error=counts.last_error,
+        last_error_ms=_since(counts.last_error_at, now),
         longest_wait_ms=_milliseconds(parts.longest_wait[settings.known_as]),
-        counts=_sum([device.counts]),
-        exceptions=dict(device.counts.codes),
-        functions={function: total([counts]) for function, counts in device.counts.items()},
+        counts=_sum([counts]),
+        times=_times(times.values()),
+        exceptions=dict(counts.codes),
+        functions={function: total([each]) for function, each in counts.items()},
+        function_times={function: _times([each]) for function, each in times.items()},
     )
 
 
@@ -305,6 +360,35 @@ def _mirror(mirror: Mirror, now: float) -> MirrorStatus:
 
 def _sum(units: Iterable[UnitCounts]) -> Counts:
     return total(counts for unit in units for counts in unit.values())
+
+
+def _times(of: Iterable[Times]) -> TimesStatus:
+    """Those of several functions together. The limit is the longest one."""
+    times = tuple(of)
+    wait = merged(SECONDS, (each.wait for each in times))
+    answer = merged(SECONDS, (each.answer for each in times))
+    share = merged(SHARES, (each.share for each in times))
+    return TimesStatus(
+        wait_p50_ms=_optional_ms(wait.quantile(0.5)),
+        wait_p99_ms=_optional_ms(wait.quantile(0.99)),
+        answer_p50_ms=_optional_ms(answer.quantile(0.5)),
+        answer_p99_ms=_optional_ms(answer.quantile(0.99)),
+        limit_share_p50=_optional_share(share.quantile(0.5)),
+        limit_share_p99=_optional_share(share.quantile(0.99)),
+        limit_ms=_milliseconds(max((each.limit for each in times), default=0.0)) or None,
+    )
+
+
+def _since(at: float, now: float) -> float | None:
+    return None if at == NEVER else _milliseconds(now - at)
+
+
+def _optional_ms(seconds: float | None) -> float | None:
+    return None if seconds is None else _milliseconds(seconds)
+
+
+def _optional_share(share: float | None) -> float | None:
+    return None if share is None else round(share, 3)
 
 
 def _milliseconds(seconds: float) -> float:

@@ -75,9 +75,11 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     systemd.ready(summary(running.gateway))
     running.ready.set()
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
+    sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
     await stop.asked()
     running.ready.clear()
     watching.cancel()
+    sampling.cancel()
 
 
 async def _done_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:

@@ -31,7 +31,7 @@ class UpstreamDriver:
             emit,
             deadline=upstream.deadline,
             tick=self._tick,
-            down=upstream.port_down,
+            down=self._down,
         )
 
     def submit(self, transaction: Transaction, now: float) -> None:
@@ -70,6 +70,9 @@ class UpstreamDriver:
 
     def _tick(self) -> None:
         self._step(self.upstream.tick, self._time())
+
+    def _down(self) -> None:
+        self.upstream.port_down(self._time())
 
     def _run(self, step: Callable[..., None], *arguments: Any) -> None:
         self._boundary.run(self._step, step, *arguments)

@@ -80,15 +80,14 @@ class Upstream:
             device.breaker.heard()
         self._failed_at.clear()
 
-    def port_down(self) -> None:
+    def port_down(self, now: float) -> None:
         """The connection has gone: what was under way may have been acted on (0B), what waited was not sent (0A)."""
         self._write = None
         lost, waiting = list(self._under_way.values()), self._queue.clear()
         for kept in (self._under_way, self._instead, self._owed, self._asking):
             kept.clear()
         for transaction in lost:
-            transaction.device.counts.last_error = errors.LineLost.result
-            transaction.fail(errors.LineLost())
+            transaction.lose(errors.LineLost(), now)
         for transaction in waiting:
             transaction.fail(errors.LineDown())
 
@@ -128,7 +127,7 @@ class Upstream:
             self._go_on(now)
         finally:
             for transaction, pdu in answers:
-                transaction.respond(pdu)
+                transaction.respond(pdu, now)
 
     def deadline(self) -> float | None:
         """When `tick` wants to be called, or None while there is nothing to wait for."""
@@ -147,7 +146,7 @@ class Upstream:
             self._go_on(now)
         finally:
             for transaction, error in failed:
-                transaction.fail(error)
+                transaction.lose(error, now)
 
     @property
     def waiting(self) -> int:
@@ -175,7 +174,7 @@ class Upstream:
         late = self._owed.get(frame.transaction)
         if asked is not None and _answers(frame, asked):
             self._finish(frame.transaction, asked)
-            asked.counts.responses += 1
+            asked.answered(now)
             self._heard_from(asked.device)
             return asked, frame.pdu
         if late is not None and _answers(frame, late):
@@ -202,9 +201,7 @@ class Upstream:
             self._failed_at[device] = now
             if device.breaker.failed(transaction.limit, now):
                 self._report.resting(device, now)
-        error = errors.BrokenResponse() if instead else errors.ResponseTimeout()
-        device.counts.last_error = error.result
-        return error
+        return errors.BrokenResponse() if instead else errors.ResponseTimeout()
 
     def _go_on(self, now: float) -> None:
         """Send what there is a place for, and refuse what has waited too long."""
@@ -235,7 +232,7 @@ class Upstream:
         transaction.ends_at = now
         transaction.limit = self.settings.timeout
         identifier = self._free_identifier()
-        transaction.counts.sent += 1
+        transaction.sent(now)
         if transaction.expects_answer:
             self._under_way[identifier] = transaction
             self._asking.add((transaction.client, transaction.device))

@@ -1,16 +1,29 @@
 """`status`: what it prints of the daemon's answer, also of one of another version."""
 
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
 
-from gateway.cli.main import FINE, PROBLEM_FOUND, main
+from gateway.cli.main import FINE, INTERRUPTED, PROBLEM_FOUND, main
+from gateway.cli.status import picture
 from gateway.lines.counts import Counts
-from gateway.service.status import ListenerStatus, MirrorStatus, RangeStatus, Status, UnitStatus
+from gateway.service.status import (
+    ClientStatus,
+    LineStatus,
+    ListenerStatus,
+    MirrorStatus,
+    RangeStatus,
+    Status,
+    TimesStatus,
+    UnitStatus,
+)
+from gateway.timing.measured import Phases
 
+TIMES = TimesStatus(0.4, 2.0, 12.3, 45.0, 0.05, 0.18, 250.4)
 UNIT = UnitStatus(
     line="hall-a",
     unit=41,
@@ -21,32 +34,83 @@ UNIT = UnitStatus(
     state="resting",
     failures=3,
     rests_ms=1500.0,
+    last_answer_ms=200_000.0,
     last_error="timeout",
+    last_error_ms=3000.0,
     longest_wait_ms=3151.0,
     counts=replace(Counts(), sent=7, ok=4, timeout=3),
+    times=TIMES,
     exceptions={},
     functions={},
+    function_times={3: TIMES},
+)
+LINE = LineStatus(
+    name="hall-a",
+    source="gateway.toml:1",
+    port="/dev/ttyUSB0",
+    state="up",
+    reason="",
+    wire="serial",
+    mode="rtu",
+    baud=19200,
+    format="8E1",
+    queue=2,
+    late_windows=0,
+    busy_s=12.3,
+    busy_share=0.634,
+    requests_per_s=12.44,
+    phases=Phases(1, 2, 3, 4),
+    unasked_bytes=0,
+    counts=replace(Counts(), sent=7, ok=4, timeout=3),
 )
 STATUS = Status(
     at=1.0,
     listeners=(ListenerStatus("scada", "tcp://127.0.0.1:5020", 1, 2, 0, 0, 0),),
-    lines=(),
+    clients=(ClientStatus("10.0.0.9:49152", "scada", 1000.0),),
+    lines=(LINE,),
     servers=(),
     upstreams=(),
     units=(UNIT, replace(UNIT, unit=42, state="fine", counts=Counts())),
     images=(),
     mirrors=(MirrorStatus(241, "m", "", "silo", 5, 0, 9, 0, (RangeStatus("holding 0-1", 500.0, 1234.0),)),),
 )
+LINES = [
+    "Lines (busy and requests/s: of the last minute)",
+    "  NAME    PORT          SPEED      STATE  BUSY  REQ/S  WAITING  ERRORS",
+    "  hall-a  /dev/ttyUSB0  19200 8E1  up     63 %  12.4   2        3",
+    "",
+]
 LISTENERS = [
     "Listeners",
     "  NAME   ADDRESS               CLIENTS  REJECTED",
     "  scada  tcp://127.0.0.1:5020  1        0",
+    "",
+    "Clients",
+    "  CLIENT          LISTENER  LAST",
+    "  10.0.0.9:49152  scada     1 s",
+    "",
+]
+NOTES = [
+    "Notes",
+    "  unit 41, silo: rests, next try in 2 s; timeout: check its power, wiring and",
+    "    address",
 ]
 
 
 def as_told(status: Status) -> Any:
     """As it comes out of the control socket."""
     return json.loads(json.dumps(asdict(status)))
+
+
+def notes(**unit: Any) -> str:
+    """What is noted about a unit like this."""
+    text = picture(as_told(replace(STATUS, units=(replace(UNIT, **unit),))), 200)
+    return text.partition("Notes\n")[2].strip()
+
+
+@pytest.fixture(autouse=True)
+def _wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
 
 
 def shown(status: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -58,15 +122,17 @@ def shown(status: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
 
 def test_the_status_of_a_daemon_of_this_version(monkeypatch, capsys) -> None:
     assert shown(as_told(STATUS), monkeypatch, capsys) == [
-        *LISTENERS,
-        "",
-        "Units",
-        "  UNIT  AT        DEVICE  STATE      OK  FAILED  LAST-ERROR  LONGEST-WAIT",
-        "  41    hall-a/1  silo    rests 2 s  4   3       timeout     3.16 s",
+        *LINES,
+        "Units (answer times in ms)",
+        "  UNIT  AT        DEVICE  STATE    LAST   P50  P99  LIMIT  ANSWERED  MAX-WAIT",
+        "  41    hall-a/1  silo    resting  3 min  12   45   250    57 %      3.16 s",
         "",
         "Mirrors",
         "  UNIT  NAME  OF    REQUESTS  AGES",
         "  241   m     silo  5         holding 0-1: 1.2 s",
+        "",
+        *LISTENERS,
+        *NOTES,
         "",
         "1 units have not been asked yet.",
     ]
@@ -74,17 +140,18 @@ def test_the_status_of_a_daemon_of_this_version(monkeypatch, capsys) -> None:
 
 def test_what_an_older_daemon_does_not_tell_is_unknown(monkeypatch, capsys) -> None:
     older = as_told(STATUS)
-    del older["mirrors"], older["units"][0]["longest_wait_ms"], older["units"][0]["counts"]["timeout"]
+    del older["mirrors"], older["units"][0]["longest_wait_ms"], older["units"][0]["times"]
     del older["units"][1]
     assert shown(older, monkeypatch, capsys) == [
-        *LISTENERS,
-        "",
-        "Units",
-        "  UNIT  AT        DEVICE  STATE      OK  FAILED  LAST-ERROR  LONGEST-WAIT",
-        "  41    hall-a/1  silo    rests 2 s  4   0       timeout     unknown",
+        *LINES,
+        "Units (answer times in ms)",
+        "  UNIT  AT        DEVICE  STATE    LAST   P50      P99      LIMIT    ANSWERED  MAX-WAIT",
+        "  41    hall-a/1  silo    resting  3 min  unknown  unknown  unknown  57 %      unknown",
         "",
         "Mirrors",
         "  unknown",
+        "",
+        *LISTENERS[:-1],
     ]
 
 
@@ -122,3 +189,99 @@ def test_an_answer_without_a_status_is_a_problem_in_plain_words(monkeypatch, cap
     monkeypatch.setattr("gateway.cli.status.ask", lambda verb, control: answer)
     assert main(["status"]) == PROBLEM_FOUND
     assert "the daemon's answer has no status in it" in capsys.readouterr().err
+
+
+def test_long_names_are_shortened_to_80_characters_and_keep_their_ends(monkeypatch, capsys) -> None:
+    port = "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
+    unit = replace(UNIT, name="weighing cell behind the second silo", line="building-7-hall-a", on_the_wire=247)
+    long = replace(STATUS, lines=(replace(LINE, port=port, busy_share=1.0, requests_per_s=123.4),), units=(unit,))
+    rows = shown(as_told(long), monkeypatch, capsys)
+    assert max(map(len, rows)) <= 80
+    assert "BI-if00-port0" in rows[2]
+    assert "/247  " in rows[6]
+
+
+def test_a_unit_that_is_fine_needs_no_note() -> None:
+    assert notes(state="fine", counts=Counts(sent=100, ok=100, responses=100)) == ""
+    assert notes(state="fine", counts=Counts(sent=100, ok=98, timeout=2, responses=98)) == ""
+
+
+def test_a_unit_close_to_its_limit_gets_the_line_to_edit() -> None:
+    slow = replace(TIMES, limit_share_p99=0.93)
+    many = Counts(sent=100, ok=100, responses=100)
+    assert notes(state="fine", times=slow, counts=many) == (
+        "unit 41, silo: close to its limit (93%): raise its timeout (gateway.toml:3)"
+    )
+    few = Counts(sent=10, ok=10, responses=10)
+    assert notes(state="fine", times=slow, counts=few) == ""
+    late = replace(many, late_responses=2)
+    assert "2 responses came after its limit: raise its timeout" in notes(state="fine", times=slow, counts=late)
+
+
+def test_a_unit_that_fails_says_what_to_check() -> None:
+    assert "bad_frame, 2 in a row: check baud rate" in notes(state="failing", failures=2, last_error="bad_frame")
+    lossy = Counts(sent=100, ok=90, timeout=10, responses=90)
+    assert "10 requests failed; last was timeout, 3 s ago: check its power" in notes(state="fine", counts=lossy)
+
+
+def test_a_line_says_why_it_is_down_and_that_it_is_too_busy(monkeypatch, capsys) -> None:
+    down = replace(LINE, state="down", reason="/dev/ttyUSB0 does not exist", busy_share=None, requests_per_s=None)
+    busy = replace(LINE, name="hall-b", busy_share=0.97)
+    text = picture(as_told(replace(STATUS, lines=(down, busy), units=())), 100)
+    assert "hall-a: down: /dev/ttyUSB0 does not exist" in text
+    assert "hall-b: busy for 97% of the time: ask less often or raise its speed" in text
+    assert "  down   -     -  " in text
+
+
+class Terminal:
+    """Standard output that is a terminal."""
+
+    def __init__(self) -> None:
+        self.text = ""
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        self.text += text
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+
+def watched(monkeypatch: pytest.MonkeyPatch, rows: int) -> str:
+    """What two looks put on a terminal of so many rows."""
+    terminal, looks = Terminal(), iter([as_told(STATUS), as_told(STATUS)])
+
+    def ask(verb: str, control: str | None) -> dict[str, Any]:
+        try:
+            return {"status": next(looks)}
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    monkeypatch.setattr("gateway.cli.status.ask", ask)
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    monkeypatch.setattr("sys.stdout", terminal)
+    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((80, rows)))
+    assert main(["status", "-w"]) == INTERRUPTED
+    return terminal.text
+
+
+def test_watching_redraws_in_place(monkeypatch) -> None:
+    text = watched(monkeypatch, 50)
+    first, second = text.split("\x1b[H")[1:]
+    assert first == second
+    assert first.startswith("Lines (busy and requests/s: of the last minute)\x1b[K\n")
+    assert first.endswith("\x1b[J")
+
+
+def test_watching_never_scrolls(monkeypatch) -> None:
+    first = watched(monkeypatch, 10).split("\x1b[H")[1]
+    assert first.count("\n") == 9
+    assert "more lines: make the window higher" in first
+
+
+def test_watching_without_colour_or_terminal_has_no_codes(monkeypatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b" not in watched(monkeypatch, 50)

@@ -13,6 +13,7 @@ from gateway.modbus import mbap
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.service.build import Gateway, build
+from gateway.service.recent import Recent
 from gateway.service.state import Memory
 from gateway.service.supervisor import keep_lines_open
 from kit.device import SimulatedLine
@@ -106,6 +107,7 @@ class House:
         loop = asyncio.get_running_loop()
         store = None if state is None else Store(state, self.events.append)
         self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append, store)
+        self.recent = Recent(self.gateway, loop.time())
 
     def client(self, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0) -> Client:
         return Client(self.gateway, name, host=host, listener=listener)

@@ -1,12 +1,15 @@
 """What is counted for a unit: each request once, under what became of it."""
 
+from dataclasses import astuple
+
 import pytest
 
 from gateway import errors
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, Counts, UnitCounts, total
 from gateway.profiles.profile import Profile
+from gateway.timing.measured import NEVER
 from kit.asker import Asker
-from kit.line_bench import LIMIT, READ, RESPONSE, RESPONSE_FRAME, Bench
+from kit.line_bench import LIMIT, READ, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, Bench
 
 WRITE = "06 00 01 00 05"
 #: What the line itself never answers.
@@ -141,11 +144,92 @@ def test_a_request_whose_client_has_left_makes_room_in_a_full_queue() -> None:
 
 
 def test_how_long_a_line_was_busy(bench: Bench) -> None:
+    character = bench.settings.timing.character
     bench.ask()
     bench.pass_time(0.05)
+    request, response, gap = 8 * character, 7 * character, 3.5 * character
+    assert astuple(bench.line.phases(bench.now)) == pytest.approx((request, 0.05 - request, 0, 0))
     bench.respond()
     bench.pass_time(10.0)
-    assert bench.line.busy_seconds == pytest.approx(0.05)
+    after = (request, 0.05 - request - response, response, gap)
+    assert astuple(bench.line.phases(bench.now)) == pytest.approx(after)
     bench.broadcast(WRITE)
     bench.pass_time(10.0)
-    assert bench.line.busy_seconds == pytest.approx(0.05 + 8 * bench.settings.timing.character + 0.1)
+    assert bench.line.phases(bench.now).busy == pytest.approx(sum(after) + 8 * character + 0.1)
+
+
+def test_the_time_of_a_request_that_fails_is_spent_waiting_and_its_repetition_too() -> None:
+    bench = Bench(retries=1)
+    bench.asks()
+    bench.pass_time(10.0)
+    request = 8 * bench.settings.timing.character
+    assert bench.counts.sent == 2
+    assert astuple(bench.line.phases(bench.now)) == pytest.approx((2 * request, 2 * LIMIT, 0, 0))
+
+
+def test_times_of_a_unit_by_function(bench: Bench) -> None:
+    """A read is sent at once and answered 20 ms after its last character; a write waits behind it."""
+    bench.ask()
+    bench.ask(WRITE)
+    bench.pass_time(REQUEST_TIME + 0.02)
+    bench.respond()
+    bench.pass_time(0.0021)
+    bench.pass_time(REQUEST_TIME + 0.1)
+    bench.respond(WRITE)
+    read, write = bench.devices[1].counts.times[3], bench.devices[1].counts.times[6]
+    assert (read.wait.total, read.answer.total) == pytest.approx((0, 0.02))
+    assert read.share.total == pytest.approx(0.02 / LIMIT)
+    assert read.request.total == pytest.approx(REQUEST_TIME + 0.02)
+    assert write.wait.total == pytest.approx(REQUEST_TIME + 0.02 + 3.5 * bench.settings.timing.character, abs=1e-5)
+    assert write.request.total == pytest.approx(write.wait.total + REQUEST_TIME + 0.1, abs=2e-4)
+    assert [sum(one.counts) for one in (read.wait, read.answer, read.share, read.request)] == [1, 1, 1, 1]
+    assert read.limit == pytest.approx(LIMIT)
+
+
+def test_what_fails_after_it_was_sent_has_taken_its_time_and_has_no_time_of_an_answer(bench: Bench) -> None:
+    bench.asks()
+    times = bench.devices[1].counts.times[3]
+    assert times.request.total == pytest.approx(REQUEST_TIME + LIMIT)
+    assert sum(times.answer.counts) == 0
+    assert times.limit == pytest.approx(LIMIT)
+
+
+def test_what_was_refused_before_it_was_sent_took_no_time(bench: Bench) -> None:
+    bench.unplug()
+    bench.ask()
+    times = bench.devices[1].counts.times[3]
+    assert sum(times.request.counts) == sum(times.wait.counts) == 0
+
+
+def test_each_request_that_shares_a_read_has_waited_and_the_repetition_waits_no_more() -> None:
+    bench = Bench(retries=1)
+    bench.ask(unit=2)
+    for number in range(3):
+        bench.ask(client=Asker(f"10.0.0.{number}:1"))
+    bench.respond(unit=2)
+    bench.pass_time(10.0)
+    counts = bench.devices[1].counts
+    assert (counts[3].sent, sum(counts.times[3].wait.counts), sum(counts.times[3].request.counts)) == (2, 3, 3)
+
+
+def test_functions_that_are_not_known_share_their_times() -> None:
+    counts = UnitCounts()
+    for function in (65, 100, 3):
+        counts[function].ok += 1
+    assert counts.times[65] is counts.times[100] is counts.times[OTHER_FUNCTIONS] is not counts.times[3]
+
+
+def test_when_the_last_answer_and_the_last_error_came(bench: Bench) -> None:
+    bench.device()
+    counts = bench.devices[1].counts
+    assert (counts.times, counts.last_error_at) == ({}, NEVER)
+    bench.ask()
+    bench.respond()
+    answered_at = bench.now
+    bench.pass_time(1.0)
+    bench.asks()
+    assert counts.times[3].answered_at == answered_at
+    assert counts.last_error_at == pytest.approx(answered_at + 1.0 + REQUEST_TIME + LIMIT)
+    bench.ask()
+    bench.respond("83 02")
+    assert (counts.times[3].answered_at, counts.last_error_at) == (bench.now, bench.now)

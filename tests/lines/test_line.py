@@ -650,7 +650,9 @@ def test_the_time_that_a_repeated_read_takes_the_line_counts_once() -> None:
     bench.pass_time(0.002)
     bench.hear("55")
     assert bench.client.answers == ["83 0B"]
-    assert bench.line.busy_seconds == pytest.approx(REQUEST_TIME + LIMIT, abs=0.002)
+    phases = bench.line.phases(bench.now)
+    assert phases.request + phases.wait == pytest.approx(REQUEST_TIME + LIMIT, abs=0.002)
+    assert phases.gap <= bench.settings.gap
 
 
 def test_a_line_that_stays_loud_is_given_up_without_a_second_sending() -> None:

@@ -157,9 +157,9 @@ def test_a_line_that_forgets_to_wake(monkeypatch) -> None:
 def test_an_answer_that_is_given_twice(monkeypatch) -> None:
     respond = Transaction.respond
 
-    def respond_twice(transaction: Transaction, pdu: bytes) -> None:
-        respond(transaction, pdu)
-        respond(transaction, pdu)
+    def respond_twice(transaction: Transaction, pdu: bytes, now: float) -> None:
+        respond(transaction, pdu, now)
+        respond(transaction, pdu, now)
 
     monkeypatch.setattr(Transaction, "respond", respond_twice)
     assert "a second answer" in finds(LATE, 2).wrong[0]

@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, replace
 
 import pytest
 
@@ -54,7 +54,7 @@ READ = "03 00 00 00 01"
 
 
 def snapshot(home: House) -> Status:
-    return status(home.gateway, asyncio.get_running_loop().time())
+    return status(home.gateway, home.recent, asyncio.get_running_loop().time())
 
 
 def line(home: House, name: str = "hall-a") -> LineStatus:
@@ -128,6 +128,71 @@ async def test_counts_of_units_and_their_line() -> None:
         assert (silo.exceptions, silo.last_error) == ({4: 1}, "exception 04")
         assert line(home).counts == Counts(ok=1, exception=1, timeout=1, broadcast=1, sent=4, responses=2)
         assert 0.1 < line(home).busy_s < 2.0
+        assert sum(astuple(line(home).phases)) == pytest.approx(line(home).busy_s, abs=0.005)
+
+
+async def test_the_share_and_the_rate_of_a_line_are_those_of_the_last_minute() -> None:
+    async with house(CONFIG) as home:
+        began = snapshot(home).at - 1.0
+        sampling = asyncio.create_task(home.recent.keep_sampling(lambda: home.gateway))
+        assert (line(home).busy_share, line(home).requests_per_s) == (0, 0)
+        attach(home)
+        client = home.client()
+        for _ in range(100):
+            await client.asks(41, READ)
+        await asyncio.sleep(50.0)
+        now = snapshot(home)
+        assert now.lines[0].busy_share == pytest.approx(now.lines[0].busy_s / (now.at - began), abs=0.001)
+        assert now.lines[0].requests_per_s == pytest.approx(100 / (now.at - began), abs=0.1)
+        assert now.lines[0].busy_share > 0.02
+        await asyncio.sleep(70.0)
+        assert (line(home).busy_share, line(home).requests_per_s) == (0, 0)
+        assert line(home).busy_s == now.lines[0].busy_s
+        sampling.cancel()
+
+
+async def test_a_line_in_its_first_second_has_no_rate() -> None:
+    home = House(CONFIG)
+    assert line(home).busy_share is None
+
+
+async def test_times_of_a_unit_and_of_each_function() -> None:
+    async with house(CONFIG) as home:
+        attach(home)
+        client = home.client()
+        for _ in range(20):
+            await client.asks(41, READ)
+        await client.asks(41, "06 00 01 00 05")
+        silo = unit(home)
+        assert set(silo.function_times) == {3, 6}
+        assert silo.times.limit_ms == max(each.limit_ms for each in silo.function_times.values())
+        assert 0 < silo.times.answer_p50_ms <= silo.times.answer_p99_ms < silo.times.limit_ms
+        assert 0 < silo.times.limit_share_p99 < 1
+        never_asked = unit(home, 6).times
+        assert set(astuple(never_asked)) == {None}
+
+
+async def test_how_long_ago_a_unit_has_answered_and_failed() -> None:
+    async with house(CONFIG) as home:
+        device = attach(home)
+        client = home.client()
+        assert (unit(home).last_answer_ms, unit(home).last_error_ms) == (None, None)
+        device.refuses[3] = 2
+        await client.asks(41, READ)
+        await asyncio.sleep(3.0)
+        assert (unit(home).last_answer_ms, unit(home).last_error_ms) == (3000, 3000)
+
+
+async def test_clients_and_when_they_asked_last() -> None:
+    async with house(CONFIG) as home:
+        (listener,) = home.gateway.listeners
+        client = home.client("10.0.0.9:49152")
+        listener.connections.enter(client.session, asyncio.get_running_loop().time())
+        (before,) = snapshot(home).clients
+        assert (before.client, before.listener, before.asked_ms) == ("10.0.0.9:49152", "scada", None)
+        await client.asks(200, READ)
+        await asyncio.sleep(2.0)
+        assert snapshot(home).clients[0].asked_ms == 2000
 
 
 async def test_a_unit_fails_and_rests_and_is_fine_again() -> None:

@@ -150,7 +150,7 @@ def upstream(data: Bytes) -> tuple[bytes, Decode]:
                 bench.hear(chunk)
         except NotModbus as error:
             outcome.append(str(error))
-        bench.upstream.port_down()
+        bench.upstream.port_down(bench.now)
         for client, pdu in zip(clients, asked, strict=True):
             (answer,) = client.answers
             assert parse_request(pdu).accepts(bytes.fromhex(answer))

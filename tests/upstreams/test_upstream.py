@@ -314,7 +314,7 @@ def test_what_is_no_modbus_tcp_is_refused_after_what_was_answered_before(data: s
     with pytest.raises(NotModbus):
         bench.hear(answer + bytes.fromhex(data))
     assert one.answers == [RESPONSE]
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     assert other.answers == ["83 0B"]
 
 
@@ -323,7 +323,7 @@ def test_what_is_no_modbus_tcp_is_refused_after_what_was_answered_before(data: s
 
 def test_without_a_connection_requests_fail_at_once() -> None:
     bench = UpstreamBench()
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     bench.ask()
     assert bench.client.answers == ["83 0A"]
     bench.connect()
@@ -337,7 +337,7 @@ def test_a_lost_connection_is_0b_for_what_was_under_way_and_0a_for_what_waited()
     one, other = clients(2)
     bench.ask(client=one)
     bench.ask(client=other)
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     assert (one.answers, other.answers) == (["83 0B"], ["83 0A"])
     assert (bench.counts.line_lost, bench.counts.line_down) == (1, 1)
     assert bench.device(37).counts.last_error == "line_lost"
@@ -347,7 +347,7 @@ def test_a_lost_connection_is_0b_for_what_was_under_way_and_0a_for_what_waited()
 def test_nothing_is_sent_again_on_the_next_connection() -> None:
     bench = UpstreamBench()
     bench.ask(WRITE)
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     bench.connect()
     bench.pass_time(10)
     assert len(bench.sent) == 1
@@ -358,7 +358,7 @@ def test_half_an_answer_of_the_old_connection_does_not_spoil_the_new_one() -> No
     bench = UpstreamBench()
     bench.ask()
     bench.hear(b"\x00\x01\x00")
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     bench.connect()
     bench.ask()
     bench.respond()
@@ -378,7 +378,7 @@ def test_a_client_that_asks_again_from_within_its_answer_is_served() -> None:
     bench.ask(client=eager)
     bench.respond()
     bench.pass_time(TIMEOUT)
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     assert eager.answers == [RESPONSE, "83 0B", "83 0B", "83 0A"]
 
 
@@ -396,7 +396,7 @@ def test_too_many_overdue_answers_ask_for_a_new_connection_once_nothing_is_under
     assert len(bench.sent) == 4
     bench.respond()
     assert bench.upstream.is_spent
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     assert not bench.upstream.is_spent
     assert bench.client.answers == ["83 0B"] * 3 + [RESPONSE, "83 0A"]
     assert MOST_OWED < 0x8000
@@ -478,7 +478,7 @@ def test_a_late_answer_ends_the_rest() -> None:
 def test_a_new_connection_ends_the_rest() -> None:
     bench = UpstreamBench()
     fail(bench, FAILURES)
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     bench.connect()
     bench.ask()
     bench.respond()
@@ -489,7 +489,7 @@ def test_its_repr_is_a_line_of_status() -> None:
     bench = UpstreamBench()
     bench.ask()
     assert repr(bench.upstream) == "<Upstream plant-1 under way=1 waiting=0>"
-    bench.upstream.port_down()
+    bench.upstream.port_down(bench.now)
     assert repr(bench.upstream) == "<Upstream plant-1 down waiting=0>"
 
 
@@ -525,7 +525,7 @@ def test_whatever_the_server_does_each_request_gets_one_answer_and_only_its_own(
                 play(bench, chance, on_the_way)
         bench.pass_time(chance.choice([0, 0.01, 0.1, 0.3]))
         if chance.random() < 0.02:
-            bench.upstream.port_down()
+            bench.upstream.port_down(bench.now)
             on_the_way.clear()
             bench.connect()
     bench.pass_time(10)

@@ -1,0 +1,73 @@
+"""What happened in the last minute, from samples of what is counted since the start."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+from gateway.service.build import Gateway
+from gateway.service.parts import GatewayLine
+
+#: The time between two samples in seconds, and how many are kept: those of a minute.
+STEP: Final = 5.0
+_KEPT: Final = 13
+#: How often the lag of the event loop is measured within a step.
+_LOOKS: Final = 5
+
+
+class Rate(NamedTuple):
+    """The share of the time in which a line was busy, and how many frames were sent in a second."""
+
+    busy: float
+    per_second: float
+
+
+class _Sample(NamedTuple):
+    at: float
+    lag: float
+    busy: Mapping[GatewayLine, float]
+    sent: Mapping[GatewayLine, int]
+
+
+class Recent:
+    """The last minute of a gateway. A reload may have exchanged some of its lines."""
+
+    def __init__(self, gateway: Gateway, now: float) -> None:
+        self._samples: deque[_Sample] = deque([_sample(gateway, now, 0.0)], maxlen=_KEPT)
+
+    async def keep_sampling(self, gateway: Callable[[], Gateway]) -> None:
+        """Take samples until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            lag = 0.0
+            for _ in range(_LOOKS):
+                due = loop.time() + STEP / _LOOKS
+                await asyncio.sleep(STEP / _LOOKS)
+                lag = max(lag, loop.time() - due)
+            self._samples.append(_sample(gateway(), loop.time(), lag))
+
+    def rate(self, line: GatewayLine, now: float) -> Rate | None:
+        """What `line` did; None if it is too new for that."""
+        first = next((each for each in self._samples if line in each.busy), None)
+        if first is None or now - first.at < 1.0:
+            return None
+        busy, sent = _busy(line, now) - first.busy[line], _sent(line) - first.sent[line]
+        return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
+
+    @property
+    def loop_lag(self) -> float:
+        """By how many seconds the event loop was late at most."""
+        return max(each.lag for each in self._samples)
+
+
+def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
+    lines = gateway.lines
+    return _Sample(now, lag, {line: _busy(line, now) for line in lines}, {line: _sent(line) for line in lines})
+
+
+def _busy(line: GatewayLine, now: float) -> float:
+    return line.driver.line.phases(now).busy
+
+
+def _sent(line: GatewayLine) -> int:
+    return sum(counts.sent for unit in line.counts for counts in unit.values())
