@@ -105,6 +105,22 @@ class ControlClosed(Event):
 
 
 @dataclass(frozen=True)
+class WebUp(Event):
+    """Metrics can be read over HTTP."""
+
+    address: str
+
+
+@dataclass(frozen=True)
+class WebClosed(Event):
+    """Nobody can read metrics over HTTP. All else works."""
+
+    level = Level.WARNING
+    address: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class Ready(Event):
     """Clients can connect and every line was tried once."""
 

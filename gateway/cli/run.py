@@ -33,6 +33,7 @@ from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, inherited_sockets
 from gateway.service.verbs import verbs
+from gateway.service.web import web_pages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +113,7 @@ async def _run(plan: Plan, file: Path, control: Path, state: _State, emit: event
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
-    async with control_open(control, verbs(running, reloader), emit):
+    async with control_open(control, verbs(running, reloader), emit), web_pages(plan.web, running):
         garbage.settle()
         await serve(running, stop, systemd, reloader)
 

@@ -76,6 +76,7 @@ def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], 
         yield from _check_format(line)
         yield from _check_role(line)
     yield from _check_control(config)
+    yield from _check_web(config)
     yield from _check_profiles(config, failed)
     yield from _check_spoken(config)
     yield from check_access(config, failed)
@@ -207,6 +208,13 @@ def _check_role(line: Line) -> Iterator[Problem]:
         yield error((*line.path, key), f'only a line with role = "{other}" has this key')
     if line.role == "server" and line.serves is None:
         yield error((*line.path, "serves"), "is missing", "name the units that we answer for: serves = [41]")
+
+
+def _check_web(config: Config) -> Iterator[Problem]:
+    web = config.web
+    if web is not None and not web.bind.is_loopback and web.token is None:
+        remedy = 'give it token = { file = "/etc/modbus-gateway/metrics.token" }, or bind = "http://127.0.0.1:8502"'
+        yield error((*web.path, "bind"), "other machines can reach it, so it needs a token", remedy)
 
 
 def _check_control(config: Config) -> Iterator[Problem]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.schema import Access, Config, Listen, Table, Upstream, Web
+from gateway.config.schema import Access, Config, Listen, Table, Upstream
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,6 @@ REFUSED: Final = (
     Gap(Listen, "bind", lambda listen: listen.bind.scheme == "tls", "a tls:// listener"),
     Gap(Upstream, "to", lambda upstream: upstream.to.scheme == "tls", "an upstream over tls://", says_all=False),
     Gap(Access, "role", lambda access: access.role is not None, "the role of a TLS client", says_all=False),
-    Gap(Web, "", lambda _: True, "[web]"),
 )
 
 #: The gateway works as well without: one warning for each of them.

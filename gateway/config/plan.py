@@ -116,6 +116,15 @@ class LogSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class WebPlan:
+    """Where the gateway answers over HTTP, by which names, and the file with the token that is needed there."""
+
+    bind: Address
+    hosts: tuple[str, ...]
+    token: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """The settings of every part of a gateway."""
 
@@ -130,6 +139,7 @@ class Plan:
     log: LogSettings = LogSettings()
     #: Where the control socket is; None for the usual place.
     control: str | None = None
+    web: WebPlan | None = None
 
 
 def resolve(config: Config) -> Plan:
@@ -155,6 +165,7 @@ def resolve(config: Config) -> Plan:
         access=tuple(map(_access, config.access)) or DEFAULT_ROWS,
         log=_log(config.log),
         control=None if config.control is None else config.control.socket,
+        web=None if config.web is None else WebPlan(config.web.bind, config.web.hosts, config.web.token),
     )
 
 

@@ -30,6 +30,7 @@ from gateway.config.values import (
     SerialPort,
     ServerAddress,
     SocketPath,
+    TokenFile,
     Unit0,
     Units,
     UnitsOrAll,
@@ -473,9 +474,17 @@ class Access(Table):
 
 
 class Web(Table):
-    """The web page and the metrics; without this table there are none."""
+    """Metrics for Prometheus, health and readiness over HTTP; without this table there are none."""
 
     bind: WebAddress = Field(description="Where to listen.")
+    hosts: Annotated[tuple[Name, ...], ListOf] = Field(
+        (), description="Names by which it may be called, beside its addresses and `localhost`."
+    )
+    token: TokenFile | None = Field(
+        None,
+        description="The file with the token that a scraper has to send (`Authorization: Bearer ...`). It must be "
+        "given if `bind` can be reached from other machines. `/healthz` and `/readyz` need none.",
+    )
 
 
 class Control(Table):

@@ -98,6 +98,18 @@ def check_path(value: str) -> str:
     return value
 
 
+def parse_token_file(value: object) -> str:
+    """The file that holds a token.
+
+    Raises:
+        WrongValue: `value` names no file.
+    """
+    match value:
+        case {"file": str(path), **others} if path and not others:
+            return check_path(path)
+    raise WrongValue("names no file", 'write { file = "/etc/modbus-gateway/metrics.token" }')
+
+
 def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
     """What becomes of requests to unit 0.
 
@@ -258,6 +270,7 @@ ListenAddress = Annotated[
     Kind("address"),
 ]
 ServerAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
+TokenFile = Annotated[str, PlainValidator(parse_token_file), Kind('table such as `{ file = "metrics.token" }`')]
 WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http",))), Kind("address")]
 
 #: A TOML list; what stands in it stays as strict as it is.

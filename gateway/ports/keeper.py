@@ -44,12 +44,14 @@ class Keeper:
     """Keeps the port of `owner` open while `run` runs.
 
     `name` and `port_path` are those of the line, for events. `tried` is set once the first attempt has succeeded or
-    failed. `error` says why the port is not open; it is None while it is, and before the first attempt.
+    failed. `error` says why the port is not open; it is None while it is, and before the first attempt. `reopened` is
+    how often it was opened after a loss.
     """
 
     def __init__(self, name: str, port_path: str, open_port: OpenPort, owner: PortOwner, emit: Emit) -> None:
         self.tried = asyncio.Event()
         self.error: PortError | None = None
+        self.reopened = 0
         self.port_path = port_path
         self._name = name
         self._open_port = open_port
@@ -59,6 +61,11 @@ class Keeper:
         self._opened_at = 0.0
         self._lost_at: float | None = None
         self._told: set[str] = set()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self.tried.is_set() and self.error is None
 
     async def run(self) -> None:
         """Keep the port open until cancelled; then it is closed, and the owner knows."""
@@ -106,6 +113,7 @@ class Keeper:
 
     def _is_up(self, port: Port) -> None:
         self.error = None
+        self.reopened += self._lost_at is not None
         self._opened_at = _now()
         self._owner.port_up(port)
         if self._lost_at is None:

@@ -87,6 +87,7 @@ class Reloader:
             try:
                 return await self._reload()
             except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: what serves goes on
+                self._running.reload_succeeded = False
                 self._running.emit(events.PartFailed.of("reload", error))
                 return Outcome((f"a defect in the gateway: {error!r}",))
             finally:
@@ -112,6 +113,7 @@ class Reloader:
         except (ListenError, StateError) as error:
             return self._rejected((str(error),))
         garbage.settle()
+        self._running.reload_succeeded = not defect
         warnings = tuple(map(str, loaded.problems))
         outcome = replace(differences(old, new), restart=settled(self._at_start, new), warnings=warnings, defect=defect)
         warn(loaded.problems, self._running.emit)
@@ -136,6 +138,7 @@ class Reloader:
         return ""
 
     def _rejected(self, problems: tuple[str, ...]) -> Outcome:
+        self._running.reload_succeeded = False
         self._running.emit(events.ConfigRejected.of(str(self._file), problems))
         return Outcome(problems)
 
@@ -170,5 +173,5 @@ def _tables(plan: Plan) -> Mapping[str, object]:
 
 def settled(at_start: Plan, new: Plan) -> tuple[str, ...]:
     """What `new` has otherwise, and was settled at the start."""
-    fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control))
+    fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control), ("web", at_start.web, new.web))
     return tuple(name for name, one, other in fixed if one != other)

@@ -44,6 +44,8 @@ class Running:
         self.emit = emit
         #: Set while clients can connect and nobody has ordered the end.
         self.ready = asyncio.Event()
+        #: Whether the config was good when it was read last.
+        self.reload_succeeded = True
         self.recent = Recent(gateway, asyncio.get_running_loop().time())
         self._sockets = sockets or OpenSockets()
         self._left_behind = left_behind or LeftBehind()

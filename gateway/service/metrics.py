@@ -1,0 +1,171 @@
+"""What a scrape tells of a gateway, read off its counters at that moment. Nothing is kept for it.
+
+Labels are names of the config, units, function codes and words of this program: never what a client sends or who it is.
+"""
+
+from collections.abc import Iterable
+from itertools import accumulate
+from typing import Final
+
+from gateway import __version__
+from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, Counts, UnitCounts, total
+from gateway.lines.device import Device
+from gateway.observe.metrics import Family, Spread
+from gateway.service.parts import GatewayLine, GatewayUpstream
+from gateway.service.running import Running
+from gateway.timing.histogram import Histogram
+
+#: Bounds that are told, of those that are counted.
+_SECONDS: Final = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+_SHARES: Final = (0.25, 0.5, 0.75, 0.8, 0.9, 1.0)
+#: Results that are told from the first request on, so that their first increase is seen; others once there is one.
+_ALWAYS: Final = frozenset({"ok", "exception", "timeout", "bad_frame"})
+#: What was seen on a line beside answers.
+_ERRORS: Final = ("late_responses", "early_responses", "foreign_frames", "noise", "echoes")
+
+_UNIT: Final = ("line", "unit", "function")
+
+
+def read(running: Running, now: float) -> list[Family]:
+    """All metrics of the gateway that is in force `now`."""
+    gateway = running.gateway
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    return [
+        *_requests(running, owners),
+        *_times(owners),
+        *_lines(gateway.lines, now),
+        *_units(owners, now),
+        *_clients(running),
+        _image_ages(running, now),
+        _upstreams(gateway.upstreams),
+        *_process(running),
+    ]
+
+
+def _requests(running: Running, owners: Iterable[GatewayLine | GatewayUpstream]) -> Iterable[Family]:
+    requests = Family("counter", "requests", "Requests of clients by what became of them.", (*_UNIT, "result"))
+    exceptions = Family("counter", "exceptions", "Exception responses of units.", ("line", "unit", "code"))
+    coalesced = Family("counter", "coalesced", "Reads that shared the transaction of another one.", ("line",))
+    retries = Family("counter", "retries", "Reads that were sent again.", ("line",))
+    for owner in owners:
+        for unit, counts in _counted(owner):
+            for function, each in counts.items():
+                for result in RESULTS:
+                    count = getattr(each, result)
+                    if count or result in _ALWAYS:
+                        requests.add(count, owner.name, unit, _function(function), result)
+            for code, count in counts.codes.items():
+                exceptions.add(count, owner.name, unit, f"{code:02X}")
+        whole = _total(counts for _, counts in _counted(owner))
+        coalesced.add(whole.coalesced, owner.name)
+        retries.add(whole.retries, owner.name)
+    gateway = running.gateway
+    routers = [each.router.counts for each in (*gateway.listeners, *gateway.servers)]
+    requests.add(sum(each.no_route for each in routers), "", "", "", "no_route")
+    requests.add(sum(each.denied for each in routers), "", "", "", "denied")
+    return requests, exceptions, coalesced, retries
+
+
+def _times(owners: Iterable[GatewayLine | GatewayUpstream]) -> Iterable[Family]:
+    request = Family("histogram", "request_duration_seconds", "From a request's arrival to its response.", _UNIT)
+    answer = Family("histogram", "device_response_seconds", "From a request's end on the line to its answer's.", _UNIT)
+    wait = Family("histogram", "queue_wait_seconds", "From a request's arrival until it was sent.", _UNIT)
+    share = Family("histogram", "budget_used_ratio", "The share of its time limit that an answer took.", _UNIT)
+    for owner in owners:
+        for unit, counts in _counted(owner):
+            for function in counts:
+                labels, times = (owner.name, unit, _function(function)), counts.times[function]
+                request.add(_spread(times.request, _SECONDS), *labels)
+                answer.add(_spread(times.answer, _SECONDS), *labels)
+                wait.add(_spread(times.wait, _SECONDS), *labels)
+                share.add(_spread(times.share, _SHARES), *labels)
+    return request, answer, wait, share
+
+
+def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
+    busy = Family("counter", "line_busy_seconds", "Time of a line by what it went into.", ("line", "phase"))
+    errors = Family("counter", "line_errors", "What came beside the answers that were awaited.", ("line", "kind"))
+    waiting = Family("gauge", "line_queue_length", "Requests that wait for the line.", ("line",))
+    up = Family("gauge", "line_up", "Whether the port is open.", ("line",))
+    reopens = Family("counter", "line_reopens", "How often the port was opened again after a loss.", ("line",))
+    for line in lines:
+        phases = line.driver.line.phases(now)
+        for phase in ("request", "wait", "response", "gap"):
+            busy.add(getattr(phases, phase), line.name, phase)
+        whole = _total(line.counts)
+        for kind in _ERRORS:
+            errors.add(getattr(whole, kind), line.name, kind)
+        waiting.add(line.driver.line.waiting, line.name)
+        up.add(line.keeper.is_open, line.name)
+        reopens.add(line.keeper.reopened, line.name)
+    return busy, errors, waiting, up, reopens
+
+
+def _units(owners: Iterable[GatewayLine | GatewayUpstream], now: float) -> Iterable[Family]:
+    up = Family("gauge", "unit_up", "Whether the unit answered when it was asked last.", ("line", "unit"))
+    limit = Family("gauge", "unit_timeout_limit_seconds", "The longest time limit in force.", ("line", "unit"))
+    for owner in owners:
+        for unit, device in _asked(owner):
+            up.add(not device.breaker.failures and not device.breaker.rests(now), owner.name, unit)
+            limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
+    return up, limit
+
+
+def _clients(running: Running) -> Iterable[Family]:
+    clients = Family("gauge", "clients", "Clients that are connected.", ("listener",))
+    rejected = Family("counter", "client_rejected", "Clients that were sent away.", ("listener",))
+    for listener in running.gateway.listeners:
+        clients.add(listener.clients, listener.settings.name)
+        rejected.add(listener.counts.rejected, listener.settings.name)
+    return clients, rejected
+
+
+def _image_ages(running: Running, now: float) -> Family:
+    """Those of mirrors whose values are all known."""
+    ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror.", ("unit",))
+    for driver in running.gateway.mirrors:
+        known = [age for _, age in driver.mirror.ages(now)]
+        if None not in known:
+            ages.add(max((age for age in known if age is not None), default=0.0), str(driver.mirror.settings.unit))
+    return ages
+
+
+def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
+    up = Family("gauge", "upstream_up", "Whether there is a connection.", ("upstream",))
+    for upstream in upstreams:
+        up.add(upstream.keeper.is_open, upstream.name)
+    return up
+
+
+def _process(running: Running) -> Iterable[Family]:
+    lag = Family("gauge", "loop_lag_seconds", "By how much the event loop was late at most in the last minute.")
+    lag.add(running.recent.loop_lag)
+    reload = Family("gauge", "config_last_reload_successful", "Whether the file was good when it was read last.")
+    reload.add(running.reload_succeeded)
+    build = Family("gauge", "build_info", "1, with the version.", ("version",))
+    build.add(1, __version__)
+    return lag, reload, build
+
+
+def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
+    """The units that were asked for anything."""
+    return [(str(unit), device) for unit, device in owner.devices.items() if device.counts]
+
+
+def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts]]:
+    """What was counted by unit; broadcasts are unit 0."""
+    units = [(unit, device.counts) for unit, device in _asked(owner)]
+    return [("0", owner.every_device.counts), *units] if isinstance(owner, GatewayLine) else units
+
+
+def _total(units: Iterable[UnitCounts]) -> Counts:
+    return total(counts for unit in units for counts in unit.values())
+
+
+def _function(function: int) -> str:
+    return "other" if function == OTHER_FUNCTIONS else str(function)
+
+
+def _spread(histogram: Histogram, bounds: tuple[float, ...]) -> Spread:
+    up_to = dict(zip(histogram.scale.bounds, accumulate(histogram.counts), strict=False))
+    return Spread([(bound, up_to[bound]) for bound in bounds], sum(histogram.counts), histogram.total)

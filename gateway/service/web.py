@@ -1,0 +1,85 @@
+"""`[web]`: what the gateway tells over HTTP. Its libraries are loaded only if the config wants it."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from errno import EINVAL
+from importlib import import_module
+from pathlib import Path
+
+from gateway import events
+from gateway.config.plan import WebPlan
+from gateway.ports.threads import ThreadOfItsOwn
+from gateway.service.running import Running
+
+#: The package's extra with the libraries.
+_MISSING = "{} is not installed: pip install 'mbgw[web]'"
+
+
+@asynccontextmanager
+async def web_pages(plan: WebPlan | None, running: Running) -> AsyncIterator[None]:
+    """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more."""
+    async with AsyncExitStack() as stack:
+        if plan is not None:
+            try:
+                await stack.enter_async_context(_open(plan, running))
+            except ModuleNotFoundError as error:
+                running.emit(events.WebClosed(str(plan.bind), _MISSING.format(error.name)))
+            except OSError as error:
+                running.emit(
+                    events.WebClosed(str(plan.bind), f"{error.filename or ''} {error.strerror or error}".strip())
+                )
+        yield
+
+
+@asynccontextmanager
+async def _open(plan: WebPlan, running: Running) -> AsyncIterator[None]:
+    server = import_module("gateway.web.server")
+    settings = server.WebSettings(plan.bind.host, plan.bind.port, plan.hosts, _token(plan))
+    async with server.web_open(settings, _Answers(running)) as address:
+        running.emit(events.WebUp(address))
+        yield
+
+
+def _token(plan: WebPlan) -> str:
+    """The token that is needed; empty for none.
+
+    Raises:
+        OSError: it cannot be read, or there is none in the file.
+    """
+    if plan.token is None:
+        return ""
+    token = Path(plan.token).read_text(encoding="ascii", errors="replace").strip()
+    if not token:
+        raise OSError(EINVAL, "the file is empty", plan.token)
+    return token
+
+
+class _Answers:
+    """See gateway.web.server."""
+
+    def __init__(self, running: Running) -> None:
+        self._running = running
+        self._read = import_module("gateway.service.metrics").read
+        metrics = import_module("gateway.observe.metrics")
+        self._exposition = metrics.exposition
+        self.content_type: str = metrics.CONTENT_TYPE
+
+    async def metrics(self) -> bytes:
+        """Read at once, written in a thread: the lines do not wait for the text."""
+        loop = asyncio.get_running_loop()
+        families = self._read(self._running, loop.time())
+        text: bytes = await loop.run_in_executor(ThreadOfItsOwn("metrics"), self._exposition, families)
+        return text
+
+    def trouble(self) -> str:
+        """Ready while clients can connect and anything can answer them."""
+        if not self._running.ready.is_set():
+            return "clients cannot connect"
+        gateway = self._running.gateway
+        keepers = [*(line.keeper for line in gateway.lines), *(upstream.keeper for upstream in gateway.upstreams)]
+        return (
+            ""
+            if gateway.images or any(keeper.is_open for keeper in keepers)
+            else "no line is up, and there is no image"
+        )

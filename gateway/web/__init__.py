@@ -1,0 +1,1 @@
+"""The gateway over HTTP. Loaded only if the config has `[web]`."""
