@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from ipaddress import ip_address
 from typing import Final, Protocol, cast
+from urllib.parse import urlsplit
 
 from aiohttp import web
 from aiohttp.typedefs import Middleware
-from yarl import URL
 
 #: Connections at a time; more are closed at once.
 MOST_CONNECTIONS: Final = 32
@@ -67,7 +67,7 @@ async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str
     try:
         server = await asyncio.get_running_loop().create_server(_bounded(runner), settings.host, settings.port)
         host, port = server.sockets[0].getsockname()[:2]
-        yield str(URL.build(scheme="http", host=host, port=port))
+        yield f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
     finally:
         if server is not None:
             server.close()
@@ -131,8 +131,8 @@ def _guard(settings: WebSettings) -> Middleware:
 
 def _is_ours(host: str, known: set[str]) -> bool:
     try:
-        name = URL(f"http://{host}").host or ""
-        return name.lower() in known or bool(ip_address(name))
+        name = urlsplit(f"//{host}").hostname or ""
+        return name in known or bool(ip_address(name))
     except ValueError:
         return False
 

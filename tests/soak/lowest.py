@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 CHECKOUT = Path(__file__).resolve().parents[2]
 #: Whatever imports a library, and the whole gateway once.
 TESTS = ("tests/cli", "tests/config", "tests/modbus", "tests/observe", "tests/oracle", "tests/ports")
-REAL_TIME = ("tests/system/test_demo.py", "tests/system/test_serial_pty.py")
+REAL_TIME = ("tests/system/test_demo.py", "tests/system/test_serial_pty.py", "tests/system/test_web.py")
 
 
 def lowest(text: str) -> str:
@@ -29,8 +29,8 @@ def lowest(text: str) -> str:
 
 def main(tests: list[str]) -> int:
     """Install them, and run the tests; pytest's exit code."""
-    declared = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
-    wanted = list(map(lowest, declared))
+    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [lowest(each) for each in (*project["dependencies"], *project["optional-dependencies"]["web"])]
     print("with", *wanted, flush=True)
     with tempfile.TemporaryDirectory(prefix="lowest.") as folder:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)

@@ -40,8 +40,9 @@ def declared_project() -> dict[str, Any]:
 
 
 def declared() -> list[Requirement]:
-    """The libraries that the gateway asks for."""
-    return [Requirement(text) for text in declared_project()["project"]["dependencies"]]
+    """The libraries that the gateway asks for, also those for `[web]`."""
+    project = declared_project()["project"]
+    return [Requirement(text) for text in (*project["dependencies"], *project["optional-dependencies"]["web"])]
 
 
 def pinned() -> dict[str, str]:
