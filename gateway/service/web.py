@@ -72,6 +72,10 @@ class _Answers:
         text: bytes = await loop.run_in_executor(ThreadOfItsOwn("metrics"), self._exposition, families)
         return text
 
+    def failed(self, error: Exception) -> None:
+        """See gateway.web.server."""
+        self._running.emit(events.PartFailed.of("web", error))
+
     def trouble(self) -> str:
         """Ready while clients can connect and anything can answer them."""
         if not self._running.ready.is_set():

@@ -7,6 +7,7 @@ address (DNS rebinding). So a request is answered only if its Host is an address
 import asyncio
 import hmac
 import json
+import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -23,6 +24,10 @@ MOST_CONNECTIONS: Final = 32
 #: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
 IDLE: Final = 75.0
 _SHUTDOWN: Final = 1.0
+
+#: What aiohttp says of clients that send no HTTP: nobody needs to read that.
+_SILENT: Final = logging.getLogger(__name__)
+_SILENT.disabled = True
 
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -49,6 +54,9 @@ class Answers(Protocol):
     def trouble(self) -> str:
         """Why the gateway is not ready; empty if it is."""
 
+    def failed(self, error: Exception) -> None:
+        """An error that nobody foresaw has ended a request."""
+
 
 @asynccontextmanager
 async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str]:
@@ -57,11 +65,11 @@ async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str
     Raises:
         OSError: the address cannot be used.
     """
-    app = web.Application(middlewares=[_problems, _guard(settings)], client_max_size=1024)
+    app = web.Application(middlewares=[_problems(answers), _guard(settings)], client_max_size=1024)
     app.router.add_get("/healthz", _healthz)
     app.router.add_get("/readyz", _readyz(answers))
     app.router.add_get("/metrics", _metrics(answers))
-    runner = web.AppRunner(app, access_log=None, keepalive_timeout=IDLE, shutdown_timeout=_SHUTDOWN)
+    runner = web.AppRunner(app, access_log=None, logger=_SILENT, keepalive_timeout=IDLE, shutdown_timeout=_SHUTDOWN)
     await runner.setup()
     server = None
     try:
@@ -121,7 +129,7 @@ def _guard(settings: WebSettings) -> Middleware:
         if not _is_ours(request.host, known):
             raise web.HTTPMisdirectedRequest(text="this host is not among the hosts of [web]")
         if settings.token and request.path not in {"/healthz", "/readyz"}:
-            given = request.headers.get("Authorization", "").encode()
+            given = request.headers.get("Authorization", "").encode(errors="surrogateescape")
             if not hmac.compare_digest(given, expected):
                 raise web.HTTPUnauthorized(headers={"WWW-Authenticate": "Bearer"}, text="the token is needed")
         return await handler(request)
@@ -137,16 +145,25 @@ def _is_ours(host: str, known: set[str]) -> bool:
         return False
 
 
-@web.middleware
-async def _problems(request: web.Request, handler: _Handler) -> web.StreamResponse:
+def _problems(answers: Answers) -> Middleware:
     """Errors as problem details (RFC 9457)."""
-    try:
-        return await handler(request)
-    except web.HTTPError as error:
-        title = HTTPStatus(error.status).phrase
-        detail = error.text if error.text and not error.text.startswith(str(error.status)) else title
-        body = json.dumps({"type": "about:blank", "title": title, "status": error.status, "detail": detail})
-        headers = {name: error.headers[name] for name in ("Allow", "WWW-Authenticate") if name in error.headers}
-        return web.Response(
-            text=body, status=error.status, headers=headers, content_type="application/problem+json", charset=None
-        )
+
+    @web.middleware
+    async def problems(request: web.Request, handler: _Handler) -> web.StreamResponse:
+        try:
+            return await handler(request)
+        except web.HTTPError as error:
+            return _problem(error)
+        except Exception as error:  # noqa: BLE001 - the error boundary of a request
+            answers.failed(error)
+            return _problem(web.HTTPInternalServerError(text="a defect in the gateway; its log says more"))
+
+    return problems
+
+
+def _problem(error: web.HTTPError) -> web.Response:
+    title = HTTPStatus(error.status).phrase
+    detail = error.text if error.text and not error.text.startswith(str(error.status)) else title
+    body = json.dumps({"type": "about:blank", "title": title, "status": error.status, "detail": detail})
+    headers = {name: error.headers[name] for name in ("Allow", "WWW-Authenticate") if name in error.headers}
+    return web.Response(text=body, status=error.status, headers=headers, content_type="application/problem+json")

@@ -658,6 +658,22 @@ def test_addresses_of_a_mirror_count_from_0_too():
     ]
 
 
+# The web
+
+
+@pytest.mark.parametrize("bind", ["http://127.0.0.1:8502", "http://localhost:8502", "http://[::1]:8502"])
+def test_metrics_for_this_machine_need_no_token(bind):
+    assert problems(LINE + f'[web]\nbind = "{bind}"\n', built=False) == []
+
+
+@pytest.mark.parametrize("bind", ["http://0.0.0.0:8502", "http://[::]:8502", "http://gw.plant:8502"])
+def test_metrics_that_other_machines_can_read_need_a_token(bind):
+    text = f'{LINE}[web]\nbind = "{bind}"\n'
+    (problem,) = problems(text, built=False)
+    assert problem.startswith("error: web.bind: other machines can reach it, so it needs a token")
+    assert problems(f'{text}token = {{ file = "t" }}\n', built=False) == []
+
+
 # Not built yet
 
 
@@ -670,7 +686,6 @@ def test_addresses_of_a_mirror_count_from_0_too():
             "upstream[0].to: an upstream over tls://",
         ),
         ('[[access]]\nrole = "fitter"\nallow = ["read"]\n', "access[0].role: the role of a TLS client"),
-        ('[web]\nbind = "http://127.0.0.1:8502"\n', "web: [web]"),
     ],
 )
 def test_what_is_not_built_is_refused_plainly(text, said):
