@@ -8,8 +8,8 @@ from itertools import accumulate
 from typing import Final
 
 from gateway import __version__
+from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, Counts, UnitCounts, total
-from gateway.lines.device import Device
 from gateway.observe.metrics import Family, Spread
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.running import Running
