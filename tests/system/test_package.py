@@ -19,6 +19,7 @@ from zipfile import ZipFile
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from gateway.cli.main import VERBS
 
@@ -55,7 +56,7 @@ def asked_for(library: str) -> set[str]:
     """This library, those that it asks for, and those that they ask for."""
     asked = map(Requirement, metadata.requires(library) or ())
     names = {one.name for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})}
-    return {library}.union(*map(asked_for, names))
+    return {canonicalize_name(library)}.union(*map(asked_for, names))
 
 
 def imported() -> Iterator[str]:
@@ -77,7 +78,7 @@ def test_the_gateway_imports_the_libraries_that_it_asks_for():
     of_module = metadata.packages_distributions() | {
         "pydantic_core": ["pydantic"]
     }  # a part of it, of a version of its own
-    used = {library for module in imported() for library in of_module[module]}
+    used = {canonicalize_name(library) for module in imported() for library in of_module[module]}
     waiting = {"pymodbus"}  # see docs/adr/0001-dependencies.md
     assert {one.name for one in declared()} == used | waiting
     assert not used & waiting
