@@ -3,8 +3,9 @@
 import argparse
 import json
 import sys
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from typing import Any, Final
 
 from gateway.cli.check import limits_as_json, limits_table, milliseconds
 from gateway.cli.columns import align
@@ -13,13 +14,17 @@ from gateway.config.duration import show_duration
 from gateway.config.forecast import FunctionLimits, function_limits
 from gateway.config.load import builtin_profiles, load
 from gateway.config.plan import ASSUMED_LATENCY, DEFAULT_FORMATS, profile_of
+from gateway.config.points import points_of, type_of
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.ranges import show_ranges
-from gateway.config.schema import ProfileTable
+from gateway.config.schema import PointTable, ProfileTable
 from gateway.config.values import fits_mode, parse_format
 from gateway.modbus.chartime import CharacterFormat, LineTiming
-from gateway.profiles.profile import Profile
+from gateway.profiles.profile import Profile, Range
 from gateway.timing.budget import AnswerTime
+
+#: How a point can be written, for people.
+_WRITING: Final[Mapping[str, str]] = {"no": "no", "yes": "yes", "only": "only, never read"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
     timing = LineTiming(mode, args.baud, format_)
     answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
     limits = function_limits(profile, answer_time, timing, ASSUMED_LATENCY)
-    print(_as_json(profile, timing, limits) if args.json else _as_text(profile, timing, limits))
+    points = tables[args.name].points
+    print(_as_json(profile, timing, limits, points) if args.json else _as_text(profile, timing, limits, points))
     return FINE
 
 
@@ -93,12 +99,15 @@ def _list_as_json(tables: Mapping[str, ProfileTable]) -> str:
     return json.dumps(rows, indent=2, ensure_ascii=False)
 
 
-def _as_text(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...]) -> str:
+def _as_text(
+    profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...], points: Iterable[PointTable]
+) -> str:
     line = f"{timing.mode} {timing.baud} {timing.format}, latency {show_duration(ASSUMED_LATENCY)}"
     parts = [
         f"{profile.name}: {profile.title}" if profile.title else profile.name,
         align(_accepted(profile), "  "),
         *([f"Answer times\n{_timing_table(profile)}"] if profile.timing.rows else []),
+        *([f"Points\n{_points_table(points)}"] if points else []),
         f"Time limits, counted from the end of the request: {line}\n{limits_table(limits, '  ')}",
     ]
     return "\n\n".join(parts)
@@ -127,7 +136,24 @@ def _timing_table(profile: Profile) -> str:
     return align([("FUNCTION", "ITEMS", "TIME"), *rows], "  ")
 
 
-def _as_json(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...]) -> str:
+def _points_table(points: Iterable[PointTable]) -> str:
+    """One row for each table: a range of points is told as one."""
+    rows = [
+        (table.name, area, _span(addresses), type_of(table, area), table.unit, _WRITING[table.write])
+        for table in points
+        for area, addresses in table.places
+    ]
+    return align([("NAME", "AREA", "ADDRESS", "TYPE", "UNIT", "WRITE"), *rows], "  ")
+
+
+def _span(addresses: Range) -> str:
+    first, last = addresses
+    return str(first) if first == last else f"{first}-{last}"
+
+
+def _as_json(
+    profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...], points: Iterable[PointTable]
+) -> str:
     picture: dict[str, Any] = {
         "name": profile.name,
         "title": profile.title,
@@ -142,6 +168,7 @@ def _as_json(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits,
             for function, row in profile.timing.rows.items()
             for point in row
         ],
+        "points": [asdict(point) for point in points_of(points)],
         "line": {"mode": timing.mode, "baud": timing.baud, "format": str(timing.format)},
         "time_limits": limits_as_json(limits),
     }

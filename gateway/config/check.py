@@ -9,6 +9,7 @@ from gateway.config.address import Address
 from gateway.config.check_access import CONTROL, check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
+from gateway.config.check_points import check_points
 from gateway.config.check_repeats import check_repeats
 from gateway.config.check_units import (
     check_asked,
@@ -78,6 +79,7 @@ def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], 
     yield from _check_control(config)
     yield from _check_web(config)
     yield from _check_profiles(config, failed)
+    yield from check_points(config, failed)
     yield from _check_spoken(config)
     yield from check_access(config, failed)
     yield from check_device_rows(config)

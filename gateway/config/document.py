@@ -68,6 +68,10 @@ timing    = [                    # from its manual: 15 ms for one register, 60 m
   { fc = 3, items = 1, time = "15 ms" }, { fc = 3, items = 20, time = "60 ms" },
 ]
 timeout   = "500 ms"             # for functions that are not in `timing`
+points    = [                    # what its registers mean: modbus-gateway read UNIT speed
+  { name = "speed", holding = 10, type = "int32", swap = "words", scale = 0.1, unit = "rpm", write = true },
+  { name = "state", holding = 8, labels = { 0 = "off", 1 = "running", 7 = "fault" } },
+]
 """
 
 _OPENING: Final = f"""\
@@ -141,17 +145,18 @@ def document() -> str:
 
 
 def _sections() -> Iterator[str]:
+    told: dict[type[Table], str] = {}
     site = Config.model_fields["site"]
     yield f"## Every key\n\nAt the top of the file: `site`, text. {site.description}\n"
     for key, heading in _HEADINGS.items():
         model = row_model(Config.model_fields[key].annotation)
         if model is not None:
             yield f"### `{heading}`\n\n{model.__doc__}\n\n{_keys(model)}"
-            yield from _inner_tables(model, key)
+            yield from _inner_tables(model, key, told)
 
 
-def _inner_tables(model: type[Table], path: str) -> Iterator[str]:
-    """The tables inside a table; keys whose values are alike are told together."""
+def _inner_tables(model: type[Table], path: str, told: dict[type[Table], str]) -> Iterator[str]:
+    """The tables inside a table; keys whose values are alike are told together, and each kind of table once."""
     inner: dict[type[Table], list[str]] = {}
     for key, field in zip(keys_of(model), model.model_fields.values(), strict=True):
         row = row_model(field.annotation)
@@ -159,8 +164,12 @@ def _inner_tables(model: type[Table], path: str) -> Iterator[str]:
             inner.setdefault(row, []).append(f"{path}.{key}")
     for row, paths in inner.items():
         named = ", ".join(f"`{one}`" for one in paths)
-        yield f"#### In {named}\n\n{row.__doc__}\n\n{_keys(row)}"
-        yield from _inner_tables(row, paths[0])
+        if row in told:
+            yield f"#### In {named}\n\nAs in {told[row]}.\n"
+        else:
+            told[row] = named
+            yield f"#### In {named}\n\n{row.__doc__}\n\n{_keys(row)}"
+            yield from _inner_tables(row, paths[0], told)
 
 
 def _keys(model: type[Table]) -> str:

@@ -1,10 +1,11 @@
 """What a config means: the settings of every part. Nothing behind this module has seen a config file."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 from gateway.config.address import Address
+from gateway.config.points import points_of
 from gateway.config.ranges import joined_ranges
 from gateway.config.schema import Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.devices.device import DeviceSettings
@@ -16,10 +17,12 @@ from gateway.listeners.session import ListenSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
-from gateway.profiles.profile import Profile
+from gateway.profiles.point import Point
+from gateway.profiles.profile import Profile, Range, covers
 from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
 from gateway.timing.budget import AnswerTime
-from gateway.timing.table import Point, TimingTable
+from gateway.timing.table import Point as TimingPoint
+from gateway.timing.table import TimingTable
 from gateway.upstreams.upstream import UpstreamSettings
 
 #: Where clients connect when no [[listen]] says it.
@@ -137,6 +140,8 @@ class Plan:
     mirrors: tuple[MirrorSettings, ...] = ()
     access: tuple[Row, ...] = DEFAULT_ROWS
     log: LogSettings = LogSettings()
+    #: What the coils and registers of a unit mean. Units without points are not here.
+    points: Mapping[int, tuple[Point, ...]] = field(default_factory=dict)
     #: Where the control socket is; None for the usual place.
     control: str | None = None
     web: WebPlan | None = None
@@ -164,6 +169,7 @@ def resolve(config: Config) -> Plan:
         mirrors=mirrors,
         access=tuple(map(_access, config.access)) or DEFAULT_ROWS,
         log=_log(config.log),
+        points={unit: points for unit, points in _points(config, images, mirrors) if points},
         control=None if config.control is None else config.control.socket,
         web=None if config.web is None else WebPlan(config.web.bind, config.web.hosts, config.web.token),
     )
@@ -179,9 +185,9 @@ def passing_units(config: Config) -> list[int]:
 def profile_of(name: str, table: ProfileTable) -> Profile:
     """The profile that a table describes."""
     areas = {area: ranges for area in Area if (ranges := getattr(table, area)) is not None}
-    points: dict[int, list[Point]] = {}
+    points: dict[int, list[TimingPoint]] = {}
     for row in table.timing:
-        points.setdefault(row.fc, []).append(Point(row.items, row.time))
+        points.setdefault(row.fc, []).append(TimingPoint(row.items, row.time))
     return Profile(
         name=name,
         title=table.title,
@@ -358,6 +364,42 @@ def _image(image: Image, profiles: dict[str, Profile]) -> ImageSettings:
         persist=image.persist,
         source=image.source,
     )
+
+
+def _points(
+    config: Config, images: Iterable[ImageSettings], mirrors: Iterable[MirrorSettings]
+) -> Iterator[tuple[int, tuple[Point, ...]]]:
+    """The points of each unit. An image has those of its profile that are in its areas.
+
+    So has a mirror of its device; what is only written goes through to that.
+    """
+    of_profiles = {name: points_of(table.points) for name, table in config.profile.items()}
+    for image in images:
+        yield image.unit, _points_in(image.areas, of_profiles[image.profile.name])
+    of_devices = {name: (unit, points) for name, unit, points in _device_points(config, of_profiles)}
+    for mirror in mirrors:
+        _, points = of_devices.get(mirror.of, (0, ()))
+        in_mirror = _points_in(mirror.areas, points)
+        yield mirror.unit, tuple(each for each in points if each.write == "only" or each in in_mirror)
+    yield from of_devices.values()
+
+
+def _device_points(
+    config: Config, of_profiles: Mapping[str, tuple[Point, ...]]
+) -> Iterator[tuple[str, int, tuple[Point, ...]]]:
+    """Name, unit and points of each device. On a line that is apart units are not those of the clients."""
+    for line in config.line:
+        if line.role == "client" and line.devices is None and not config.is_apart(line):
+            points = of_profiles[line.profile]
+            yield from ((f"{line.label}/{unit}", unit, points) for unit in passing_units(config))
+        for row in line.devices or ():
+            points = (*of_profiles[row.profile or line.profile], *points_of(row.points))
+            named = zip(line.device_names(row), row.client_units, strict=True)
+            yield from ((name, unit, points) for name, unit in named)
+
+
+def _points_in(areas: Mapping[Area, tuple[Range, ...]], points: Iterable[Point]) -> tuple[Point, ...]:
+    return tuple(point for point in points if covers(areas.get(point.area, ()), point.span))
 
 
 def _mirror(image: Image, device: DeviceSettings) -> MirrorSettings:

@@ -26,6 +26,10 @@ from gateway.config.values import (
     LongerDuration,
     Name,
     Networks,
+    PointAddresses,
+    PointLabels,
+    PointName,
+    PointWriting,
     Ranges,
     SerialPort,
     ServerAddress,
@@ -40,7 +44,9 @@ from gateway.config.values import (
 )
 from gateway.devices.quirks import Quirk
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
+from gateway.modbus.datatypes import DataType, Swap
 from gateway.ports.wire import Wire
+from gateway.profiles.profile import Range
 
 FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
 Count = Annotated[int, Field(ge=1)]
@@ -130,6 +136,52 @@ class Listen(Table):
         return self.name or str(self.bind)
 
 
+class PointTable(Table):
+    """What a register, or several of them, or a coil means. Exactly one of the four areas must be given."""
+
+    name: PointName = Field(
+        description="Its name for `read` and `write`. Required with a range of addresses: `*`, which stands for the "
+        "number of each point.",
+    )
+    holding: PointAddresses | None = Field(
+        None, description='A holding register, the first one of a value; a range `"1-99"` makes several points.'
+    )
+    input: PointAddresses | None = Field(None, description="The same for input registers.")
+    coils: PointAddresses | None = Field(None, description="The same for coils.")
+    discrete: PointAddresses | None = Field(None, description="The same for discrete inputs.")
+    first: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="With a range: the number of the first point, for `*`. Default: its address."
+    )
+    type: DataType | None = Field(
+        None, description="How the value is encoded. Default: `uint16`; coils and discrete inputs are always `bit`."
+    )
+    length: Annotated[int, Field(ge=1, le=125)] | None = Field(
+        None, description="The registers of a `string`; other types know their own."
+    )
+    swap: Swap = Field(
+        "none",
+        description="`none`: the first register has the highest word, and high bytes come first. `words`: the first "
+        "register has the lowest word. `bytes`: low bytes come first. `both`: both.",
+    )
+    scale: Annotated[float, Field(allow_inf_nan=False)] = Field(
+        1.0, description="The value is the number in the registers times this."
+    )
+    decimals: Annotated[int, Field(ge=0, le=15)] | None = Field(
+        None, description="Decimals of the value. Default: as many as it needs."
+    )
+    unit: str = Field("", description='The unit of the value, such as `"kg"`.')
+    labels: PointLabels = Field({}, description="Text for some of the numbers in the register, instead of a value.")
+    write: PointWriting = Field(
+        "no", description='Whether it can be written. `"only"`: it cannot be read, and is left out when all are.'
+    )
+
+    @property
+    def places(self) -> tuple[tuple[Area, Range], ...]:
+        """The area and the addresses; a table that has been checked has one."""
+        found = ((area, getattr(self, area)) for area in Area)
+        return tuple((area, addresses) for area, addresses in found if addresses is not None)
+
+
 class Device(Table):
     """A device on a line, or several alike in one row."""
 
@@ -153,6 +205,9 @@ class Device(Table):
     )
     timeout: Duration | None = Field(
         None, description="How long it may take to begin its response, regardless of its profile."
+    )
+    points: Annotated[tuple[PointTable, ...], ListOf] = Field(
+        (), description="What its registers mean, in addition to the points of its profile."
     )
 
     @property
@@ -442,6 +497,9 @@ class ProfileTable(Table):
         (),
         description="Deviations from the protocol. `moves`: a write to holding register 0x0100 sets the address of the "
         "device. `changes_baud`: a float32 written to 0x0200-1 sets its baud rate.",
+    )
+    points: Annotated[tuple[PointTable, ...], ListOf] = Field(
+        (), description="What its registers mean: names for `read` and `write`."
     )
 
 

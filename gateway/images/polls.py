@@ -6,6 +6,8 @@ from typing import Final
 
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
+from gateway.modbus.questions import read_request
 from gateway.profiles.profile import Profile, Range
 
 #: The functions that a mirror answers from its polls.
@@ -28,8 +30,7 @@ class Poll:
     @property
     def request(self) -> bytes:
         """The request PDU."""
-        function = polling_function(self.area)
-        return bytes((function, *self.first.to_bytes(2, "big"), *(self.last - self.first + 1).to_bytes(2, "big")))
+        return read_request(Span(self.area, self.first, self.last - self.first + 1))
 
     def __str__(self) -> str:
         return f"{self.area} {self.first}-{self.last}"

@@ -7,7 +7,8 @@ hold what the examples of chapter 2 read, so each printed request brings the pri
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-from gateway.images.tables import Values, unpack_bits
+from gateway.images.tables import Values
+from gateway.modbus.bits import unpack_bits
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Range
 from gateway.simulator.builtin import builtin_profile

@@ -48,6 +48,12 @@ def test_a_profile_with_a_timing_table(capsys):
           23        1      14 ms
           23        99     500 ms
 
+        Points
+          NAME      AREA      ADDRESS  TYPE   UNIT  WRITE
+          comms-*   holding   1-99     int16        yes
+          output-*  coils     0-15     bit          yes
+          input-*   discrete  0-15     bit          no
+
         Time limits, counted from the end of the request: ascii 19200 7E1, latency 5 ms
           FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
           1         26.8 ms           2000        286 ms
@@ -140,7 +146,8 @@ def test_a_profile_as_json(capsys):
     picture = json.loads(capsys.readouterr().out)
     assert picture["timing"][0] == {"function": 1, "items": 1, "time_ms": 10.0}
     assert picture["time_limits"][0]["one_item_ms"] == 26.771
-    del picture["timing"], picture["time_limits"]
+    assert [point["name"] for point in picture["points"]][97:101] == ["comms-98", "comms-99", "output-0", "output-1"]
+    del picture["timing"], picture["time_limits"], picture["points"]
     assert picture == {
         "name": "mint",
         "title": "Mint motion controller",

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.images.tables import BitTable, RegisterTable, make_tables, pack_bits, unpack_bits
+from gateway.images.tables import BitTable, RegisterTable, make_tables
+from gateway.modbus.bits import pack_bits, unpack_bits
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 

@@ -8,9 +8,9 @@ from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu import bit_message as bits
 from pymodbus.pdu import register_message as registers
 
-from gateway.images.tables import pack_bits, unpack_bits
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
+from gateway.modbus.bits import pack_bits, unpack_bits
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span, exception_response, parse_request
 from kit.asked import Asked

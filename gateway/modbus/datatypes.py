@@ -1,0 +1,131 @@
+"""How registers carry values: the protocol has only words of 16 bits (A 4.3); the rest is convention.
+
+A value takes as many registers as its type needs. Without a swap the first register has the highest word, and the high
+byte of each register comes first, as in the specification's own encoding (A 4.2).
+
+| swap  | registers of 0x11223344 |                                                |
+|-------|-------------------------|------------------------------------------------|
+| none  | 1122 3344               |                                                |
+| words | 3344 1122               | the first register has the lowest word         |
+| bytes | 2211 4433               | the bytes of each register change places       |
+| both  | 4433 2211               | both                                           |
+"""
+
+from collections.abc import Mapping
+from struct import Struct, error
+from typing import Final, Literal, get_args
+
+DataType = Literal["uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64", "bit", "string"]
+Swap = Literal["none", "words", "bytes", "both"]
+#: What a type can hold: a whole number, a floating-point number, or text.
+Value = int | float | str
+
+DATA_TYPES: Final[tuple[str, ...]] = get_args(DataType)
+SWAPS: Final[tuple[str, ...]] = get_args(Swap)
+
+_FORMATS: Final[Mapping[str, Struct]] = {
+    "uint16": Struct(">H"),
+    "int16": Struct(">h"),
+    "uint32": Struct(">I"),
+    "int32": Struct(">i"),
+    "uint64": Struct(">Q"),
+    "int64": Struct(">q"),
+    "float32": Struct(">f"),
+    "float64": Struct(">d"),
+}
+#: The most significant digits that a float32 can need, to be told from its neighbours.
+_DIGITS_OF_FLOAT32: Final = 9
+_REGISTER: Final = 2
+
+
+def registers_of(data_type: str) -> int:
+    """How many registers a value takes. Text takes one at least."""
+    layout = _FORMATS.get(data_type)
+    return 1 if layout is None else layout.size // _REGISTER
+
+
+def is_whole(data_type: str) -> bool:
+    """Whether a type holds whole numbers only."""
+    return data_type != "string" and not is_float(data_type)
+
+
+def is_float(data_type: str) -> bool:
+    """Whether a type holds floating-point numbers."""
+    return data_type in ("float32", "float64")
+
+
+def bounds(data_type: str) -> tuple[int, int]:
+    """The least and the greatest whole number that fits into a type of whole numbers."""
+    if data_type == "bit":
+        return 0, 1
+    bits = 16 * registers_of(data_type)
+    return (0, 2**bits - 1) if data_type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+
+
+def decode(data: bytes, data_type: str, swap: str = "none") -> Value:
+    """The value in the bytes of its registers, in the order in which a response carries them.
+
+    A float32 is the shortest number that is nearest to it. Text ends at the first NUL; spaces behind it are dropped,
+    and bytes that are no UTF-8 become �.
+    """
+    plain = swapped(data, swap)
+    if data_type == "string":
+        return plain.partition(b"\0")[0].decode("utf-8", "replace").rstrip(" ")
+    value: int | float = _FORMATS[data_type].unpack(plain)[0]
+    return _shortest(value) if data_type == "float32" else value
+
+
+def encode(value: Value, data_type: str, swap: str = "none", length: int = 1) -> bytes:
+    """The bytes of the registers that carry `value`; text has `length` registers and is filled up with NUL.
+
+    Raises:
+        ValueError: the type cannot hold the value.
+    """
+    if data_type == "string":
+        return swapped(_encode_text(str(value), length), swap)
+    if isinstance(value, str):
+        raise ValueError(f'"{value}" is text, and {data_type} is a number')  # noqa: TRY004 - one error for all
+    if is_whole(data_type):
+        least, greatest = bounds(data_type)
+        is_fraction = isinstance(value, float) and not value.is_integer()
+        if is_fraction or not least <= value <= greatest:
+            raise ValueError(f"{value} does not fit into {data_type}: whole numbers from {least} to {greatest}")
+        value = int(value)
+    try:
+        return swapped(_FORMATS[data_type].pack(value), swap)
+    except (OverflowError, error):
+        raise ValueError(f"{value} does not fit into {data_type}") from None
+
+
+def swapped(data: bytes, swap: str) -> bytes:
+    """The bytes of some registers in the other order; done twice, it is the first one again."""
+    words = [data[at : at + _REGISTER] for at in range(0, len(data), _REGISTER)]
+    if swap in ("words", "both"):
+        words.reverse()
+    if swap in ("bytes", "both"):
+        words = [word[::-1] for word in words]
+    return b"".join(words)
+
+
+def _encode_text(text: str, length: int) -> bytes:
+    data = text.encode()
+    size = _REGISTER * length
+    if len(data) > size:
+        raise ValueError(f'"{text}" has {len(data)} bytes, and {length} registers hold {size}')
+    if "\0" in text:
+        raise ValueError("text cannot have a NUL in it")
+    return data.ljust(size, b"\0")
+
+
+def _shortest(value: float) -> float:
+    """The number with the fewest digits that the same float32 stands for."""
+    layout = _FORMATS["float32"]
+    data = layout.pack(value)
+    for digits in range(6, _DIGITS_OF_FLOAT32):
+        short = float(f"{value:.{digits}g}")
+        try:
+            if layout.pack(short) == data:
+                return short
+        except OverflowError:  # rounded up, the greatest is too great
+            continue
+    return value if value != value else float(f"{value:.{_DIGITS_OF_FLOAT32}g}")  # noqa: PLR0124 - not a number

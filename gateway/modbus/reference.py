@@ -1,0 +1,26 @@
+"""Reference numbers: how the manuals of many devices name coils and registers, counted from 1 behind a digit."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from gateway.modbus.codes import Area
+
+#: The digit that stands for each area.
+DIGITS: Final[Mapping[Area, str]] = {Area.COILS: "0", Area.DISCRETE: "1", Area.INPUT: "3", Area.HOLDING: "4"}
+
+#: Addresses that five digits can name; those above need six.
+_OF_FIVE_DIGITS: Final = 9999
+
+
+def reference(area: Area, address: int) -> str:
+    """The reference number of a 0-based protocol address: holding 107 is 40108, holding 9999 is 410000."""
+    width = 4 if address < _OF_FIVE_DIGITS else 5
+    return f"{DIGITS[area]}{address + 1:0{width}d}"
+
+
+def place_of(number: str) -> tuple[Area, int] | None:
+    """The area and the protocol address of a reference number with five or six digits; None if it is none."""
+    area = next((area for area, digit in DIGITS.items() if number.startswith(digit)), None)
+    if area is None or not number.isdecimal() or len(number) not in (5, 6) or not 1 <= int(number[1:]) <= 65536:
+        return None
+    return area, int(number[1:]) - 1

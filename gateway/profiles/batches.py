@@ -1,0 +1,37 @@
+"""Which requests read a number of points: as few as the device allows, and no address that is not wanted."""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
+from gateway.profiles.point import Point
+
+
+class Batch(NamedTuple):
+    """Points that one request reads, all of them in `span`."""
+
+    span: Span
+    points: tuple[Point, ...]
+
+
+def batches(points: Iterable[Point], limits: Mapping[int, int]) -> list[Batch]:
+    """The points in batches, by area and address. `limits` is the most items of a function that the device takes."""
+    found: list[Batch] = []
+    for point in sorted(points, key=lambda point: (point.area, point.address)):
+        joined = _joined(found[-1], point, limits) if found else None
+        if joined is None:
+            found.append(Batch(point.span, (point,)))
+        else:
+            found[-1] = joined
+    return found
+
+
+def _joined(batch: Batch, point: Point, limits: Mapping[int, int]) -> Batch | None:
+    """The batch with one more point, unless there is a gap before that or the request would be too long."""
+    span = batch.span
+    function, most = READERS[span.area]
+    count = max(span.end, point.span.end) - span.start
+    if point.area != span.area or point.address > span.end or count > min(most, limits.get(function, most)):
+        return None
+    return Batch(Span(span.area, span.start, count), (*batch.points, point))

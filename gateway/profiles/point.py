@@ -1,0 +1,136 @@
+"""A point: what some coils or registers of a device mean to people."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
+from typing import Final, Literal
+
+from gateway.modbus.codes import Area
+from gateway.modbus.datatypes import Value, bounds, decode, encode, is_float, is_whole
+from gateway.modbus.pdu import Span
+from gateway.modbus.questions import has_bits
+
+#: Whether a point is written: never, as well as read, or only.
+Writing = Literal["no", "yes", "only"]
+
+#: How bits are written, beside 0 and 1.
+_BIT_WORDS: Final[Mapping[str, int]] = {"on": 1, "off": 0, "true": 1, "false": 0}
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One value: where it is, how it is carried, and how it is shown. Nameless where nobody has given it a meaning.
+
+    `count` is how many items of `area` it takes. What a number means is the number that is carried times `scale`, in
+    `unit`; it is shown with `decimals`. Some numbers have `labels` instead.
+    """
+
+    name: str
+    area: Area
+    address: int
+    type: str = "uint16"
+    swap: str = "none"
+    count: int = 1
+    scale: float = 1.0
+    decimals: int | None = None
+    unit: str = ""
+    labels: Mapping[int, str] = field(default_factory=dict)
+    write: Writing = "no"
+
+    @property
+    def span(self) -> Span:
+        """The items that carry it."""
+        return Span(self.area, self.address, self.count)
+
+    def value(self, items: bytes) -> Value:
+        """What its items mean: a number, or text."""
+        if has_bits(self.area):
+            return self.labels.get(items[0], items[0])
+        carried = decode(items, self.type, self.swap)
+        if isinstance(carried, str):
+            return carried
+        if isinstance(carried, int) and carried in self.labels:
+            return self.labels[carried]
+        return self._scaled(carried)
+
+    def show(self, value: Value) -> str:
+        """A value of this point as text, without its unit."""
+        if self.decimals is not None and not isinstance(value, str):
+            return f"{value:.{self.decimals}f}"
+        return str(value)
+
+    def items(self, text: str) -> bytes:
+        """The items that carry what somebody has written as `text`: a number, a label, text.
+
+        Raises:
+            ValueError: the point cannot hold it.
+        """
+        if self.type == "string":
+            return encode(text, self.type, self.swap, self.count)
+        number = self._number(text)
+        if has_bits(self.area):
+            if number not in (0, 1):
+                raise ValueError(f"{text} is no bit: write 0 or 1, off or on")
+            return bytes((int(number),))
+        return encode(self._carried(text, number), self.type, self.swap)
+
+    def _number(self, text: str) -> Decimal:
+        """The number that `text` stands for, a label's as it is carried."""
+        for number, label in self.labels.items():
+            if label == text:
+                return Decimal(number) * self._factor
+        if has_bits(self.area) and text.lower() in _BIT_WORDS:
+            return Decimal(_BIT_WORDS[text.lower()])
+        number_ = parse_number(text)
+        if number_ is None:
+            known = f"; it has the labels {', '.join(self.labels.values())}" if self.labels else ""
+            raise ValueError(f'"{text}" is no number{known}')
+        return number_
+
+    def _carried(self, text: str, number: Decimal) -> int | float:
+        """The number that the registers carry for one that people use."""
+        if not number.is_finite():
+            if is_float(self.type):
+                return float(number)
+            raise ValueError(f"{text} does not fit into {self.type}")
+        carried = number / self._factor
+        if not is_whole(self.type):
+            return float(carried)
+        if carried != carried.to_integral_value():
+            if self.scale != 1:
+                raise ValueError(f"{text} is no multiple of {self.scale:g}, the scale of {self.name}")
+            raise ValueError(f"{text} does not fit into {self.type}: it holds whole numbers only")
+        least, greatest = bounds(self.type)
+        if not least <= carried <= greatest:
+            of, to = (self.show(self._scaled(bound)) for bound in sorted((least, greatest), key=self._scaled))
+            raise ValueError(f"{text} does not fit into {self.type}: {of} to {to}")
+        return int(carried)
+
+    def _scaled(self, carried: float) -> float:
+        value = carried
+        if self.scale != 1 and isinstance(carried, int):
+            exact = carried * self._factor
+            value = int(exact) if exact == exact.to_integral_value() and self.decimals is None else float(exact)
+        elif self.scale != 1:
+            value = carried * self.scale
+        return value if self.decimals is None or isinstance(value, int) else round(value, self.decimals)
+
+    @property
+    def _factor(self) -> Decimal:
+        """The scale as it is written: 0.1 is one tenth, not the binary fraction nearest to it."""
+        return Decimal(repr(self.scale))
+
+
+def parse_number(text: str) -> Decimal | None:
+    """A number as people write it: 12, -3.5, 1e3, 0x1F, 0b101; None if it is none."""
+    digits = text.strip().lower()
+    for prefix, base in (("0x", 16), ("0b", 2)):
+        if digits.lstrip("+-").startswith(prefix):
+            try:
+                return Decimal(int(digits, base))
+            except ValueError:
+                return None
+    try:
+        return Decimal(digits)
+    except InvalidOperation:
+        return None
