@@ -28,6 +28,7 @@ GatewayError
 │   └── PortClosed               it was closed by its user
 ├── ListenError                  a listener cannot use its address
 ├── StateError                   a file in the state directory cannot be read
+├── WrongQuestion                what was asked for at the control socket cannot be
 └── DaemonError                  the running gateway cannot be reached
 
 A request in progress is not ended by raising: `Request.fail` turns a RequestError into the exception response.
@@ -210,6 +211,10 @@ class ListenError(GatewayError):
 
 class StateError(GatewayError):
     """A file in the state directory cannot be read; the message names it, and what to do."""
+
+
+class WrongQuestion(GatewayError):
+    """What was asked for at the control socket cannot be; the message says why."""
 
 
 class DaemonError(GatewayError):

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from gateway.config.check_access import CONTROL
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
@@ -59,6 +60,8 @@ class Gateway:
     images: tuple[Image, ...]
     mirrors: tuple[MirrorDriver, ...]
     devices: tuple[dict[int, Device], ...]
+    #: The way of an operator's requests, from the control socket: it has all rights until a row names it.
+    control: Router
     ways: tuple[Way, ...]
     plan: Plan
 
@@ -129,11 +132,13 @@ def build(
         one.line.name: one_line(units.values(), recipient, targets)
         for one, units, recipient in zip(plan.lines, on_lines, on_line, strict=True)
     }
+    control = running.control if running else Router(Door(CONTROL, "cable"), loop.time, emit)
     ways = (
+        Way(control, everyone.routes, everyone.known_as),
         *(_way(one, alone[one.settings.line] if one.settings.line else everyone) for one in listeners),
         *(Way(one.router, _served(everyone, one.plan), everyone.known_as) for one in servers),
     )
-    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, ways, plan)
+    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, control, ways, plan)
 
 
 class _Old:

@@ -2,6 +2,10 @@
 
 {"verb": "status"}   {"version": "0.1.0", "ok": true, "status": {...}}
 {"verb": "reload"}   {"version": "0.1.0", "ok": false, "problems": ["gateway.toml:3:8: error: ..."]}
+{"verb": "unit", "unit": "silo-1"}
+                     {"version": "0.1.0", "ok": true, "unit": {"unit": 41, "points": [...], ...}}
+{"verb": "request", "unit": 41, "pdu": "03 00 00 00 02"}
+                     {"version": "0.1.0", "ok": true, "unit": 41, "pdu": "03 04 45 9C 3D 51", "elapsed_ms": 12.5}
 
 Who asks may be of another version: keys may come and go, and `version` says why.
 """
@@ -18,6 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway import __version__
+from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
 
 #: Longest request, in bytes.
@@ -30,8 +35,10 @@ MOST_CONNECTIONS: Final = 16
 #: Where the socket of a system's gateway is.
 SYSTEM_SOCKET: Final = Path("/run/modbus-gateway/control.sock")
 
+#: Tells whether whoever has asked is still connected.
+IsThere = Callable[[], bool]
 #: What a verb does: takes the request, gives what is added to `ok` in the answer. Dataclasses in it become objects.
-Verb = Callable[[Mapping[str, Any]], Awaitable[dict[str, Any]]]
+Verb = Callable[[Mapping[str, Any], IsThere], Awaitable[dict[str, Any]]]
 
 
 def control_path(
@@ -127,7 +134,7 @@ async def _converse(
     writer.transport.set_write_buffer_limits(0)  # `drain` waits until the system has all of an answer
     try:
         while line := await asyncio.wait_for(reader.readline(), PATIENCE):
-            writer.write(await _answer(line, verbs, emit))
+            writer.write(await _answer(line, lambda: not reader.at_eof(), verbs, emit))
             await asyncio.wait_for(writer.drain(), PATIENCE)
             await asyncio.sleep(0)  # the others' turn: nothing above waits while there are more requests
     except (OSError, TimeoutError, ValueError):  # gone, silent for too long, or a line that never ends
@@ -136,15 +143,15 @@ async def _converse(
         writer.close()
 
 
-async def _answer(line: bytes, verbs: Mapping[str, Verb], emit: Emit) -> bytes:
+async def _answer(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb], emit: Emit) -> bytes:
     try:
-        return _line(await _answered(line, verbs))
+        return _line(await _answered(line, is_there, verbs))
     except Exception as error:  # noqa: BLE001 - the error boundary of a request
         emit(PartFailed.of("control socket", error))
         return _line(_refused("a defect in the gateway; its log says more"))
 
 
-async def _answered(line: bytes, verbs: Mapping[str, Verb]) -> dict[str, Any]:
+async def _answered(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb]) -> dict[str, Any]:
     try:
         request = json.loads(line)
     except (ValueError, RecursionError):
@@ -152,7 +159,10 @@ async def _answered(line: bytes, verbs: Mapping[str, Verb]) -> dict[str, Any]:
     verb = request.get("verb") if isinstance(request, dict) else None
     if not isinstance(verb, str) or verb not in verbs:
         return _refused(f'"verb" must be one of {", ".join(verbs)}')
-    return {"ok": True, **await verbs[verb](request)}
+    try:
+        return {"ok": True, **await verbs[verb](request, is_there)}
+    except WrongQuestion as wrong:
+        return _refused(str(wrong))
 
 
 def _refused(why: str) -> dict[str, Any]:

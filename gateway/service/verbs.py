@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from gateway.service.control import Verb
+from gateway.service.control import IsThere, Verb
+from gateway.service.operator import ask, picture
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.status import status
@@ -14,11 +15,17 @@ from gateway.service.status import status
 def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
     """The verbs, by name."""
 
-    async def show_status(_request: Mapping[str, Any]) -> dict[str, Any]:
+    async def show_status(_request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"status": status(running.gateway, running.recent, asyncio.get_running_loop().time())}
 
-    async def reload(_request: Mapping[str, Any]) -> dict[str, Any]:
+    async def reload(_request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         outcome = await asyncio.shield(reloader.order())
         return {"ok": not (outcome.problems or outcome.defect), **asdict(outcome)}
 
-    return {"status": show_status, "reload": reload}
+    async def request(request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        return await ask(running.gateway, request, is_there)
+
+    async def unit(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        return {"unit": picture(running.gateway, request.get("unit"))}
+
+    return {"status": show_status, "reload": reload, "unit": unit, "request": request}

@@ -23,11 +23,11 @@ STATUS = b'{"verb": "status"}\n'
 FINE = f'{{"version": "{__version__}", "ok": true, "status": "fine"}}\n'.encode()
 
 
-async def status(_request: Mapping[str, Any]) -> dict[str, Any]:
+async def status(_request: Mapping[str, Any], _is_there: Any) -> dict[str, Any]:
     return {"status": "fine"}
 
 
-async def defect(_request: Mapping[str, Any]) -> dict[str, Any]:
+async def defect(_request: Mapping[str, Any], _is_there: Any) -> dict[str, Any]:
     raise RuntimeError("nobody foresaw this")
 
 

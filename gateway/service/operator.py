@@ -1,0 +1,147 @@
+"""What an operator asks of units at the control socket, as the client `control`: requests, and what a unit is."""
+
+import asyncio
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from gateway.config.check_access import CONTROL
+from gateway.config.plan import Plan
+from gateway.config.problem import did_you_mean
+from gateway.errors import RequestError, WrongQuestion
+from gateway.modbus.codes import MAX_PDU, only_reads
+from gateway.profiles.point import Point
+from gateway.profiles.profile import Profile
+from gateway.request import Request
+from gateway.service.build import Gateway
+from gateway.service.parts import GatewayLine, GatewayUpstream
+
+
+@dataclass(frozen=True, slots=True)
+class UnitPicture:
+    """A unit that clients can ask: what answers for it, what that accepts, and what its registers mean.
+
+    A request and its response take `longest_wait_ms` at most; 0 for a unit that the gateway answers itself.
+    """
+
+    unit: int
+    name: str
+    kind: str
+    profile: str
+    functions: tuple[int, ...] | None
+    limits: Mapping[int, int]
+    longest_wait_ms: float
+    points: tuple[Point, ...]
+
+
+class Question:
+    """One request of an operator: the Origin that it comes from. `outcome` is its error, if any, and its response."""
+
+    client = CONTROL
+    host = ""
+
+    def __init__(self, is_there: Callable[[], bool]) -> None:
+        """`is_there` tells whether whoever asks is still connected."""
+        self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
+            asyncio.get_running_loop().create_future()
+        )
+        self._is_there = is_there
+
+    def wants(self, request: Request) -> bool:
+        """Whether the request should still be sent. Who sends no more may have left, and a write is not wanted then."""
+        return not self.outcome.done() and (only_reads(request.pdu) or self._is_there())
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response."""
+        if not self.outcome.done():
+            self.outcome.set_result((request.error, pdu))
+
+
+async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[[], bool]) -> dict[str, Any]:
+    """Send a request as any client's, with its rights, queue and limits: `unit` (number or name) and `pdu` (hex).
+
+    The answer has the response PDU; where that is the gateway's own exception, `result` and `reason` say why.
+
+    Raises:
+        WrongQuestion: there is no such unit, or that is no PDU.
+    """
+    unit, pdu = find_unit(gateway.plan, question.get("unit")), _pdu(question.get("pdu"))
+    origin, now = Question(is_there), asyncio.get_running_loop().time
+    started = now()
+    gateway.control.submit(Request(unit, pdu, origin, started), started)
+    error, response = await origin.outcome
+    answer = {
+        "unit": unit,
+        "pdu": None if response is None else response.hex(" ").upper(),
+        "elapsed_ms": round((now() - started) * 1000, 1),
+    }
+    return answer if error is None else {**answer, "result": error.result, "reason": str(error)}
+
+
+def picture(gateway: Gateway, wanted: object) -> UnitPicture:
+    """The unit that has this number, or this name.
+
+    Raises:
+        WrongQuestion: there is none.
+    """
+    unit = find_unit(gateway.plan, wanted)
+    found = next((each for each in _units(gateway.plan) if each.unit == unit), None)
+    if found is None:
+        raise WrongQuestion(f"there is no unit {unit}; modbus-gateway check shows which units there are")
+    functions = found.profile.functions
+    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    longest = {unit: wait for part in parts for unit, wait in part.longest_wait.items()}
+    return UnitPicture(
+        unit=unit,
+        name=found.name,
+        kind=found.kind,
+        profile=found.profile.name,
+        functions=None if functions is None else tuple(sorted(functions)),
+        limits=found.profile.limits,
+        longest_wait_ms=round(longest.get(unit, 0.0) * 1000, 1),
+        points=gateway.plan.points.get(unit, ()),
+    )
+
+
+def find_unit(plan: Plan, wanted: object) -> int:
+    """The number of a unit, which may be asked for by its number or its name.
+
+    Raises:
+        WrongQuestion: nothing is called like that, or it is no number of a unit.
+    """
+    if isinstance(wanted, int) and not isinstance(wanted, bool) and 0 <= wanted <= 255:
+        return wanted
+    if not isinstance(wanted, str):
+        raise WrongQuestion('"unit" must be a number from 0 to 255, or a name')
+    unit = next((each.unit for each in _units(plan) if each.name == wanted), None)
+    if unit is None:
+        remedy = did_you_mean(wanted, (each.name for each in _units(plan)))
+        raise WrongQuestion(f'nothing is called "{wanted}"' + (f"; {remedy}" if remedy else ""))
+    return unit
+
+
+class _Unit(NamedTuple):
+    unit: int
+    name: str
+    kind: str
+    profile: Profile
+
+
+def _units(plan: Plan) -> Iterator[_Unit]:
+    """Every unit, but for those that only a listener for their line leads to."""
+    for line in plan.lines:
+        yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in line.shared)
+    for upstream in plan.upstreams:
+        yield from (_Unit(each.known_as, each.name, "upstream", each.profile) for each in upstream.devices)
+    yield from (_Unit(image.unit, image.name, "image", image.profile) for image in plan.images)
+    yield from (_Unit(mirror.unit, mirror.name, "mirror", mirror.profile) for mirror in plan.mirrors)
+
+
+def _pdu(text: object) -> bytes:
+    try:
+        pdu = bytes.fromhex(text) if isinstance(text, str) else b""
+    except ValueError:
+        pdu = b""
+    if not 1 <= len(pdu) <= MAX_PDU:
+        raise WrongQuestion(f'"pdu" must be 1 to {MAX_PDU} bytes in hexadecimal, such as "03 00 00 00 02"')
+    return pdu
