@@ -100,7 +100,7 @@ async def test_the_operator_who_is_cancelled_wants_nothing_more():
         home.lines["hall"].on_write = sent.append
         first = asyncio.create_task(asked(home, 6, "03 00 00 00 01"))
         await asyncio.sleep(0)
-        second = asyncio.create_task(asked(home, 6, "03 00 00 00 02"))
+        second = asyncio.create_task(asked(home, 6, "04 00 00 00 02"))
         await asyncio.sleep(0)
         second.cancel()
         await first
