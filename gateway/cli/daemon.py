@@ -7,7 +7,7 @@ import sys
 import tomllib
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
@@ -34,27 +34,59 @@ def ask(verb: str, control: str | None) -> dict[str, Any]:
     Raises:
         DaemonError: it does not answer, or refuses the question.
     """
-    with _connect(control) as sock, sock.makefile("rb") as stream:
+    with Conversation(control) as daemon:
+        return daemon.ask(verb)
+
+
+class Conversation:
+    """A connection to the daemon, for any number of questions; in its context it is open.
+
+    Raises:
+        DaemonError: nobody can be reached, or the daemon does not answer, or refuses a question.
+    """
+
+    def __init__(self, control: str | None) -> None:
+        self._sock = _connect(control)
+        self._stream = self._sock.makefile("rb")
+        self._patience = _PATIENCE
+        self._is_first = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+        self._sock.close()
+
+    def wait_for(self, seconds: float) -> None:
+        """Answers may take so long, if that is longer than usual."""
+        self._patience = max(_PATIENCE, seconds)
+        self._sock.settimeout(self._patience)
+
+    def ask(self, verb: str, **details: object) -> dict[str, Any]:
+        """What the daemon answers to a question."""
         try:
             with suppress(ConnectionError):  # it has hung up, perhaps with a word of why
-                sock.sendall(json.dumps({"verb": verb}).encode() + b"\n")
-            line = stream.readline()
+                self._sock.sendall(json.dumps({"verb": verb, **details}).encode() + b"\n")
+            line = self._stream.readline()
         except TimeoutError:
-            raise DaemonError(f"the daemon did not answer within {_PATIENCE:g} s") from None
+            raise DaemonError(f"the daemon did not answer within {self._patience:g} s") from None
         except ConnectionError:
             line = b""
-    if not line:
-        raise DaemonError("the daemon closed the connection before it answered; is it stopping?")
-    return _read_answer(line)
+        if not line:
+            raise DaemonError("the daemon closed the connection before it answered; is it stopping?")
+        was_first, self._is_first = self._is_first, False
+        return _read_answer(line, compares=was_first)
 
 
-def _read_answer(line: bytes) -> dict[str, Any]:
+def _read_answer(line: bytes, *, compares: bool = True) -> dict[str, Any]:
     try:
         answer: dict[str, Any] = json.loads(line)
         error = answer.get("error")
     except (ValueError, AttributeError):
         raise DaemonError("what answers there is no modbus-gateway") from None
-    _compare_versions(answer.get("version", "an earlier version"))
+    if compares:
+        _compare_versions(answer.get("version", "an earlier version"))
     if error is not None:
         raise DaemonError(f"the daemon says: {error}")
     return answer

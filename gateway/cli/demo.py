@@ -22,9 +22,13 @@ from gateway.errors import GatewayError
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
+from gateway.service.control import control_open, control_path
+from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.state import Memory
 from gateway.service.supervisor import Stop, serve
+from gateway.service.systemd import Notifier
+from gateway.service.verbs import verbs
 from gateway.simulator.panel import Panel
 
 #: Where users expect the demo; any other port when somebody is there already.
@@ -73,8 +77,8 @@ async def _demo(*, once: bool) -> int:
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         config = _write_config(folder)
         plan = _plan(config)
-        stage = Stage(config, plan)
-        gateway = await parts.enter_async_context(_gateway(plan, stage))
+        stage = Stage(config, plan, _control(folder))
+        gateway = await parts.enter_async_context(_gateway(config, plan, stage))
         await parts.enter_async_context(stage.connected(gateway))
         wrong = await _play(stage, panel)
         if not once:
@@ -133,6 +137,24 @@ def _write_config(folder: Path) -> Path:
     return file
 
 
+def _control(folder: Path) -> Path:
+    """The control socket: where commands look for it, unless another gateway answers there."""
+    usual = control_path(Path("gateway.toml"))
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(str(usual))
+        except (FileNotFoundError, ConnectionRefusedError):
+            return usual if _may_write(usual.parent) else folder / "control.sock"
+        except OSError:
+            pass
+    return folder / "control.sock"
+
+
+def _may_write(folder: Path) -> bool:
+    existing = next(each for each in (folder, *folder.parents) if each.exists())
+    return os.access(existing, os.W_OK)
+
+
 def _plan(config: Path) -> Plan:
     loaded = load(config)
     if loaded.config is None:
@@ -141,7 +163,7 @@ def _plan(config: Path) -> Plan:
 
 
 @asynccontextmanager
-async def _gateway(plan: Plan, stage: Stage) -> AsyncIterator[Gateway]:
+async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[Gateway]:
     """The gateway of `plan`, ready; its events go to `stage`."""
     ready = asyncio.Event()
 
@@ -151,13 +173,17 @@ async def _gateway(plan: Plan, stage: Stage) -> AsyncIterator[Gateway]:
             ready.set()
 
     loop = asyncio.get_running_loop()
-    gateway = build(plan, loop, opener, Memory(), emit)
-    stop = Stop()
-    serving = asyncio.create_task(serve(Running(gateway, emit), stop), name="gateway")
+    memory = Memory()
+    running, stop = Running(build(plan, loop, opener, memory, emit), emit), Stop()
+    reloader = Reloader(
+        config, running, lambda new, old: build(new, loop, opener, memory, emit, None, old), Notifier({})
+    )
+    serving = asyncio.create_task(serve(running, stop, None, reloader), name="gateway")
     try:
         async with asyncio.timeout(_PATIENCE):
             await ready.wait()
-        yield gateway
+        async with control_open(stage.control, verbs(running, reloader), emit):
+            yield running.gateway
     finally:
         stop.order("the demo ends")
         await serving

@@ -17,6 +17,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.frame import Frame
 from gateway.service.build import Gateway
+from gateway.service.control import control_path
 from gateway.simulator.panel import Panel
 
 #: How long an answer may take, in seconds: longer than any limit of the demo.
@@ -35,12 +36,16 @@ class Hop:
 
 
 class Stage:
-    """A Modbus TCP client of the gateway with this plan; it shows what it does. `config` is the gateway's file."""
+    """A Modbus TCP client of the gateway with this plan; it shows what it does.
+
+    `config` is the gateway's file, `control` its control socket.
+    """
 
     _reader: asyncio.StreamReader
     _writer: asyncio.StreamWriter
 
-    def __init__(self, config: Path, plan: Plan) -> None:
+    def __init__(self, config: Path, plan: Plan, control: Path) -> None:
+        self.control = control
         self._config = config
         self._plan = plan
         self._address = ""
@@ -143,7 +148,13 @@ class Stage:
         """What to try next."""
         port = self._address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
+        usual = self.control == control_path(Path("gateway.toml"))
+        command = "./deploy/go" if (Path.cwd() / "deploy" / "go").exists() else "modbus-gateway"
+        at = "" if usual else f" --control {self.control}"
         print("\nThe lines keep running. In another terminal, for example:\n")
+        print(f"  {command} read silo-1{at}")
+        print(f"  {command} read press holding 107-109{at}")
+        print(f"  {command} write oven register-40136 926 --show{at}")
         print(f"  {mbpoll} -a 41 -t 4:float -B -0 -r 0 -1 127.0.0.1 # silo-1: weight")
         print(f"  {mbpoll} -a 46 -t 4 -0 -r 107 -c 3 -1 127.0.0.1   # press: 40108-40110")
         print(f"  {mbpoll} -a 52 -t 4 -0 -r 30 127.0.0.1 1234 5678  # axis-1: Comms 30-31")

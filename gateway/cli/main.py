@@ -33,6 +33,8 @@ VERBS: Final[Mapping[str, str]] = {
     "check": "check a config file and show its effect",
     "reload": "make the running gateway read its config again",
     "status": "show the state of the running gateway",
+    "read": "read coils and registers of a unit",
+    "write": "write coils and registers of a unit",
     "profile": "show what a kind of device accepts, and its time limits",
     "ports": "list the serial ports of this machine",
     "simulate": "run simulated devices on a virtual serial port",

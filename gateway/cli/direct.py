@@ -1,0 +1,221 @@
+"""A unit that is asked without a gateway: on a serial port, or behind a Modbus TCP server. Built on pymodbus."""
+
+import argparse
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Final, Literal
+
+from pymodbus import FramerType, ModbusException
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.pdu import DecodePDU
+
+from gateway.cli.unit import Answer, NoResponseError
+from gateway.cli.usage import WrongUsageError
+from gateway.config.address import Address, parse_address
+from gateway.config.load import builtin_profiles
+from gateway.config.plan import DEFAULT_FORMATS
+from gateway.config.points import points_of
+from gateway.config.problem import WrongValue, did_you_mean
+from gateway.config.schema import ProfileTable
+from gateway.config.values import DEVICE_SERVER_MODES, fits_mode, parse_format, parse_port
+from gateway.errors import GatewayError, PortError
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.modbus.pdu import parse_request
+from gateway.ports.ioctls import set_input_flags
+from gateway.ports.opening import OpenDevice, close_device, open_device
+from gateway.ports.port import SerialSettings
+from gateway.profiles.point import Point
+
+_FRAMERS: Final = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII}
+
+_Client = ModbusSerialClient | ModbusTcpClient
+
+
+class DirectError(GatewayError):
+    """A port or server cannot be reached."""
+
+
+class DirectUnit:
+    """A unit behind a client of pymodbus."""
+
+    name = ""
+
+    def __init__(self, client: _Client, number: int, points: tuple[Point, ...], place: "_Place") -> None:
+        self.number = number
+        self.points = points
+        self.functions = place.functions
+        self.limits = place.limits
+        self._client = client
+        self._frames = place.frames
+        self._advice = place.advice
+        self._decoder = DecodePDU(is_server=True)
+
+    def ask(self, pdu: bytes) -> Answer:
+        """Send a request.
+
+        Raises:
+            NoResponseError: no response came, or what came is not the response to this request.
+        """
+        request = self._decoder.decode(pdu)
+        assert request is not None  # noqa: S101 - only functions that pymodbus knows are asked for
+        request.dev_id = self.number
+        self._frames.clear()
+        started = time.monotonic()
+        try:
+            response = self._client.execute(False, request)
+            elapsed = time.monotonic() - started
+            answer = bytes((response.function_code, *response.encode()))
+        except (ModbusException, OSError, ValueError) as wrong:
+            what = "what came is no valid response" if self._frames.get(False) else "no response"
+            raise NoResponseError(f"unit {self.number}: {what}; {self._advice}") from wrong
+        if not parse_request(pdu).accepts(answer):
+            came = answer.hex(" ").upper()
+            raise NoResponseError(f"unit {self.number}: what came is no response to this request: {came}")
+        frames = self._frames
+        return Answer(answer, round(elapsed * 1000, 1), "", frames.get(True, b""), frames.get(False, b""))
+
+
+class _Place:
+    """Where the unit is, and what is known of its kind. `frames` are the last ones sent (True) and received (False)."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self.frames: dict[bool, bytes] = {}
+        self.functions: frozenset[int] | None = None
+        self.limits: Mapping[int, int] = {}
+        self.mode: Literal["rtu", "ascii"] = args.mode or "rtu"
+        self._is_mode_given = args.mode is not None
+        seconds = f"{args.timeout:g} s"
+        self.advice = f"the limit is {seconds} (--timeout); are unit, wiring, rate and format right?"
+        if args.tcp:
+            self.advice = f"the limit is {seconds} (--timeout); does this server know the unit?"
+
+    def take(self, kind: ProfileTable) -> tuple[Point, ...]:
+        """The points of this kind of device; what else its profile says is kept."""
+        self.functions = None if kind.functions is None else frozenset(kind.functions)
+        self.limits = kind.limits
+        if kind.mode is not None and not self._is_mode_given:
+            self.mode = kind.mode
+        return points_of(kind.points)
+
+    def trace(self, sending: bool, data: bytes) -> bytes:  # noqa: FBT001 - called by pymodbus
+        """See what passes."""
+        self.frames[sending] = data
+        return data
+
+
+@contextmanager
+def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]:
+    """The unit with this number on the port or behind the server that the arguments name.
+
+    Raises:
+        WrongUsageError: an argument cannot be meant.
+        DirectError: port or server cannot be opened.
+    """
+    if not wanted.isdecimal():
+        raise WrongUsageError(f'"{wanted}" is a name, and only the daemon knows names', "write the number of the unit")
+    if int(wanted) > 255 or (args.port and not FIRST_UNIT <= int(wanted) <= LAST_UNIT):
+        raise WrongUsageError(f"{wanted} is no number of a unit", f"units are {FIRST_UNIT} to {LAST_UNIT}")
+    place = _Place(args)
+    points = _points(args.profile, place)
+    with ExitStack() as open_parts:
+        told = open_parts.enter_context(_told_by_pymodbus())
+        client = (_tcp_client if args.tcp else _port_client)(args, place, open_parts)
+        if not client.connect():
+            raise DirectError(f"{args.tcp or args.port} cannot be reached: {_reason(told)}")
+        yield DirectUnit(client, int(wanted), points, place)
+
+
+def _points(profile: str | None, place: _Place) -> tuple[Point, ...]:
+    if profile is None:
+        return ()
+    profiles = builtin_profiles()
+    if profile not in profiles:
+        raise WrongUsageError(f'there is no profile "{profile}"', did_you_mean(profile, profiles))
+    return place.take(profiles[profile])
+
+
+def _tcp_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) -> _Client:
+    text = args.tcp.removeprefix("tcp://")
+    try:
+        address = parse_address(f"tcp://{text}", ("tcp",))
+    except WrongValue as wrong:
+        raise WrongUsageError(f"--tcp {args.tcp}: {wrong}", "write --tcp 10.1.0.5, or --tcp 10.1.0.5:502") from wrong
+    return _socket_client(address, FramerType.SOCKET, args, place, open_parts)
+
+
+def _socket_client(
+    address: Address, framer: FramerType, args: argparse.Namespace, place: _Place, open_parts: ExitStack
+) -> ModbusTcpClient:
+    client = ModbusTcpClient(
+        address.host,
+        port=address.port,
+        framer=framer,
+        timeout=args.timeout,
+        retries=0,
+        trace_packet=place.trace,
+    )
+    open_parts.callback(client.close)
+    return client
+
+
+def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) -> _Client:
+    """A client for a device server, or for a serial port, which is opened as the gateway does it."""
+    try:
+        port = parse_port(args.port)
+        format_ = DEFAULT_FORMATS[place.mode] if args.format is None else parse_format(args.format)
+    except WrongValue as wrong:
+        raise WrongUsageError(str(wrong), wrong.remedy) from wrong
+    if isinstance(port, Address):
+        return _socket_client(port, _FRAMERS[DEVICE_SERVER_MODES[port.scheme]], args, place, open_parts)
+    if not fits_mode(format_, place.mode):
+        raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
+    try:
+        device = open_device(SerialSettings(port, args.baud, format_))
+    except PortError as error:
+        remedy = "if a gateway has this port, leave out --port and ask through it"
+        raise DirectError(f"{error}\n  help: {remedy}" if Path(port).exists() else str(error)) from error
+    open_parts.callback(_close, device)
+    set_input_flags(device.serial.fileno(), checks_parity=False)  # pymodbus does not know marked characters
+    device.serial.timeout = device.serial.write_timeout = args.timeout
+    client = ModbusSerialClient(
+        port,
+        framer=_FRAMERS[place.mode],
+        baudrate=args.baud,
+        bytesize=format_.data_bits,
+        parity=format_.parity,
+        stopbits=format_.stop_bits,
+        timeout=args.timeout,
+        retries=0,
+        trace_packet=place.trace,
+    )
+    client.socket = device.serial
+    return client
+
+
+def _close(device: OpenDevice) -> None:
+    if device.serial.is_open:  # pymodbus closes a port that was lost
+        close_device(device, lost=False)
+
+
+def _reason(told: list[str]) -> str:
+    return told[-1].rpartition("failed: ")[2] if told else "no reason is known"
+
+
+@contextmanager
+def _told_by_pymodbus() -> Iterator[list[str]]:
+    """What pymodbus logs in the context. It gives reasons nowhere else, and nobody is to see them twice."""
+    told: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: told.append(record.getMessage())  # type: ignore[method-assign]
+    log = logging.getLogger("pymodbus")
+    before = log.propagate
+    log.addHandler(handler)
+    log.propagate = False
+    try:
+        yield told
+    finally:
+        log.removeHandler(handler)
+        log.propagate = before

@@ -1,0 +1,47 @@
+"""Reading points of a unit: in as few requests as the unit allows, and what could not be read."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from gateway.cli.unit import Unit
+from gateway.cli.values import Failure, Outcome, Reading
+from gateway.errors import ExceptionCode
+from gateway.modbus.questions import items_read, read_request
+from gateway.profiles.batches import Batch, batches
+from gateway.profiles.point import Point
+
+#: After these a part of a request may be answered: an address that does not exist, a request that is too long.
+_MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})
+
+
+def read_points(unit: Unit, points: Sequence[Point]) -> Outcome:
+    """Read points; the readings are in their order.
+
+    Named points stand for themselves: if the unit refuses some together, they are read one by one.
+    """
+    outcome = Outcome()
+    for batch in batches(points, unit.limits):
+        _read(unit, batch, outcome)
+    order = {id(point): index for index, point in enumerate(points)}
+    outcome.readings.sort(key=lambda reading: order[id(reading.point)])
+    return outcome
+
+
+def _read(unit: Unit, batch: Batch, outcome: Outcome) -> None:
+    answer = unit.ask(read_request(batch.span))
+    outcome.answers.append(answer)
+    if answer.exception is None:
+        items = items_read(batch.span, answer.pdu)
+        outcome.readings.extend(Reading(point, _part(items, batch, point)) for point in batch.points)
+    elif answer.exception in _MAY_BE_ANSWERED_IN_PARTS and len(batch.points) > 1 and batch.points[0].name:
+        for point in batch.points:
+            _read(unit, Batch(point.span, (point,)), outcome)
+    else:
+        outcome.failures.append(Failure(batch.span, answer))
+
+
+def _part(items: bytes, batch: Batch, point: Point) -> bytes:
+    """The items of one point among those of its batch."""
+    size = len(items) // batch.span.count
+    start = (point.address - batch.span.start) * size
+    return items[start : start + point.count * size]

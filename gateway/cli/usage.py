@@ -1,0 +1,49 @@
+"""Arguments that cannot be understood: what is wrong with them, and what to type instead."""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from gateway.cli.main import WRONG_USAGE
+from gateway.config.problem import WrongValue
+
+
+class WrongUsageError(Exception):
+    """What was typed cannot be meant. `remedy` is what to do instead, often a whole command."""
+
+    def __init__(self, what: str, remedy: str = "") -> None:
+        super().__init__(what)
+        self.remedy = remedy
+
+
+def tell_wrong_usage(wrong: WrongUsageError) -> int:
+    """Print what is wrong, and give the exit code."""
+    print(f"modbus-gateway: error: {wrong}", file=sys.stderr)
+    if wrong.remedy:
+        print(f"  help: {wrong.remedy}", file=sys.stderr)
+    return WRONG_USAGE
+
+
+def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
+    """A `type` for argparse out of a function that reads values of the config."""
+
+    def argument(text: str) -> Any:
+        try:
+            return parse(text)
+        except WrongValue as wrong:
+            remedy = f": {wrong.remedy}" if wrong.remedy else ""
+            raise argparse.ArgumentTypeError(f"{wrong}{remedy}") from wrong
+
+    return argument
+
+
+def let_options_stand_anywhere(parser: argparse.ArgumentParser) -> None:
+    """Options may stand between words: argparse takes the words behind an option for unknown ones otherwise."""
+    plain = parser.parse_known_args
+
+    def parse(args: Sequence[str] | None = None, namespace: Any = None) -> Any:
+        setattr(parser, "parse_known_args", plain)  # noqa: B010 - what follows calls it
+        return parser.parse_known_intermixed_args(args, namespace)
+
+    setattr(parser, "parse_known_args", parse)  # noqa: B010 - a method of one parser

@@ -1,0 +1,166 @@
+"""Values of a unit as they are shown: rows of a table, or JSON."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from gateway.cli.columns import align
+from gateway.cli.unit import Answer, Unit
+from gateway.modbus.codes import Area
+from gateway.modbus.datatypes import Value
+from gateway.modbus.pdu import Span
+from gateway.modbus.questions import has_bits
+from gateway.modbus.reference import reference
+from gateway.profiles.point import Point
+
+#: What stands where there is nothing to show.
+_NOTHING: Final = "-"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A point and the items that were read or written there; `before` are those that were there before a write."""
+
+    point: Point
+    items: bytes
+    before: bytes | None = None
+
+    @property
+    def value(self) -> Value:
+        """What the items mean."""
+        return self.point.value(self.items)
+
+    @property
+    def registers(self) -> list[int]:
+        """The registers as numbers; coils and inputs have none."""
+        if has_bits(self.point.area):
+            return []
+        return [int.from_bytes(self.items[at : at + 2], "big") for at in range(0, len(self.items), 2)]
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A request that got an exception, what it was to read or write, and what else can be tried."""
+
+    span: Span
+    answer: Answer
+    advice: str = ""
+
+    def text(self, unit: Unit) -> str:
+        """The failure in a sentence, and the advice on a line of its own."""
+        last = "" if self.span.count == 1 else f"-{self.span.end - 1}"
+        what = f"{_called(unit)}, {self.span.area} {self.span.start}{last}: {self.answer.complaint}"
+        return f"{what}\n  help: {self.advice}" if self.advice else what
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What was read or written, what failed, and every answer on the way."""
+
+    readings: list[Reading] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
+
+
+def table(readings: Sequence[Reading], time: str = "") -> str:
+    """A row for each value; where points have names, these stand first."""
+    named, written = any(each.point.name for each in readings), any(each.before is not None for each in readings)
+    headings = [
+        *(["TIME"] if time else []),
+        *(["POINT"] if named else []),
+        *([] if named else ["ADDRESS", "REFERENCE"]),
+        *(["OLD"] if written else []),
+        "VALUE",
+        *(["UNIT"] if any(each.point.unit for each in readings) else []),
+        *(["AREA", "ADDRESS", "REFERENCE"] if named else []),
+        *([] if all(has_bits(each.point.area) for each in readings) else ["HEX"]),
+    ]
+    cells = [{**_cells(each), "TIME": time} for each in readings]
+    return align([headings, *([row[heading] for heading in headings] for row in cells)])
+
+
+def picture(unit: Unit, area: Area | None, outcome: Outcome) -> dict[str, Any]:
+    """The same as JSON: of one area, or of points, which have each its own."""
+    result: dict[str, Any] = {"unit": unit.number}
+    if unit.name:
+        result["name"] = unit.name
+    if area is not None:
+        result["area"] = area
+    result["values"] = [_as_json(each, with_area=area is None) for each in outcome.readings]
+    result["elapsed_ms"] = round(sum(answer.elapsed_ms for answer in outcome.answers), 1)
+    if outcome.failures:
+        result["errors"] = [
+            {
+                "area": each.span.area,
+                "address": each.span.start,
+                "count": each.span.count,
+                "exception": each.answer.exception,
+                "reason": each.answer.complaint,
+            }
+            for each in outcome.failures
+        ]
+    return result
+
+
+def frames_as_text(answers: Sequence[Answer]) -> str:
+    """Requests and responses in hexadecimal."""
+    return "\n".join(f"> {_hex(answer.sent)}\n< {_hex(answer.received)}" for answer in answers)
+
+
+def frames_as_json(answers: Sequence[Answer]) -> list[dict[str, str]]:
+    """The same for programs."""
+    return [{"sent": _hex(answer.sent), "received": _hex(answer.received)} for answer in answers]
+
+
+def as_json(what: object, *, one_line: bool) -> str:
+    """JSON text; on one line where more will follow."""
+    return json.dumps(what, indent=None if one_line else 2, ensure_ascii=False)
+
+
+def _cells(reading: Reading) -> dict[str, str]:
+    point = reading.point
+    return {
+        "POINT": point.name,
+        "OLD": _NOTHING if reading.before is None else point.show(point.value(reading.before)),
+        "VALUE": point.show(reading.value),
+        "UNIT": point.unit,
+        "AREA": point.area,
+        "ADDRESS": str(point.address),
+        "REFERENCE": reference(point.area, point.address),
+        "HEX": " ".join(f"{register:04X}" for register in reading.registers) or _NOTHING,
+    }
+
+
+def _as_json(reading: Reading, *, with_area: bool) -> dict[str, Any]:
+    point = reading.point
+    named = {"point": point.name} if point.name else {}
+    unit = {"unit": point.unit} if point.unit else {}
+    before = {} if reading.before is None else {"old": _finite(point.value(reading.before))}
+    return {
+        **named,
+        **({"area": point.area} if with_area else {}),
+        "address": point.address,
+        "reference": reference(point.area, point.address),
+        "value": _finite(reading.value),
+        **before,
+        **unit,
+        "registers": reading.registers,
+    }
+
+
+def _finite(value: Value) -> Value | None:
+    """JSON has no infinity and no not-a-number."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _called(unit: Unit) -> str:
+    return f"{unit.name} (unit {unit.number})" if unit.name else f"unit {unit.number}"
+
+
+def _hex(data: bytes) -> str:
+    """A frame in hexadecimal; one in ASCII is text already."""
+    if data.startswith(b":") and data.endswith(b"\r\n") and data.strip().isascii():
+        return data.decode("ascii").strip()
+    return data.hex(" ").upper() or _NOTHING

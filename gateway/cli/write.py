@@ -1,0 +1,144 @@
+"""`write`: values to a unit, by area and address or by the name of a point."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.mbpoll import add_habits, refuse_habits
+from gateway.cli.reading import read_points
+from gateway.cli.unit import Unit, add_unit_arguments, open_unit
+from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
+from gateway.cli.values import Failure, Outcome, Reading, as_json, frames_as_json, frames_as_text, picture, table
+from gateway.cli.words import Assignment, Command, assignments
+from gateway.errors import ExceptionCode
+from gateway.modbus.codes import FunctionCode
+from gateway.modbus.pdu import Span
+from gateway.modbus.questions import WRITES, write_request
+
+_EXAMPLES: Final = """\
+examples:
+  modbus-gateway write silo-1 zero take                the point of a device, by its label
+  modbus-gateway write press register-40136 926 --show the old value and the new one
+  modbus-gateway write 46 holding 135 0x039E           one register: function 06
+  modbus-gateway write 46 holding 135 10 258           two registers: function 16
+  modbus-gateway write 46 holding 10 -2.5 float32 --swap words
+  modbus-gateway write 17 coils 172 on --port /dev/ttyUSB0 --baud 9600
+  modbus-gateway write 1 holding 0 7 --tcp 10.1.0.5
+
+UNIT is a unit number or the name of a device. AREA is coils or holding.
+Addresses count from 0: 40001 is holding 0. TYPE is uint16, int16, uint32,
+int32, uint64, int64, float32, float64 or string. It writes at once and asks
+nothing.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `write`."""
+    parser.usage = "modbus-gateway write UNIT {POINT VALUE | AREA ADDRESS VALUE ... [TYPE]} [options]"
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("words", nargs="*", metavar="UNIT ...", help="which unit, where and what: see the examples")
+    parser.add_argument("--show", action="store_true", help="read before and after, and show the old value too")
+    parser.add_argument("--multiple", action="store_true", help="write one value with function 15 or 16 too")
+    add_unit_arguments(parser)
+    add_habits(parser)
+    let_options_stand_anywhere(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write and print; 1 when the unit answers with an exception, 2 when what is meant is not clear or does not fit.
+
+    Raises:
+        GatewayError: the unit cannot be asked.
+    """
+    try:
+        return _run(args)
+    except WrongUsageError as wrong:
+        return tell_wrong_usage(wrong)
+
+
+def _run(args: argparse.Namespace) -> int:
+    refuse_habits("write", args)
+    if not args.words:
+        raise WrongUsageError("which unit? It is missing", "modbus-gateway write UNIT; status lists the units")
+    wanted, *words = args.words
+    with open_unit(wanted, args) as unit:
+        assigned = assignments(Command("write", wanted, unit.points, args.swap), words)
+        outcome = _write(unit, _readings(assigned), args)
+        _print(unit, outcome, args)
+    return PROBLEM_FOUND if outcome.failures else FINE
+
+
+def _readings(assigned: Sequence[Assignment]) -> list[Reading]:
+    """What is to be there afterwards.
+
+    Raises:
+        WrongUsageError: a point cannot hold its value.
+    """
+    try:
+        return [Reading(point, point.items(text)) for point, text in assigned]
+    except ValueError as wrong:
+        raise WrongUsageError(str(wrong)) from wrong
+
+
+def _write(unit: Unit, wanted: Sequence[Reading], args: argparse.Namespace) -> Outcome:
+    """Write all values with one request; with --show they are read before and afterwards."""
+    points = [reading.point for reading in wanted]
+    request, span = _request(unit, wanted, multiple=args.multiple)
+    is_shown = args.show and points[0].write != "only"
+    before = read_points(unit, points) if is_shown else Outcome()
+    answer = unit.ask(request)
+    if answer.exception is not None:
+        failure = Failure(span, answer, _advice(answer.exception, request))
+        return Outcome([], [*before.failures, failure], [*before.answers, answer])
+    after = read_points(unit, points) if is_shown else Outcome(list(wanted))
+    old = {id(reading.point): reading.items for reading in before.readings}
+    return Outcome(
+        [Reading(each.point, each.items, old.get(id(each.point))) for each in after.readings],
+        [*before.failures, *after.failures],
+        [*before.answers, answer, *after.answers],
+    )
+
+
+def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[bytes, Span]:
+    """The request that writes them, and where. A unit without function 05 or 06 gets 15 or 16.
+
+    Raises:
+        WrongUsageError: they do not fit into one request.
+    """
+    first = wanted[0].point
+    span = Span(first.area, first.address, sum(reading.point.count for reading in wanted))
+    single, several, most = WRITES[span.area]
+    most = min(most, unit.limits.get(several, most))
+    if span.count > most:
+        what = f"{span.count} {span.area} are too many for one request"
+        raise WrongUsageError(what, f"write at most {most} at a time")
+    only_several = unit.functions is not None and single not in unit.functions and several in unit.functions
+    items = b"".join(reading.items for reading in wanted)
+    return write_request(span.area, span.start, items, multiple=multiple or only_several), span
+
+
+def _advice(exception: int, request: bytes) -> str:
+    """What else can be tried."""
+    singles = {single: several for single, several, _ in WRITES.values()}
+    several = singles.get(FunctionCode(request[0]))
+    if exception != ExceptionCode.ILLEGAL_FUNCTION or several is None:
+        return ""
+    return f"if it does not know function {request[0]:02}: --multiple writes with {several:02}"
+
+
+def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace) -> None:
+    if args.json:
+        first = next((each.point for each in outcome.readings), None)
+        area = outcome.failures[0].span.area if first is None else None if first.name else first.area
+        frames = {"frames": frames_as_json(outcome.answers)} if args.raw else {}
+        print(as_json({**picture(unit, area, outcome), **frames}, one_line=False))
+        return
+    if args.raw:
+        print(frames_as_text(outcome.answers))
+    if outcome.readings:
+        print(table(outcome.readings))
+    for failure in outcome.failures:
+        print(failure.text(unit), file=sys.stderr)
