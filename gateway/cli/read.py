@@ -38,7 +38,10 @@ uint32, int32, uint64, int64, float32, float64 or string.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `read`."""
-    parser.usage = "modbus-gateway read UNIT [POINT ... | AREA ADDRESS[-ADDRESS] [TYPE]] [options]"
+    parser.usage = (
+        "modbus-gateway read UNIT [POINT ...] [options]\n"
+        "       modbus-gateway read UNIT AREA ADDRESS[-ADDRESS] [TYPE] [options]"
+    )
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add, duration = parser.add_argument, parsed_by(parse_duration)

@@ -15,14 +15,14 @@ from gateway.cli.words import Assignment, Command, assignments
 from gateway.errors import ExceptionCode
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import WRITES, write_request
+from gateway.modbus.questions import WRITES, has_bits, write_request
 
 _EXAMPLES: Final = """\
 examples:
-  modbus-gateway write silo-1 zero take                the point of a device, by its label
-  modbus-gateway write press register-40136 926 --show the old value and the new one
-  modbus-gateway write 46 holding 135 0x039E           one register: function 06
-  modbus-gateway write 46 holding 135 10 258           two registers: function 16
+  modbus-gateway write silo-1 zero take           a point, by one of its labels
+  modbus-gateway write press register-40136 926 --show
+  modbus-gateway write 46 holding 135 0x039E      one register: function 06
+  modbus-gateway write 46 holding 135 10 258      two registers: function 16
   modbus-gateway write 46 holding 10 -2.5 float32 --swap words
   modbus-gateway write 17 coils 172 on --port /dev/ttyUSB0 --baud 9600
   modbus-gateway write 1 holding 0 7 --tcp 10.1.0.5
@@ -36,7 +36,10 @@ nothing.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `write`."""
-    parser.usage = "modbus-gateway write UNIT {POINT VALUE | AREA ADDRESS VALUE ... [TYPE]} [options]"
+    parser.usage = (
+        "modbus-gateway write UNIT POINT VALUE [options]\n"
+        "       modbus-gateway write UNIT AREA ADDRESS VALUE ... [TYPE] [options]"
+    )
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("words", nargs="*", metavar="UNIT ...", help="which unit, where and what: see the examples")
@@ -113,7 +116,8 @@ def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[
     single, several, most = WRITES[span.area]
     most = min(most, unit.limits.get(several, most))
     if span.count > most:
-        what = f"{span.count} {span.area} are too many for one request"
+        called = "coils" if has_bits(span.area) else "registers"
+        what = f"{span.count} {called} are too many for one request"
         raise WrongUsageError(what, f"write at most {most} at a time")
     only_several = unit.functions is not None and single not in unit.functions and several in unit.functions
     items = b"".join(reading.items for reading in wanted)
