@@ -8,14 +8,10 @@ from gateway.modbus.codes import Area
 #: The digit that stands for each area.
 DIGITS: Final[Mapping[Area, str]] = {Area.COILS: "0", Area.DISCRETE: "1", Area.INPUT: "3", Area.HOLDING: "4"}
 
-#: Addresses that five digits can name; those above need six.
-_OF_FIVE_DIGITS: Final = 9999
-
 
 def reference(area: Area, address: int) -> str:
     """The reference number of a 0-based protocol address: holding 107 is 40108, holding 9999 is 410000."""
-    width = 4 if address < _OF_FIVE_DIGITS else 5
-    return f"{DIGITS[area]}{address + 1:0{width}d}"
+    return f"{DIGITS[area]}{address + 1:04}"
 
 
 def place_of(number: str) -> tuple[Area, int] | None:
