@@ -24,8 +24,7 @@ from gateway.config.values import DEVICE_SERVER_MODES, fits_mode, parse_format, 
 from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.modbus.pdu import parse_request
-from gateway.ports.ioctls import set_input_flags
-from gateway.ports.opening import OpenDevice, close_device, open_device
+from gateway.ports.kinds import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.point import Point
 
@@ -173,13 +172,10 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
     if not fits_mode(format_, place.mode):
         raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
     try:
-        device = open_device(SerialSettings(port, args.baud, format_))
+        serial = open_parts.enter_context(open_blocking(SerialSettings(port, args.baud, format_), args.timeout))
     except PortError as error:
         remedy = "if a gateway has this port, leave out --port and ask through it"
         raise DirectError(f"{error}\n  help: {remedy}" if Path(port).exists() else str(error)) from error
-    open_parts.callback(_close, device)
-    set_input_flags(device.serial.fileno(), checks_parity=False)  # pymodbus does not know marked characters
-    device.serial.timeout = device.serial.write_timeout = args.timeout
     client = ModbusSerialClient(
         port,
         framer=_FRAMERS[place.mode],
@@ -191,13 +187,8 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
         retries=0,
         trace_packet=place.trace,
     )
-    client.socket = device.serial
+    client.socket = serial
     return client
-
-
-def _close(device: OpenDevice) -> None:
-    if device.serial.is_open:  # pymodbus closes a port that was lost
-        close_device(device, lost=False)
 
 
 def _reason(told: list[str]) -> str:

@@ -9,7 +9,7 @@ from gateway.cli.usage import WrongUsageError
 from gateway.config.problem import did_you_mean
 from gateway.modbus.codes import Area
 from gateway.modbus.datatypes import DATA_TYPES, registers_of
-from gateway.modbus.questions import WRITES, has_bits
+from gateway.modbus.questions import WRITERS, has_bits
 from gateway.modbus.reference import place_of
 from gateway.profiles.point import Point
 
@@ -82,7 +82,7 @@ def assignments(command: Command, words: Sequence[str]) -> list[Assignment]:
 
 def _assigned_to_addresses(command: Command, words: Sequence[str]) -> list[Assignment]:
     area = Area(words[0])
-    if area not in WRITES:
+    if area not in WRITERS:
         raise WrongUsageError(f"{area} cannot be written; coils and holding can", command.like("holding", "0", "1"))
     values = [*words[2:]]
     if len(words) < 3:

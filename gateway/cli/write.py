@@ -15,7 +15,7 @@ from gateway.cli.words import Assignment, Command, assignments
 from gateway.errors import ExceptionCode
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import WRITES, has_bits, write_request
+from gateway.modbus.questions import WRITERS, has_bits, write_request
 
 _EXAMPLES: Final = """\
 examples:
@@ -113,7 +113,7 @@ def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[
     """
     first = wanted[0].point
     span = Span(first.area, first.address, sum(reading.point.count for reading in wanted))
-    single, several, most = WRITES[span.area]
+    single, several, most = WRITERS[span.area]
     most = min(most, unit.limits.get(several, most))
     if span.count > most:
         called = "coils" if has_bits(span.area) else "registers"
@@ -126,7 +126,7 @@ def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[
 
 def _advice(exception: int, request: bytes) -> str:
     """What else can be tried."""
-    singles = {single: several for single, several, _ in WRITES.values()}
+    singles = {single: several for single, several, _ in WRITERS.values()}
     several = singles.get(FunctionCode(request[0]))
     if exception != ExceptionCode.ILLEGAL_FUNCTION or several is None:
         return ""

@@ -3,8 +3,10 @@
 from functools import partial
 
 from gateway.ports.port import OpenPort, PortSettings, TcpSettings
-from gateway.ports.serial import open_serial
+from gateway.ports.serial import open_blocking, open_serial
 from gateway.ports.tcp import open_tcp
+
+__all__ = ["open_blocking", "opener"]
 
 
 def opener(settings: PortSettings) -> OpenPort:

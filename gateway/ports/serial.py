@@ -6,6 +6,8 @@ must pass tests/system/test_serial_contract.py. See docs/adr/0014-serial-transpo
 
 import asyncio
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from serial import PARITY_NONE, Serial
@@ -88,6 +90,25 @@ async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
         opening.add_done_callback(_close_unwanted)
         raise
     return SerialPort(loop, device, user)
+
+
+@contextmanager
+def open_blocking(settings: SerialSettings, timeout: float) -> Iterator[Serial]:
+    """A serial port without an event loop, as a library that reads and writes it by itself expects one.
+
+    It is opened, locked and closed as for a line. `timeout` is how long a read and a write may take, in seconds.
+
+    Raises:
+        PortError: the port cannot be used; the message says why and what to do.
+    """
+    device = open_device(settings, configured)
+    try:
+        set_input_flags(device.serial.fileno(), checks_parity=False)  # whoever reads it knows no marked characters
+        device.serial.timeout = device.serial.write_timeout = timeout
+        yield device.serial
+    finally:
+        if device.serial.is_open:  # the library closes a port that was lost
+            close_device(device, lost=False)
 
 
 class SerialPort(SerialTransport):

@@ -9,7 +9,8 @@ from gateway.config.check_access import CONTROL
 from gateway.config.plan import Plan
 from gateway.config.problem import did_you_mean
 from gateway.errors import RequestError, WrongQuestion
-from gateway.modbus.codes import MAX_PDU, only_reads
+from gateway.modbus.codes import MAX_PDU
+from gateway.modbus.functions import only_reads
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.request import Request
