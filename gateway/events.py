@@ -97,7 +97,7 @@ class ConfigApplied(Event):
 
 @dataclass(frozen=True)
 class ControlClosed(Event):
-    """The control socket cannot be used, so `status` and `reload` cannot reach this gateway. All else works."""
+    """The control socket cannot be used, so no command can reach this gateway. All else works."""
 
     level = Level.WARNING
     socket: str

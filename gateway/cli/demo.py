@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Final
@@ -21,8 +21,8 @@ from gateway.config.plan import Plan, resolve
 from gateway.errors import GatewayError
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
-from gateway.service.build import Gateway, build
-from gateway.service.control import control_open, control_path
+from gateway.service.build import build
+from gateway.service.control import Verb, control_open, control_path
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.state import Memory
@@ -77,12 +77,14 @@ async def _demo(*, once: bool) -> int:
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         config = _write_config(folder)
         plan = _plan(config)
-        stage = Stage(config, plan, _control(folder))
-        gateway = await parts.enter_async_context(_gateway(config, plan, stage))
-        await parts.enter_async_context(stage.connected(gateway))
+        stage = Stage(config, plan)
+        running, answers = await parts.enter_async_context(_gateway(config, plan, stage))
+        await parts.enter_async_context(stage.connected(running.gateway))
         wrong = await _play(stage, panel)
         if not once:
-            stage.invite()
+            control = _control(folder)
+            await parts.enter_async_context(control_open(control, answers, stage.tell))
+            stage.invite(control)
             await asyncio.Event().wait()
     return PROBLEM_FOUND if wrong else FINE
 
@@ -163,7 +165,7 @@ def _plan(config: Path) -> Plan:
 
 
 @asynccontextmanager
-async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[Gateway]:
+async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Mapping[str, Verb]]]:
     """The gateway of `plan`, ready; its events go to `stage`."""
     ready = asyncio.Event()
 
@@ -182,8 +184,7 @@ async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[Gate
     try:
         async with asyncio.timeout(_PATIENCE):
             await ready.wait()
-        async with control_open(stage.control, verbs(running, reloader), emit):
-            yield running.gateway
+        yield running, verbs(running, reloader)
     finally:
         stop.order("the demo ends")
         await serving

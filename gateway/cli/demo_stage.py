@@ -36,16 +36,12 @@ class Hop:
 
 
 class Stage:
-    """A Modbus TCP client of the gateway with this plan; it shows what it does.
-
-    `config` is the gateway's file, `control` its control socket.
-    """
+    """A Modbus TCP client of the gateway with this plan; it shows what it does. `config` is the gateway's file."""
 
     _reader: asyncio.StreamReader
     _writer: asyncio.StreamWriter
 
-    def __init__(self, config: Path, plan: Plan, control: Path) -> None:
-        self.control = control
+    def __init__(self, config: Path, plan: Plan) -> None:
         self._config = config
         self._plan = plan
         self._address = ""
@@ -144,13 +140,13 @@ class Stage:
         self._hops.clear()
         return sorted(answered) == sorted(units)
 
-    def invite(self) -> None:
-        """What to try next."""
+    def invite(self, control: Path) -> None:
+        """What to try next; `control` is the gateway's control socket."""
         port = self._address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
-        usual = self.control == control_path(Path("gateway.toml"))
+        usual = control == control_path(Path("gateway.toml"))
         command = "./deploy/go" if (Path.cwd() / "deploy" / "go").exists() else "modbus-gateway"
-        at = "" if usual else f" --control {self.control}"
+        at = "" if usual else f" --control {control}"
         print("\nThe lines keep running. In another terminal, for example:\n")
         print(f"  {command} read silo-1{at}")
         print(f"  {command} read press holding 107-109{at}")

@@ -546,13 +546,13 @@ class Web(Table):
 
 
 class Control(Table):
-    """The control socket, which `status` and `reload` use."""
+    """The control socket, which `status`, `reload`, `read` and `write` use."""
 
     socket: SocketPath | None = Field(
         None,
         description="Its path. Default: `/run/modbus-gateway/control.sock`; without root "
         "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config if that is not set. "
-        "`status` and `reload` take it from `/etc/modbus-gateway/gateway.toml`; for another file they need "
+        "Commands take it from `/etc/modbus-gateway/gateway.toml`; for another file they need "
         "`--control`.",
     )
 

@@ -5,7 +5,9 @@ import re
 import shutil
 import signal
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
+from socket import AF_UNIX, socket
 
 import pytest
 from pymodbus.client import ModbusTcpClient
@@ -67,24 +69,45 @@ def test_it_stays_until_it_is_interrupted_and_leaves_nothing_behind() -> None:
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
-def test_the_commands_that_it_and_the_devices_page_print_work_as_they_stand() -> None:
+def test_the_commands_that_it_and_the_devices_page_print_work_as_they_stand(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
-    with subprocess.Popen([*COMMAND, "demo"], stdout=subprocess.PIPE, text=True) as demo:
+    own_socket = os.environ | {"RUNTIME_DIRECTORY": str(tmp_path)}
+    with subprocess.Popen([*COMMAND, "demo"], stdout=subprocess.PIPE, text=True, env=own_socket) as demo:
         shown = "".join(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
         port = re.search(r"clients +tcp://127\.0\.0\.1:(\d+)", shown)[1]
-        printed = re.findall(r"^  mbpoll .*", shown, re.MULTILINE)
-        documented = re.findall(r"^    (?:mbpoll|python3) .*", page, re.MULTILINE)
-        said = [_sh(line) for line in (*printed, *(line.replace("5020", port) for line in documented))]
+        printed = re.findall(r"^  (?:mbpoll|\./deploy/go) .*", shown, re.MULTILINE)
+        documented = re.findall(r"^    (?:mbpoll|modbus-gateway) .*", page, re.MULTILINE)
+        said = [_sh(line, own_socket) for line in (*printed, *(line.replace("5020", port) for line in documented))]
         demo.send_signal(signal.SIGINT)
-    assert (len(printed), len(documented)) == (3, 4)
-    assert "4999.66" in said[0]
-    assert "[107]: \t99" in said[1]
-    assert all("Written" in text for text in said[2:-1])
-    assert said[-1] == "00 01 00 00 00 06 2a 10 01 00 00 01\n"
+    assert (len(printed), len(documented)) == (6, 9)
+    assert "weight   4999.66" in said[0]
+    assert "40108" in said[1]
+    assert "register-40136  10   926" in said[2]
+    assert "4999.66" in said[3]
+    assert "[107]: \t99" in said[4]
+    assert "Written" in said[5]
+    assert "address  5 " in said[9]
+    assert all("Written" in text for text in said[-2:])
 
 
-def _sh(line: str) -> str:
-    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=PATIENCE, check=False)
+def test_a_second_demo_says_where_its_control_socket_is(tmp_path: Path) -> None:
+    own_socket = os.environ | {"RUNTIME_DIRECTORY": str(tmp_path)}
+    with socket(AF_UNIX) as another:
+        another.bind(str(tmp_path / "control.sock"))
+        another.listen()
+        with subprocess.Popen([*COMMAND, "demo"], stdout=subprocess.PIPE, text=True, env=own_socket) as demo:
+            shown = "".join(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
+            (line,) = re.findall(r"read silo-1 --control \S+", shown)
+            assert "4999.66" in command(*line.split()).stdout
+            demo.send_signal(signal.SIGINT)
+            assert demo.wait(PATIENCE) == 0
+
+
+def _sh(line: str, environment: Mapping[str, str]) -> str:
+    ours = re.sub(r"^ *(\./deploy/go|modbus-gateway) ", f"{' '.join(COMMAND)} ", line)
+    done = subprocess.run(
+        ["bash", "-c", ours], capture_output=True, text=True, timeout=PATIENCE, check=False, env=environment
+    )
     assert done.returncode == 0, (line, done.stdout, done.stderr)
     return done.stdout
 
