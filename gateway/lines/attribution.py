@@ -28,7 +28,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, parse_request
-from gateway.modbus.scan import Token
+from gateway.modbus.scan import NEVER, Token
 from gateway.timing.budget import AnswerTime
 
 #: So many requests of other clients to one unit are remembered.
@@ -67,11 +67,13 @@ class Attribution:
         self._patience = patience
         #: The late answer that was attributed last.
         self.late: Question
-        #: What was asked last, where and when, whether its answer is still awaited, and whether it has come.
+        #: What was asked last, where and when, whether its answer is still awaited or up to where it was, and whether it
+        #: has come.
         self._asked: Transaction | None = None
         self._began = 0.0
         self._began_at = 0
         self._is_asking = False
+        self._ended_at = 0
         self._is_answered = False
         #: Copies of it that were heard beside its answer; whether one that comes late is an echo, and until when one is
         #: that comes soon; whether the one that an adapter makes has come.
@@ -94,15 +96,17 @@ class Attribution:
         self._asked = transaction
         self._began, self._began_at = now, position
         self._is_asking = transaction.expects_answer
+        self._ended_at = NEVER
         self._is_answered = False
         if self.doubts:
             self.doubts = []
         if self.foreign:
             self._forget(transaction, now)
 
-    def end(self) -> None:
-        """The request is not awaited any more."""
+    def end(self, position: int) -> None:
+        """The request is not awaited any more, where so many bytes have come. Some of them may still be shown."""
         self._is_asking = False
+        self._ended_at = min(self._ended_at, position)
 
     def owner(self, token: Token) -> Owner:
         """Whose the frame is. Each one is shown once, in the order in which they came."""
@@ -190,7 +194,7 @@ class Attribution:
         self._copies += self._is_asking or is_echo_shaped
         if is_echo_shaped:
             return True
-        if asked.expects_answer and not self._is_asking:
+        if asked.expects_answer and token.start >= self._ended_at:
             return False  # it comes too late to be told from another client's request
         is_first, self._had_echo = not self._had_echo, True
         return is_first and (self._echoes or token.at < self._echo_until)

@@ -4,7 +4,7 @@
 |-----------|-----------------------------------------|-----------|---------------------------------------------------|
 | down      | `port_up`                               | idle      |                                                   |
 | idle      | a turn, and the line is quiet           | awaiting  | the request is written                            |
-| idle      | the turn of a broadcast                 | idle      | it is written; the line is quiet for the turnaround|
+| idle      | the turn of a broadcast                 | idle      | it is written; the line is quiet for a while    |
 | awaiting  | the answer                              | idle      | the client gets it                                |
 | awaiting  | the limit, a damaged or doubted answer  | idle      | 0B, or the read waits for its second sending; a   |
 |           |                                         |           | late window opens for what is owed                |
@@ -14,8 +14,9 @@
 | idle      | `renew`: this connection may hold back  | renewing  | what waits goes on waiting                        |
 | renewing  | `port_up`                               | idle      |                                                   |
 | renewing  | `RENEWAL` seconds pass                  | down      | 0A for all that waits                             |
-| any       | `port_down`                             | down      | 0B for what was sent, 0A for all that waits       |
+| any other | `port_down`                             | down      | 0B for what was sent, 0A for all that waits       |
 | awaiting  | `finish`                                | last      | 0A for all that waits                             |
+| any other | `finish`                                | down      | the same, and 0B for what was to be repeated      |
 | last      | the answer, the limit                   | down      | as from awaiting                                  |
 
 Which request goes next is the matter of `scheduler`, what the bytes from the line mean that of `receiver`.
@@ -425,6 +426,7 @@ class Line:
         While an answer to it may come late, who could take that for its own waits or fails.
         """
         self._receiver.stop()
+        self._tell_late(now)
         overdue = self._scheduler.await_late(current, now) if current.owed else []
         if outcome is None:
             self._scheduler.put_back(current.again())

@@ -187,7 +187,7 @@ class Receiver:
 
     def stop(self) -> None:
         """Nothing is awaited any more, but late answers."""
-        self._attribution.end()
+        self._attribution.end(self._scanner.position)
         for token in self._scanner.end():
             self._note(token, self._attribution.owner(token))
         self._current = None

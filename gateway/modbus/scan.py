@@ -103,7 +103,12 @@ class Scanner:
         return []
 
     def end(self) -> list[Token]:
-        """The answer is not awaited any more; what was found that may have been part of it."""
+        """The answer is not awaited any more; what was found that may have been part of it.
+
+        It may come late all the same, also where its echo was lost.
+        """
+        if self._expected is not None and self._expected.since == NEVER:
+            self._expected.since = self.position
         self._expected = None
         return []
 

@@ -4,7 +4,7 @@ from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.ascii import END, SHORTEST, START, AsciiCutter, characters, decode, plain
-from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Scanner, Token
+from gateway.modbus.scan import EXCEPTION_SIZE, NEVER, Expected, Scanner, Token
 
 #: Unit identifier and LRC around a PDU.
 _OVERHEAD: Final = 2
@@ -33,8 +33,8 @@ class AsciiScanner(Scanner):
         for before, text in self._cutter.cut(data, now):
             start, end = end + before, end + before + len(text)
             frame = decode(text)
-            if text == self._sent and self._expected is not None:
-                self._expected.since = min(self._expected.since, end)
+            if text == self._sent and self._expected is not None and self._expected.since == NEVER and not early:
+                self._expected.since = end
             if frame is not None:
                 tokens.append(Token(start, end, now, frame, is_damaged=self._has_damage(start, end)))
         if early:

@@ -24,7 +24,7 @@ from gateway.modbus.codes import MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import request_size, response_size
 from gateway.modbus.rtu import OVERHEAD, SHORTEST
-from gateway.modbus.scan import EXCEPTION_SIZE, Expected, Scanner, Token
+from gateway.modbus.scan import EXCEPTION_SIZE, NEVER, Expected, Scanner, Token
 
 #: The ADU of an exception response.
 _EXCEPTION_ADU: Final = EXCEPTION_SIZE + OVERHEAD
@@ -95,8 +95,12 @@ class RtuScanner(Scanner):
             self._damage.append((self.position - len(data), self.position))
         if early:
             self._came_early()
+        tokens += self._scan(data, now)
+        if early:
             self._size = size
-        return tokens + self._scan(data, now)
+            if self._expected is not None and self._echo_size:
+                self._sent_at, self._expected.since = self.position, NEVER  # nor was that echo ours
+        return tokens
 
     @property
     def missing(self) -> int:
@@ -131,8 +135,8 @@ class RtuScanner(Scanner):
         tokens = self._look_back() if self._coming else []
         if self._waiting:
             tokens, self._waiting = tokens + self._waiting, []
-        self._expected, self._size = None, 0
-        return tokens
+        self._size = 0
+        return tokens + super().end()
 
     def is_damaged(self, data: bytes, expected: Expected) -> bool:
         """See `Scanner`."""
@@ -199,7 +203,14 @@ class RtuScanner(Scanner):
             self._damage.clear()
 
     def _scan(self, data: bytes, now: float) -> list[Token]:
-        """Find the frames that are complete with `data`."""
+        """Find the frames that are complete with `data`, as if no more came at once than a frame has."""
+        tokens: list[Token] = []
+        for at in range(0, len(data), MAX_RTU_ADU):
+            tokens += self._scan_piece(data[at : at + MAX_RTU_ADU], now)
+        return tokens
+
+    def _scan_piece(self, data: bytes, now: float) -> list[Token]:
+        """Find the frames that are complete with so much."""
         known = len(self._buffer)
         self._buffer += data
         self._scanned += len(data)
@@ -261,7 +272,8 @@ class RtuScanner(Scanner):
         at = self._buffer.find(self._sent, max(known + 1 - size, self._sent_at - self._offset, 0))
         if at < 0:
             return set()
-        expected.since = min(expected.since, self._offset + at + size)
+        if expected.since == NEVER:
+            expected.since = self._offset + at + size
         is_answer = self._offset + at >= expected.since and not expected.asked.longest_response
         return set() if is_answer else {(at + size, at)}
 
@@ -285,20 +297,26 @@ class RtuScanner(Scanner):
         if expected is None:
             return -1, -1
         for at in self._starts(expected, since - self._offset):
-            start, size = self._offset + at, self._size_of(expected, at)
+            start, size = self._offset + at, self._size_of(expected, at, patient=patient)
             if at + size > len(self._buffer):
                 if patient and not any(frame.start < start < frame.end for frame in self._found):
                     return start, start + size
-            elif size >= SHORTEST and crc_fits(self._buffer[at : at + size]):
+            elif expected.asked.longest_response:
+                if size >= SHORTEST and crc_fits(self._buffer[at : at + size]):
+                    return start, start + size
+            elif size and self._ends_here(at):
                 return start, start + size
         return -1, -1
 
-    def _size_of(self, expected: Expected, at: int) -> int:
+    def _size_of(self, expected: Expected, at: int, *, patient: bool) -> int:
         """Size of the response that begins at `at`, or how much of it must be there to tell; 0 if there can be none."""
         if expected.asked.response_size is not None:
             return expected.asked.response_size + OVERHEAD
         longest = expected.asked.longest_response
-        size = response_size(self._buffer[at + 1 : at + 1 + longest]) if longest else 0
+        if not longest:
+            rest = len(self._buffer) - at
+            return rest + patient if rest <= MAX_RTU_ADU else 0
+        size = response_size(self._buffer[at + 1 : at + 1 + longest])
         return size + OVERHEAD if 0 < size <= longest else 0
 
     def _starts(self, expected: Expected, at: int = 0) -> list[int]:
