@@ -47,6 +47,7 @@ class Stage:
         self._address = ""
         self._hops: list[Hop] = []
         self._told: list[str] = []
+        self._is_over = False
         self._transaction = 0
 
     @asynccontextmanager
@@ -64,6 +65,8 @@ class Stage:
 
     def tell(self, event: events.Event) -> None:
         """Take an event of the gateway; it is shown below the question that brought it about."""
+        if self._is_over:
+            return
         if isinstance(event, events.AddressMoved | events.BaudChanged):
             self._told.append(f"{event.name}: {event.advice}")
         elif isinstance(event, events.RequestTimeout | events.BadFrame):
@@ -144,6 +147,7 @@ class Stage:
         """What to try next; `control` is the gateway's control socket."""
         port = self._address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
+        self._is_over = True
         usual = control == control_path(Path("gateway.toml"))
         command = "./deploy/go" if (Path.cwd() / "deploy" / "go").exists() else "modbus-gateway"
         at = "" if usual else f" --control {control}"
@@ -170,6 +174,8 @@ class Stage:
         return request, answer, right
 
     def _observe(self, line: Line, transaction: Transaction, response: Frame | None, now: float) -> None:
+        if self._is_over:
+            return
         mode = line.settings.timing.mode
         self._hops.append(
             Hop(

@@ -123,9 +123,6 @@ def _shortest(value: float) -> float:
     data = layout.pack(value)
     for digits in range(6, _DIGITS_OF_FLOAT32):
         short = float(f"{value:.{digits}g}")
-        try:
-            if layout.pack(short) == data:
-                return short
-        except OverflowError:  # rounded up, the greatest is too great
-            continue
+        if layout.pack(short) == data:
+            return short
     return value if value != value else float(f"{value:.{_DIGITS_OF_FLOAT32}g}")  # noqa: PLR0124 - not a number

@@ -50,6 +50,7 @@ WHERE = "line[0].devices[0].points[0]"
         ('name = "a", holding = 1, type = "string", length = 2, scale = 2.0', "{}.scale: a string is no number"),
         ('name = "a", holding = 1, type = "float32", labels = { 0 = "off" }', "{}.labels: labels are for whole"),
         ('name = "a", holding = 1, labels = { 70000 = "off" }', "{}.labels: 70000 does not fit into uint16"),
+        ('name = "a", coils = 1, labels = { 2 = "half" }', "{}.labels: 2 does not fit into bit: 0 to 1"),
         ('name = "a", holding = 1, labels = { x = "off" }', '{}.labels: "x" is no whole number'),
         ('name = "a", holding = 1, labels = { 0 = 1 }', "{}.labels: the label of 0 must be text"),
         ('name = "a", holding = 1, labels = { 0 = "off", 00 = "on" }', "{}.labels: 0 is there twice"),

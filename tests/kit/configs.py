@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from gateway.config.check_units import served_units
 from gateway.config.load import parse
 from gateway.config.problem import Path
-from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
+from gateway.config.schema import Config, Device, Image, Line, Listen, PointTable, ProfileTable, Table, Upstream
 from gateway.config.values import Kind
 from gateway.modbus.codes import Area
 
@@ -36,7 +36,9 @@ OF_KIND: Mapping[str, st.SearchStrategy[Any]] = {
     "value": st.integers(0, 65535) | st.booleans(),
     "function": st.sampled_from([1, 2, 3, 4, 5, 6, 15, 16, 17, 22, 23, 43, 65, 127]),
     "table such as": st.dictionaries(st.sampled_from(["1", "2", "3", "4", "16", "65"]), st.integers(1, 3000)),
+    "`true`": st.sampled_from([True, False, "only"]),
     "list such as": st.just(["127.0.0.0/8"]),
+    "address or range": st.sampled_from([0, 3, 65535, "0-1", "16-19", "1-99", "coils"]),
     "address": st.sampled_from(
         ["tcp://d", "tcp://e:1502", "tcp://127.0.0.1:1", "udp://127.0.0.1:1", "rtu+tcp://[::]:2"]
     ),
@@ -45,6 +47,8 @@ OF_KIND: Mapping[str, st.SearchStrategy[Any]] = {
 _PROFILES = st.sampled_from(["generic", "mint", "v80", "weigher", "own"])
 
 OF_KEY: Mapping[tuple[type[Table], str], st.SearchStrategy[Any]] = {
+    (PointTable, "name"): st.sampled_from(["a", "b-*", "weight", "*", "a/2"]),
+    (PointTable, "labels"): st.dictionaries(st.sampled_from(["0", "1", "70000"]), st.sampled_from(["off", "on"])),
     (Line, "port"): st.sampled_from(["/dev/a", "/dev/b", "/dev/x/a", "rtu+tcp://c:1", "ascii+tcp://c:2"]),
     (Listen, "line"): st.sampled_from(["a", "b"]),
     (Line, "profile"): _PROFILES,

@@ -4,7 +4,7 @@ import math
 from struct import pack, unpack
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway.modbus.datatypes import DATA_TYPES, SWAPS, bounds, decode, encode, is_whole, registers_of, swapped
@@ -56,6 +56,8 @@ def test_a_float64_comes_back_as_it_was(number, swap):
 
 
 @given(st.binary(min_size=4, max_size=4))
+@example(bytes.fromhex("7F7FFFFF"))
+@example(bytes.fromhex("FF800000"))
 def test_the_number_that_is_shown_for_a_float32_stands_for_it(data):
     """And no shorter one does; registers with not-a-number stay not-a-number."""
     number = decode(data, "float32")
