@@ -208,14 +208,14 @@ class Status:
     mirrors: tuple[MirrorStatus, ...]
 
 
-def status(gateway: Gateway, recent: Recent, now: float) -> Status:
-    """How `gateway` is doing at `now`, and did in `recent` time."""
+def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
+    """How `gateway` is doing at `now`, and did in `recent` time if somebody has looked."""
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     return Status(
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
-        lines=tuple(_line(each, recent.rate(each, now), now) for each in gateway.lines),
+        lines=tuple(_line(each, None if recent is None else recent.rate(each, now), now) for each in gateway.lines),
         servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
         units=tuple(_unit(owner, device, now) for owner in owners for device in owner.devices.values()),

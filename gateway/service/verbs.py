@@ -16,7 +16,7 @@ def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
     """The verbs, by name."""
 
     async def show_status(_request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-        return {"status": status(running.gateway, running.recent, asyncio.get_running_loop().time())}
+        return {"status": status(running.gateway, asyncio.get_running_loop().time(), running.recent)}
 
     async def reload(_request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         outcome = await asyncio.shield(reloader.order())

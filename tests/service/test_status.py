@@ -54,7 +54,7 @@ READ = "03 00 00 00 01"
 
 
 def snapshot(home: House) -> Status:
-    return status(home.gateway, home.recent, asyncio.get_running_loop().time())
+    return status(home.gateway, asyncio.get_running_loop().time(), home.recent)
 
 
 def line(home: House, name: str = "hall-a") -> LineStatus:

@@ -261,7 +261,7 @@ class Scene:
         assert self._requests_of(name) == before + 1
 
     def _requests_of(self, name: str) -> int:
-        (image,) = (one for one in status(self.home.gateway, self.home.recent, 0.0).images if one.name == name)
+        (image,) = (one for one in status(self.home.gateway, 0.0).images if one.name == name)
         return image.requests
 
 
