@@ -1,7 +1,7 @@
 """An open serial port in the event loop: pyserial-asyncio's transport, made quick, bounded and quiet.
 
 The only module that knows a serial library's ports: another library takes its place with a module like this one, which
-must pass tests/system/test_serial_contract.py. See docs/adr/0014-serial-transport.md.
+must pass tests/system/test_serial_contract.py. See docs/adr/0015-serial-transport.md.
 """
 
 import asyncio
@@ -183,7 +183,7 @@ class SerialPort(SerialTransport):
         if data:
             self._received(data)
         else:
-            self._abort(PortError(f"{self._device.port} is gone: unplugged, or its driver hung up"))
+            self._abort(PortError(f"{self._device.port} is gone: unplugged, or its driver has closed it"))
 
     def _baud_changed(self, changing: asyncio.Future[None]) -> None:
         error = None if changing.cancelled() else changing.exception()

@@ -2,7 +2,7 @@
 
 One that is to take the place of the present one is added to TRANSPORTS, and must pass all of this; what only a UART
 shows (formats, parity, RS-485, the rate of the hardware) is seen by tests/soak/uart.py.
-Why: docs/adr/0014-serial-transport.md.
+Why: docs/adr/0015-serial-transport.md.
 """
 
 import array
@@ -349,7 +349,7 @@ async def test_unplugging_is_told_once_and_at_once(opened, virtual, user):
         port.look()
         port.close()
         await port.wait_closed()
-    assert [str(loss) for loss in user.losses] == [f"{virtual.path} is gone: unplugged, or its driver hung up"]
+    assert [str(loss) for loss in user.losses] == [f"{virtual.path} is gone: unplugged, or its driver has closed it"]
 
 
 @pytest.mark.parametrize("call", ["write", "look"])
