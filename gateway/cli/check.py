@@ -39,9 +39,9 @@ from gateway.service.state import kept_in, state_folder
 _LONGEST_WAIT: Final = "Longest wait = max_wait + gap + longest request on the wire + its time limit."
 _LONGEST_WAIT_FOR_REPEATS: Final = "With retries it is max_wait + gap + retry_within, if that is longer."
 _ADVICE: Final = """\
-Set each client's time-out above the longest wait of the units that it asks.
-It holds for up to in_flight requests at once on a connection: what a client
-sends beyond that is not read meanwhile."""
+Set each client's time-out above the longest wait of the units that it polls.
+The longest wait is valid for up to in_flight requests at once per connection;
+further requests are read later."""
 
 _SILENCE: Final = "no answer in place of 06, 0A and 0B."
 

@@ -84,7 +84,7 @@ def _read_answer(line: bytes, *, compares: bool = True) -> dict[str, Any]:
         answer: dict[str, Any] = json.loads(line)
         error = answer.get("error")
     except (ValueError, AttributeError):
-        raise DaemonError("what answers there is no modbus-gateway") from None
+        raise DaemonError("what answers there is not modbus-gateway") from None
     if compares:
         _compare_versions(answer.get("version", "an earlier version"))
     if error is not None:
@@ -117,7 +117,7 @@ def _connect(control: str | None) -> socket.socket:
             return sock
     if forbidden:
         raise DaemonError(f"only root, the gateway's user and its group may ask at {forbidden[0]}: use sudo")
-    raise DaemonError(f"no daemon can be reached ({'; '.join(reasons)}); is it running? --control PATH says where")
+    raise DaemonError(f"no running gateway found ({'; '.join(reasons)}); --control PATH says where its socket is")
 
 
 def _read_config(reasons: list[str]) -> list[Path]:

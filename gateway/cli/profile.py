@@ -67,7 +67,7 @@ def _wrong_usage(what: str) -> int:
 
 def _baud(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is no rate; write a number such as 9600')
+        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
     return int(text)
 
 

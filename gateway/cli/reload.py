@@ -11,7 +11,7 @@ _CHANGES = {
     "added": "new",
     "removed": "gone",
     "changed": "changed",
-    "restart": "counts after a restart only",
+    "restart": "takes effect after a restart",
 }
 
 
@@ -37,11 +37,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(answer: dict[str, Any]) -> list[str]:
     if problems := _told(answer, "problems"):
-        return [*problems, "the file was rejected; the config in force stays"]
+        return [*problems, "the file was rejected; the running config is unchanged"]
     changes = [
         f"{said}: {', '.join(told)}" for what, said in _CHANGES.items() if (told := _told(answer, what, UNKNOWN))
     ]
-    defect = [f"{answer['defect']}; the new config is in force"] if answer.get("defect") else []
+    defect = [f"{answer['defect']}; the new config is in use"] if answer.get("defect") else []
     return [*(changes or ["nothing has changed"]), *_told(answer, "warnings"), *defect]
 
 

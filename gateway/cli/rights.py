@@ -14,8 +14,8 @@ _WORDS = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING:
 def rights_as_text(plan: Plan) -> str:
     """The table of rights, and what goes beyond it."""
     shown = [_show_row(row, plan) for row in plan.access]
-    rows = [("FROM", "THROUGH", "UNITS", "MAY"), *shown, *_rest(plan)]
-    return "\n".join(["Rights: the first row that fits counts", align(rows, "  "), *_datagrams(plan)])
+    rows = [("FROM", "THROUGH", "UNITS", "RIGHTS"), *shown, *_rest(plan)]
+    return "\n".join(["Rights: first match wins", align(rows, "  "), *_datagrams(plan)])
 
 
 def rights_as_json(plan: Plan) -> list[dict[str, Any]]:

@@ -178,7 +178,7 @@ def _duration(text: str) -> float:
 
 def _baud(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is no rate; write a number such as 9600')
+        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
     return int(text)
 
 
@@ -189,7 +189,7 @@ def _share(text: str) -> float:
     except ValueError:
         share = -1.0
     if not 0 <= share <= 1:
-        raise argparse.ArgumentTypeError(f'"{text}" is no share; write one such as 5%')
+        raise argparse.ArgumentTypeError(f'"{text}" is not a valid percentage; write one such as 5%')
     return share
 
 

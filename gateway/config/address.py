@@ -88,10 +88,11 @@ def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
     example = f"{schemes[0]}://127.0.0.1:{DEFAULT_PORTS.get(schemes[0], 5020)}"
     match = _ADDRESS.fullmatch(value) if isinstance(value, str) else None
     if match is None:
-        raise WrongValue("is no address", f'write it as "{example}"; an IPv6 address stands in brackets')
+        raise WrongValue("is not a valid address", f'write it as "{example}"; an IPv6 address stands in brackets')
     scheme, ipv6, name, port = match.groups()
     if scheme not in schemes:
-        raise WrongValue(f"{scheme}:// is not known here", f"it can be {', '.join(f'{one}://' for one in schemes)}")
+        usable = ", ".join(f"{one}://" for one in schemes if one != "tls")  # not built yet: see not_yet.py
+        raise WrongValue(f"unknown protocol {scheme}://", f"it can be {usable}")
     host = ipv6 if ipv6 is not None else name
     if host in ("", "*"):
         raise WrongValue("names no host", f'"{scheme}://0.0.0.0:{port or 502}" stands for every IPv4 address')
@@ -108,13 +109,13 @@ def _check_host(host: str, *, in_brackets: bool) -> None:
     if in_brackets:
         ip = _ip(host)
         if not isinstance(ip, IPv6Address) or (ip.scope_id and _INTERFACE.fullmatch(ip.scope_id) is None):
-            raise WrongValue(f"{host!a} is no IPv6 address", "such as [::1] or [fe80::1%eth0]")
+            raise WrongValue(f"{host!a} is not a valid IPv6 address", "such as [::1] or [fe80::1%eth0]")
     elif host.replace(".", "").isdecimal():
         if _ip(host) is None:
-            raise WrongValue(f'"{host}" is no IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7")
+            raise WrongValue(f'"{host}" is not a valid IPv4 address', "four numbers from 0 to 255, such as 10.2.0.7")
     elif _HOST_NAME.fullmatch(host) is None:
         remedy = "letters, digits and hyphens, in parts joined by single dots, such as plc.example"
-        raise WrongValue(f"{host!a} is no host name", remedy)
+        raise WrongValue(f"{host!a} is not a valid host name", remedy)
 
 
 def _ip(host: str) -> IPv4Address | IPv6Address | None:

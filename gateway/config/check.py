@@ -209,7 +209,7 @@ def _check_role(line: Line) -> Iterator[Problem]:
         other = "client" if line.role == "server" else "server"
         yield error((*line.path, key), f'only a line with role = "{other}" has this key')
     if line.role == "server" and line.serves is None:
-        yield error((*line.path, "serves"), "is missing", "name the units that we answer for: serves = [41]")
+        yield error((*line.path, "serves"), "serves is missing", "name the units that we answer for: serves = [41]")
 
 
 def _check_web(config: Config) -> Iterator[Problem]:

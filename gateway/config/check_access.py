@@ -1,10 +1,10 @@
-"""Cross-checks of who may do what: rows that mean nobody, and what is so without any row."""
+"""Cross-checks of who may do what: rows that match no client, and what is so without any row."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
 
 from gateway.config.check_line_listeners import addresses_on
-from gateway.config.check_units import client_lines, served_units
+from gateway.config.check_units import client_lines, not_configured, served_units
 from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema import Access, Config, Listen
@@ -15,7 +15,9 @@ from gateway.routing.access import LOOPBACK, Network
 #: What [[access]] calls the control socket.
 CONTROL: Final = "control"
 
-_FIRST_RIGHT: Final = 'allow = ["read", "write"]; whoever no [[access]] means is refused then'
+_FIRST_RIGHT: Final = (
+    'allow = ["read", "write"]. Then add a last row allow = ["read"]: clients that match no row are refused'
+)
 
 
 def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
@@ -74,7 +76,7 @@ def _check_content(row: Access) -> Iterator[Problem]:
         yield error(row.path, "must have one of allow and functions", remedy)
     for key, value in (("from", row.networks), ("listen", row.listen)):
         if value == ():
-            yield error((*row.path, key), "is empty, so the row means nobody", "leave it out, and it means everybody")
+            yield error((*row.path, key), "is empty, so the row matches no client", "leave it out to match all clients")
 
 
 def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
@@ -85,7 +87,7 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
         if name not in known:
             yield error(path, f'there is no listener "{name}"', did_you_mean(name, known))
         elif name in cables and row.networks is not None:
-            what = f'clients of "{name}" have no network, so a row with from never means them'
+            what = f'clients of "{name}" have no network, so a row with from never matches them'
             yield warning(path, what, "name it in a row of its own, without from")
     named = [name for name in row.listen or () if name in known]
     by_unit = [f'"{name}"' for name in named if name not in _for_one_line(config)]
@@ -109,7 +111,7 @@ def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
     for index, network in enumerate(row.networks or ()):
         reasons = [_why_nobody_comes(listen, network, listeners) for listen in meant]
         if reasons and all(reasons):
-            yield warning((*row.path, "from", index), f"nobody comes from {network}: {reasons[0]}")
+            yield warning((*row.path, "from", index), f"no client can connect from {network}: {reasons[0]}")
 
 
 def _why_nobody_comes(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
@@ -134,7 +136,7 @@ def _check_units(row: Access, config: Config) -> Iterator[Problem]:
         remedy = ""
         if not _for_one_line(config).isdisjoint(row.listen or ()):
             remedy = f"through a listener for one line, units are addresses on its wire: {show_units(answered)}"
-        what = f"nobody answers for {show_units(row.units)}, so the row means nothing"
+        what = f"{not_configured(row.units)}, so the row never matches"
         yield warning((*row.path, "units"), what, remedy)
 
 
@@ -148,13 +150,13 @@ def _answered(row: Access, config: Config) -> frozenset[int]:
 
 
 def _check_order(row: Access, earlier: Iterable[Access], for_one_line: frozenset[str]) -> Iterator[Problem]:
-    """The first row that fits counts, so one that means less must stand before one that means more."""
+    """First match wins, so a special row must stand before a more general one."""
     by_address = not for_one_line.isdisjoint(row.listen or ())
     comparable = (other for other in earlier if other.units == "all" or other.listen is not None or not by_address)
     first = next((other for other in comparable if _covers(other, row)), None)
     if first is not None:
-        what = f"never counts, because the row in {first.source} means all that it means"
-        yield warning(row.path, what, "the first row that fits counts: put the special one before the general one")
+        what = f"never matches, because the row in {first.source} matches all that it would match"
+        yield warning(row.path, what, "first match wins: put the special row before the general one")
 
 
 def _covers(earlier: Access, row: Access) -> bool:

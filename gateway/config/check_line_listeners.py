@@ -39,7 +39,7 @@ def _check_reach(listen: Listen, line: Line) -> Iterator[Problem]:
         what = f'no device of line "{line.label}" has an address, so nothing can be asked'
         yield error((*listen.path, "line"), what, "name its address as unit, or leave line out")
     elif isinstance(listen.unit0, int) and listen.unit0 not in addresses:
-        what = f'{listen.unit0} is no address on line "{line.label}"'
+        what = f'{listen.unit0} is not an address on line "{line.label}"'
         yield error((*listen.path, "unit0"), what, f"its addresses: {show_units(addresses)}")
     if listen.unit0 == "broadcast" and not line.broadcast:
         yield warning((*listen.path, "unit0"), f'line "{line.label}" takes no broadcasts', "see its key broadcast")

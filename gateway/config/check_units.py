@@ -1,6 +1,6 @@
 """Cross-checks of who answers for which unit."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from gateway.config.plan import passing_units
@@ -33,7 +33,7 @@ def claims(config: Config) -> Iterator[Claim]:
     for line in client_lines(config):
         for row in line.devices or ():
             path = (*row.path, "unit" if row.known_as is None else "as")
-            owner, remedy = f'of line "{line.label}"', 'give clients other units with "as"'
+            owner, remedy = f'of line "{line.label}"', 'give one of them another unit ID for clients with "as"'
             yield Claim(row.client_units, owner, path, row.source, remedy, tuple(line.device_names(row)))
     for image in config.image:
         yield Claim((image.unit,), f'of image "{image.label}"', (*image.path, "unit"), image.source)
@@ -41,6 +41,12 @@ def claims(config: Config) -> Iterator[Claim]:
         for units in upstream.units:
             owner, names = f'of upstream "{upstream.label}"', tuple(upstream.unit_names(units))
             yield Claim(units.known_as, owner, (*units.path, "as"), units.source, names=names)
+
+
+def not_configured(units: Iterable[int]) -> str:
+    """Says that these units are not in the config."""
+    text = show_units(units)
+    return f"unit {text} is not configured" if text.isdecimal() else f"units {text} are not configured"
 
 
 def served_units(config: Config) -> frozenset[int]:
@@ -117,11 +123,11 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
     served = served_units(config)
     for listen in config.listen:
         if listen.line is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
-            yield error((*listen.path, "unit0"), f"nobody answers for unit {listen.unit0}")
+            yield error((*listen.path, "unit0"), not_configured({listen.unit0}))
     for line in config.line:
         unknown = set(line.serves or ()) - served
         if unknown:
-            yield error((*line.path, "serves"), f"nobody answers for unit {show_units(unknown)}")
+            yield error((*line.path, "serves"), not_configured(unknown))
 
 
 def _is_asked(line: Line, config: Config) -> bool:

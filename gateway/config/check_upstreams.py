@@ -22,9 +22,9 @@ def check_upstreams(config: Config) -> Iterator[Problem]:
 def _check_server(path: Path, address: Address, config: Config) -> Iterator[Problem]:
     """A gateway that asks itself would go round in circles. Only the addresses in the file can be compared."""
     if address.is_wildcard:
-        yield error(path, f"{address.host} is no server's address", "name the server: its host name or address")
+        yield error(path, f"{address.host} is not the address of a server", "name the server: its host name or address")
     if not address.port:
-        yield error(path, "port 0 is no server's port")
+        yield error(path, "port 0 is not the port of a server")
     default = Address("tcp", DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
     own = [(listen.bind, listen.source) for listen in config.listen] or [(default, "the default listener")]
     for bind, source in own:

@@ -42,7 +42,7 @@ def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
         raise WrongValue("must be a duration", 'a duration is text with a unit, such as "250 ms"')
     match = _DURATION.fullmatch(value.strip())
     if match is None:
-        raise WrongValue(f'"{value}" is no duration', 'a duration is a number and a unit, such as "250 ms"')
+        raise WrongValue(f'"{value}" is not a valid duration', 'a duration is a number and a unit, such as "250 ms"')
     seconds = _seconds(match[1], match[2])
     if 0 < seconds < least:
         raise WrongValue(f"must be at least {show_duration(least)}")
@@ -100,7 +100,9 @@ def _no_word(value: object, words: str) -> object:
         WrongValue: it is text, and no duration.
     """
     if isinstance(value, str) and _DURATION.fullmatch(value.strip()) is None:
-        raise WrongValue(f'"{value}" is no duration', f'write {words}, or a number and a unit, such as "250 ms"')
+        raise WrongValue(
+            f'"{value}" is not a valid duration', f'write {words}, or a number and a unit, such as "250 ms"'
+        )
     return value
 
 
@@ -110,7 +112,7 @@ def _seconds(number: str, unit: str) -> float:
     if not unit:
         raise WrongValue("a duration needs a unit", f'write "{number} ms" or "{number} s"')
     if unit not in _UNITS:
-        raise WrongValue(f'"{unit}" is no unit of time', "the units are ms, s, min and h")
+        raise WrongValue(f'"{unit}" is not a valid unit of time', "the units are ms, s, min and h")
     seconds = float(number) * _UNITS[unit]
     if seconds > _LONGEST:
         raise WrongValue("is longer than a week")

@@ -79,7 +79,7 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
         return _hopeless(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
     except FileNotFoundError:
         return _hopeless(
-            error((), "there is no such file", "write it, or name another file behind the command"), file, 0, 0
+            error((), "there is no such file", "create it, or give another file after the command"), file, 0, 0
         )
     except OSError as wrong:
         remedy = f"sudo chmod 644 {file}" if isinstance(wrong, PermissionError) else ""

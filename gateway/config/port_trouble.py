@@ -18,7 +18,7 @@ def port_trouble(path: str) -> str | None:
     except OSError as error:
         return f"cannot be looked at: {error.strerror}"
     if not stat.S_ISCHR(mode):
-        return "is no serial port"
+        return "is not a serial port"
     if not os.access(path, os.R_OK | os.W_OK):
         return f"this user may not open it: {permission_remedy(path)}"
     return None

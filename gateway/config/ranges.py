@@ -49,7 +49,9 @@ def _from_zero(count: int) -> tuple[Range, ...]:
 def _parse_range(part: object) -> Range:
     match = _RANGE.fullmatch(part.strip()) if isinstance(part, str) else None
     if match is None:
-        raise WrongValue("is no range of addresses", 'write a count such as 100, a range "1-99", or a list of ranges')
+        raise WrongValue(
+            "is not a valid range of addresses", 'write a count such as 100, a range "1-99", or a list of ranges'
+        )
     first, last = int(match[1]), int(match[2] or match[1])
     if first > last:
         raise WrongValue(f'"{part}" counts backwards', f'write "{last}-{first}"')

@@ -18,7 +18,7 @@ def parse_units(value: object, first: int = FIRST_UNIT, last: int = LAST_UNIT) -
     """The units of a set in the order in which they are written.
 
     Raises:
-        WrongValue: `value` is no unit set, names a unit twice, or one outside `first` to `last`.
+        WrongValue: `value` is not a valid unit set, names a unit twice, or one outside `first` to `last`.
     """
     # Where unit 0 is allowed it means something special, and nobody who is wrong is helped by it.
     return _parse(value, frozenset(range(first, last + 1)), f"outside {max(first, FIRST_UNIT)}-{last}")
@@ -74,7 +74,7 @@ def _bounds(part: object) -> tuple[int, int]:
         return part, part
     match = _RANGE.fullmatch(part.strip()) if isinstance(part, str) else None
     if match is None:
-        raise WrongValue(f"{_shown(part)} is no unit", 'units are written 5, "10-13", or as a list of both')
+        raise WrongValue(f"{_shown(part)} is not a valid unit", 'units are written 5, "10-13", or as a list of both')
     return int(match[1]), int(match[2] or match[1])
 
 

@@ -69,7 +69,7 @@ def parse_format(value: object) -> CharacterFormat:
     try:
         return CharacterFormat.parse(value.upper())
     except ValueError as wrong:
-        raise WrongValue(f'"{value}" is no character format', str(wrong)) from wrong
+        raise WrongValue(f'"{value}" is not a valid character format', str(wrong)) from wrong
 
 
 def fits_mode(value: CharacterFormat, mode: Literal["rtu", "ascii"]) -> bool:
@@ -88,7 +88,7 @@ def parse_port(value: object) -> str | Address:
     if "://" in value:
         return parse_address(value, tuple(DEVICE_SERVER_MODES))
     if not value.startswith("/"):
-        raise WrongValue(f'"{value}" is no absolute path', f'did you mean "/dev/{value}"?')
+        raise WrongValue(f'"{value}" is not an absolute path', f'did you mean "/dev/{value}"?')
     return check_path(value)
 
 
@@ -257,7 +257,7 @@ def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
 def _function_number(text: str) -> int:
     if _FUNCTION.fullmatch(text) and 1 <= int(text) <= 127:
         return int(text)
-    raise WrongValue(f'"{text}" is no function number', "functions are numbered 1 to 127")
+    raise WrongValue(f'"{text}" is not a valid function number', "functions are numbered 1 to 127")
 
 
 def _quantity(function: str, most: object) -> int:
@@ -268,11 +268,11 @@ def _quantity(function: str, most: object) -> int:
 
 def _network(text: object) -> IPv4Network | IPv6Network:
     if not isinstance(text, str):
-        raise WrongValue(f"{text} is no network", 'write it as "10.2.0.0/24"')
+        raise WrongValue(f"{text} is not a valid network", 'write it as "10.2.0.0/24"')
     try:
         interface = ip_interface(text)
     except ValueError as wrong:
-        raise WrongValue(f'"{text}" is no network', 'write it as "10.2.0.0/24" or "10.2.0.7"') from wrong
+        raise WrongValue(f'"{text}" is not a valid network', 'write it as "10.2.0.0/24" or "10.2.0.7"') from wrong
     network = interface.network
     if interface.ip != network.network_address:
         what = f'"{text}" is an address in the network {network}, and not that network'

@@ -45,7 +45,7 @@ _TYPES: Mapping[str, str] = {
     "bool_type": "must be true or false, without quotes",
     "tuple_type": "must be a list",
     "model_type": "must be a table",
-    "missing": "is missing",
+    "missing": "{key} is missing",
 }
 
 _LIMITS: Mapping[str, str] = {
@@ -124,7 +124,8 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
     number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
     is_quoted = number is not None and isinstance(found["input"], str) and number.fullmatch(found["input"])
     remedy = f"write it without quotes: {path[-1]} = {found['input']}" if is_quoted else ""
-    return error(path, _TYPES.get(kind, f"cannot be used: {found['msg']}"), remedy)
+    what = _TYPES.get(kind, "cannot be used: {reason}")
+    return error(path, what.format(key=path[-1], reason=found["msg"]), remedy)
 
 
 def _model_at(model: type[Table], loc: Path) -> type[Table]:

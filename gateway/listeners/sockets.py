@@ -195,7 +195,7 @@ def written(host: str, port: int) -> str:
 def why(error: OSError | UnicodeError) -> str:
     """What an operator should know of `error`."""
     if isinstance(error, UnicodeError):
-        return "this is no host name"
+        return "this is not a valid host name"
     if error.errno in _ADVICE:
         return _ADVICE[error.errno]
     if error.errno is not None and error.errno > 0:

@@ -21,7 +21,7 @@ async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float
 
     Raises:
         OSError: nobody knows the name, or no name server answers within that (`socket.EAI_AGAIN`).
-        UnicodeError: this is no host name.
+        UnicodeError: this is not a valid host name.
     """
     question = (host, port, kind)
     looking_up = _under_way.get(question) or _begin(question)

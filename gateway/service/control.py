@@ -155,7 +155,7 @@ async def _answered(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb]) -
     try:
         request = json.loads(line)
     except (ValueError, RecursionError):
-        return _refused("this is no JSON")
+        return _refused("this is not JSON")
     verb = request.get("verb") if isinstance(request, dict) else None
     if not isinstance(verb, str) or verb not in verbs:
         return _refused(f'"verb" must be one of {", ".join(verbs)}')

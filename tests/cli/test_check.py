@@ -60,8 +60,8 @@ def test_the_picture_of_a_file(config, capsys):
           scada  tcp://127.0.0.1:1502  32       never   refuse  all units
           six    tcp://[::1]:1502      32       10 min  41      all units
 
-        Rights: the first row that fits counts
-          FROM          THROUGH       UNITS  MAY
+        Rights: first match wins
+          FROM          THROUGH       UNITS  RIGHTS
           this machine  any listener  all    read, write
           anywhere      any listener  all    read
 
@@ -94,9 +94,9 @@ def test_the_picture_of_a_file(config, capsys):
           200   shift-data  generic  never  coils 0-7, 16-23; holding 0-99
 
         Longest wait = max_wait + gap + longest request on the wire + its time limit.
-        Set each client's time-out above the longest wait of the units that it asks.
-        It holds for up to in_flight requests at once on a connection: what a client
-        sends beyond that is not read meanwhile.
+        Set each client's time-out above the longest wait of the units that it polls.
+        The longest wait is valid for up to in_flight requests at once per connection;
+        further requests are read later.
 
         no errors, no warnings
         """
@@ -209,7 +209,7 @@ def test_a_file_that_does_not_exist_is_one_problem(tmp_path, capsys):
     assert main(["check", str(path)]) == 1
     assert capsys.readouterr().out == (
         f"{path}: error: there is no such file\n"
-        "  help: write it, or name another file behind the command\n"
+        "  help: create it, or give another file after the command\n"
         "1 error, no warnings\n"
     )
     assert main(["check", "--json", str(path)]) == 1

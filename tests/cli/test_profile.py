@@ -86,9 +86,9 @@ def test_limits_at_another_rate_and_format(capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--baud", "fast"], 'argument --baud: "fast" is no rate; write a number such as 9600'),
-        (["--baud", "0"], 'argument --baud: "0" is no rate; write a number such as 9600'),
-        (["--format", "9E1"], 'argument --format: "9E1" is no character format'),
+        (["--baud", "fast"], 'argument --baud: "fast" is not a valid rate; write a number such as 9600'),
+        (["--baud", "0"], 'argument --baud: "0" is not a valid rate; write a number such as 9600'),
+        (["--format", "9E1"], 'argument --format: "9E1" is not a valid character format'),
         (["--mode", "tcp"], "argument --mode: invalid choice: 'tcp'"),
     ],
 )
@@ -129,7 +129,7 @@ def test_the_profiles_of_a_config_file(config, capsys):
 def test_a_config_file_with_errors(config, capsys):
     config.write_text("[[line]]\n", encoding="utf-8")
     assert main(["profile", "own", "--config", str(config)]) == 1
-    assert capsys.readouterr().err == f"{config}:1:1: error: line[0].port: is missing\n"
+    assert capsys.readouterr().err == f"{config}:1:1: error: line[0].port: port is missing\n"
 
 
 def test_the_list_as_json(capsys):

@@ -16,11 +16,15 @@ NOTHING = {"problems": [], "added": [], "removed": [], "changed": [], "restart":
             FINE,
             ["new: line a", "gone: line b, line c", "x"],
         ),
-        ({"ok": False, "problems": ["p"]}, PROBLEM_FOUND, ["p", "the file was rejected; the config in force stays"]),
+        (
+            {"ok": False, "problems": ["p"]},
+            PROBLEM_FOUND,
+            ["p", "the file was rejected; the running config is unchanged"],
+        ),
         (
             {"ok": False, "added": ["line a"], "defect": "a defect"},
             PROBLEM_FOUND,
-            ["new: line a", "a defect; the new config is in force"],
+            ["new: line a", "a defect; the new config is in use"],
         ),
     ],
 )
@@ -36,10 +40,10 @@ def test_what_is_printed(monkeypatch, capsys, answer, status, text) -> None:
         (
             {"ok": True, "added": ["line a"], "moved": ["line b"]},  # an older or a newer daemon's
             FINE,
-            ["new: line a", "gone: unknown", "changed: unknown", "counts after a restart only: unknown"],
+            ["new: line a", "gone: unknown", "changed: unknown", "takes effect after a restart: unknown"],
         ),
         ({"ok": True, **NOTHING, "added": 3}, FINE, ["new: unknown"]),
-        ({"problems": ["p"]}, PROBLEM_FOUND, ["p", "the file was rejected; the config in force stays"]),
+        ({"problems": ["p"]}, PROBLEM_FOUND, ["p", "the file was rejected; the running config is unchanged"]),
     ],
 )
 def test_what_a_daemon_of_another_version_does_not_tell_is_unknown(monkeypatch, capsys, answer, status, text) -> None:

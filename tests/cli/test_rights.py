@@ -59,8 +59,8 @@ def rights(folder: Path, capsys: pytest.CaptureFixture[str], text: str) -> str:
 def test_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert rights(tmp_path, capsys, FILE) == dedent(
         """\
-        Rights: the first row that fits counts
-          FROM          THROUGH       UNITS  MAY
+        Rights: first match wins
+          FROM          THROUGH       UNITS  RIGHTS
           this machine  any listener  all    read, write
           anywhere      any listener  all    read
           the line      panel         41     read, write, broadcast
@@ -71,8 +71,8 @@ def test_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 def test_with_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert rights(tmp_path, capsys, FILE + ROWS) == dedent(
         """\
-        Rights: the first row that fits counts
-          FROM                   THROUGH       UNITS      MAY
+        Rights: first match wins
+          FROM                   THROUGH       UNITS      RIGHTS
           10.2.0.66              any listener  all        nothing
           10.2.0.0/24, fd00::/8  any listener  41-43, 46  read, write
           anywhere               scada         all        functions 3, 16, 43
@@ -87,8 +87,8 @@ def test_what_a_row_names_is_in_the_table_only(tmp_path: Path, capsys: pytest.Ca
     row = '[[access]]\nlisten = ["panel", "field"]\nallow = ["read"]\n'
     assert rights(tmp_path, capsys, FILE + row) == dedent(
         """\
-        Rights: the first row that fits counts
-          FROM      THROUGH       UNITS  MAY
+        Rights: first match wins
+          FROM      THROUGH       UNITS  RIGHTS
           anywhere  field, panel  all    read
           all else                       nothing"""
     )

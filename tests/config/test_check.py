@@ -273,9 +273,10 @@ def test_a_device_server_has_no_kernel_driver_here():
 
 
 def test_a_port_that_cannot_be_used_is_a_warning():
-    trouble = {"/dev/a": "is no serial port"}
+    trouble = {"/dev/a": "is not a serial port"}
     assert problems(LINE, port_trouble=trouble.get) == [
-        "warning: line[0].port: is no serial port | the line waits for it; modbus-gateway ports lists those that exist"
+        "warning: line[0].port: is not a serial port"
+        " | the line waits for it; modbus-gateway ports lists those that exist"
     ]
     assert problems(LINE.replace("/dev/a", "/dev/b"), port_trouble=trouble.get) == []
 
@@ -321,12 +322,12 @@ def test_a_server_line_has_no_keys_of_a_client_line():
 
 def test_a_server_line_serves_something():
     assert problems(LINE + SERVER) == [
-        "error: line[1].serves: is missing | name the units that we answer for: serves = [41]"
+        "error: line[1].serves: serves is missing | name the units that we answer for: serves = [41]"
     ]
 
 
 def test_a_server_line_serves_units_that_somebody_answers_for():
-    assert problems(LINE + SERVER + 'serves = ["1-3"]\n') == ["error: line[1].serves: nobody answers for unit 2-3"]
+    assert problems(LINE + SERVER + 'serves = ["1-3"]\n') == ["error: line[1].serves: units 2-3 are not configured"]
 
 
 def test_a_server_line_stands_beside_a_line_that_passes_through():
@@ -368,11 +369,11 @@ def test_a_unit_that_clients_use_leads_to_one_device():
     assert problems(text) == [
         (
             'error: line[1].devices[0].unit: 1 is already a unit of line "a" (gateway.toml:4)'
-            ' | give clients other units with "as"'
+            ' | give one of them another unit ID for clients with "as"'
         ),
         (
             'error: line[1].devices[1].as: 3 is already a unit of line "b" (gateway.toml:8)'
-            ' | give clients other units with "as"'
+            ' | give one of them another unit ID for clients with "as"'
         ),
     ]
 
@@ -397,7 +398,7 @@ def test_several_units_of_one_owner_are_told_at_once():
     assert problems(text + 'devices = [{ unit = "8-12" }]\n') == [
         (
             'error: line[1].devices[0].unit: 8-9 are already units of line "a" (gateway.toml:4)'
-            ' | give clients other units with "as"'
+            ' | give one of them another unit ID for clients with "as"'
         )
     ]
 
@@ -438,7 +439,7 @@ def test_unit_0_needs_a_unit_for_clients():
 
 def test_unit0_names_a_unit_that_somebody_answers_for():
     listen = '[[listen]]\nbind = "tcp://127.0.0.1:1"\nunit0 = {}\n'
-    assert problems(LINE + listen.format(99)) == ["error: listen[0].unit0: nobody answers for unit 99"]
+    assert problems(LINE + listen.format(99)) == ["error: listen[0].unit0: unit 99 is not configured"]
     assert problems(LINE + listen.format(1)) == []
     assert problems('[[line]]\nport = "/dev/a"\n' + listen.format(99)) == []
 
@@ -575,7 +576,7 @@ def test_a_mirror_of_a_device_that_passes_through():
 
 def test_a_mirror_of_a_device_whose_line_failed_may_exist():
     assert problems('[[line]]\nport = "a"\n' + MIRROR) == [
-        'error: line[0].port: "a" is no absolute path | did you mean "/dev/a"?'
+        'error: line[0].port: "a" is not an absolute path | did you mean "/dev/a"?'
     ]
 
 

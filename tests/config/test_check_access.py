@@ -48,7 +48,7 @@ def access(*rows, listen=SCADA):
 )
 def test_who_may_only_read_is_told_and_how_that_is_changed(listen, what, row):
     remedy = f'to let them write, add [[access]] with {row} and allow = ["read", "write"]'
-    after = "; whoever no [[access]] means is refused then"
+    after = '. Then add a last row allow = ["read"]: clients that match no row are refused'
     assert problems(listen) == [f"warning: listen[0].bind: {what} | {remedy}{after}"]
 
 
@@ -80,7 +80,7 @@ def test_a_row_says_in_one_way_what_it_allows(row):
 @pytest.mark.parametrize("key", ["from", "listen"])
 def test_an_empty_list_means_nobody(key):
     assert access(f"{key} = []\n") == [
-        f"error: access[0].{key}: is empty, so the row means nobody | leave it out, and it means everybody"
+        f"error: access[0].{key}: is empty, so the row matches no client | leave it out to match all clients"
     ]
 
 
@@ -96,12 +96,12 @@ def test_a_row_for_an_unknown_listener():
 
 def test_a_row_for_a_listener_that_failed():
     assert access('listen = ["scada"]\n', listen='[[listen]]\nname = "scada"\n') == [
-        "error: listen[0].bind: is missing"
+        "error: listen[0].bind: bind is missing"
     ]
 
 
 def test_who_is_on_a_cable_has_no_network():
-    what = 'clients of "panel" have no network, so a row with from never means them'
+    what = 'clients of "panel" have no network, so a row with from never matches them'
     assert access('listen = ["scada", "panel"]\nfrom = ["10.2.0.0/24"]\n', listen=SCADA + PANEL) == [
         f"warning: access[0].listen[1]: {what} | name it in a row of its own, without from"
     ]
@@ -128,12 +128,12 @@ def test_who_is_on_a_cable_has_no_network():
 )
 def test_a_network_from_which_nobody_comes(bind, network, why):
     said = access(f'from = ["{network}"]\n', listen=f'[[listen]]\nname = "scada"\nbind = "{bind}"\n')
-    assert said == ([f"warning: access[0].from[0]: nobody comes from {network}: {why}"] if why else [])
+    assert said == ([f"warning: access[0].from[0]: no client can connect from {network}: {why}"] if why else [])
 
 
 def test_without_a_listener_clients_come_from_this_machine_only():
     why = "default is for programs on this machine (tcp://127.0.0.1:5020)"
-    said = [f"warning: access[0].from[1]: nobody comes from 10.2.0.0/24: {why}"]
+    said = [f"warning: access[0].from[1]: no client can connect from 10.2.0.0/24: {why}"]
     assert access('from = ["127.0.0.1", "10.2.0.0/24"]\n', listen="") == said
 
 
@@ -143,7 +143,7 @@ def test_ipv4_clients_go_where_an_ipv4_address_is():
     )
     assert access('from = ["10.2.0.0/24"]\n', listen=both) == []
     assert access('from = ["10.2.0.0/24"]\nlisten = ["six"]\n', listen=both) == [
-        "warning: access[0].from[0]: nobody comes from 10.2.0.0/24: six takes IPv6 clients only (tcp://[::]:5020)"
+        "warning: access[0].from[0]: no client can connect from 10.2.0.0/24: six takes IPv6 clients only (tcp://[::]:5020)"
     ]
 
 
@@ -152,7 +152,7 @@ def test_ipv4_clients_go_where_an_ipv4_address_is():
 
 def test_a_row_for_units_that_nobody_answers_for():
     assert access('units = ["1-3", 5]\n') == [
-        "warning: access[0].units: nobody answers for 1-3, 5, so the row means nothing"
+        "warning: access[0].units: units 1-3, 5 are not configured, so the row never matches"
     ]
     assert access("units = [1, 7]\n") == []
 
@@ -169,11 +169,8 @@ def test_a_row_for_units_that_nobody_answers_for():
 )
 def test_a_row_that_an_earlier_one_hides(earlier, row):
     (said,) = access(earlier, row, listen=SCADA.replace("0.0.0.0", "[::]") + PANEL)
-    what = "never counts, because the row in gateway.toml:15 means all that it means"
-    assert (
-        said
-        == f"warning: access[1]: {what} | the first row that fits counts: put the special one before the general one"
-    )
+    what = "never matches, because the row in gateway.toml:15 matches all that it would match"
+    assert said == f"warning: access[1]: {what} | first match wins: put the special row before the general one"
 
 
 @pytest.mark.parametrize(

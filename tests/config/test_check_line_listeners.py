@@ -132,7 +132,7 @@ def test_lines_that_are_equally_near_are_all_named():
 def test_the_units_of_a_row_for_one_line_are_addresses():
     assert said(SHARED + A + LINE_A + '[[access]]\nlisten = ["port-a"]\nunits = [46]\nallow = ["read"]\n') == [
         (
-            "warning: access[0].units: nobody answers for 46, so the row means nothing"
+            "warning: access[0].units: unit 46 is not configured, so the row never matches"
             " | through a listener for one line, units are addresses on its wire: 1-2"
         )
     ]
@@ -149,7 +149,7 @@ def test_a_line_where_we_are_a_server():
 
 @pytest.mark.parametrize(("unit0", "is_there"), [(1, True), (2, True), (41, False), (3, False), (255, False)])
 def test_unit0_is_an_address_on_the_line(unit0, is_there):
-    problem = f'error: listen[1].unit0: {unit0} is no address on line "a" | its addresses: 1-2'
+    problem = f'error: listen[1].unit0: {unit0} is not an address on line "a" | its addresses: 1-2'
     assert said(SHARED + A + f"unit0 = {unit0}\n" + LINE_A) == ([] if is_there else [problem])
 
 
@@ -217,8 +217,8 @@ def test_a_line_apart_is_known_by_the_numbers_on_its_wire():
 def test_a_row_for_units_does_not_cover_one_for_addresses():
     rows = '[[access]]\nunits = 41\nallow = ["read"]\n[[access]]\nlisten = ["port-a"]\nunits = {}\nallow = ["write"]\n'
     text = SHARED + A + LINE_A.replace("41-42", "[2, 41]")
-    assert not any("never counts" in each for each in said(text + rows.format(1)))
+    assert not any("never matches" in each for each in said(text + rows.format(1)))
     every = '[[access]]\nallow = ["read"]\n[[access]]\nlisten = ["port-a"]\nunits = 1\nallow = ["write"]\n'
-    assert any("never counts" in each for each in said(text + every))
+    assert any("never matches" in each for each in said(text + every))
     twice = '[[access]]\nlisten = ["port-a"]\nunits = "1-2"\nallow = ["read"]\n'
-    assert any("never counts" in each for each in said(text + twice + twice.replace("1-2", "1")))
+    assert any("never matches" in each for each in said(text + twice + twice.replace("1-2", "1")))

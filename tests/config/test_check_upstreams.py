@@ -50,11 +50,11 @@ def test_an_upstream_without_units():
 
 def test_a_server_has_an_address_and_a_port():
     assert upstream("tcp://0.0.0.0:502") == [
-        "error: upstream[0].to: 0.0.0.0 is no server's address | name the server: its host name or address"
+        "error: upstream[0].to: 0.0.0.0 is not the address of a server | name the server: its host name or address"
     ]
-    assert upstream("tcp://10.1.0.5:0") == ["error: upstream[0].to: port 0 is no server's port"]
+    assert upstream("tcp://10.1.0.5:0") == ["error: upstream[0].to: port 0 is not the port of a server"]
     line = '[[line]]\nport = "rtu+tcp://10.1.0.5:0"\n'
-    assert problems(line) == ["error: line[0].port: port 0 is no server's port"]
+    assert problems(line) == ["error: line[0].port: port 0 is not the port of a server"]
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
         'gateway.toml:10:33: error: line[0].devices[0].profile: must be text\n  help: put it in quotes: "3"',
         "gateway.toml:11:12: error: line[0].devices[1].unit: unit 300 is outside 1-247",
         "gateway.toml:11:23: error: line[0].devices[2]: must be a table",
-        "gateway.toml:14:1: error: web.bind: is missing",
+        "gateway.toml:14:1: error: web.bind: bind is missing",
     ]
 
 
@@ -186,7 +186,7 @@ def test_a_file_that_is_nested_too_deeply_is_a_problem_too():
         (
             "[profile.x]\nlimits = { x = 9 }",
             (
-                'gateway.toml:2:10: error: profile.x.limits: "x" is no function number\n'
+                'gateway.toml:2:10: error: profile.x.limits: "x" is not a valid function number\n'
                 "  help: functions are numbered 1 to 127"
             ),
         ),
@@ -265,7 +265,8 @@ def test_one_broken_table_hides_no_problem_of_another_and_causes_none():
         margin = 0
         """
     ) == [
-        'gateway.toml:2:8: error: line[0].port: "relative" is no absolute path\n  help: did you mean "/dev/relative"?',
+        'gateway.toml:2:8: error: line[0].port: "relative" is not an absolute path\n'
+        '  help: did you mean "/dev/relative"?',
         'gateway.toml:5:10: error: line[1].format: RTU needs 8 data bits\n  help: write "8E1", or mode = "ascii"',
         "gateway.toml:11:10: error: profile.x.margin: must be at least 1",
     ]
@@ -318,7 +319,7 @@ def test_a_file_is_read(tmp_path):
 def test_a_file_that_does_not_exist_is_one_problem(tmp_path):
     file = tmp_path / "gateway.toml"
     assert [str(one) for one in load(file).problems] == [
-        f"{file}: error: there is no such file\n  help: write it, or name another file behind the command"
+        f"{file}: error: there is no such file\n  help: create it, or give another file after the command"
     ]
     assert load(str(file)).config is None
 
@@ -391,7 +392,7 @@ def test_what_a_wrong_table_refers_to_is_looked_at_together_with_what_is_wrong_i
         ),
         (
             'gateway.toml:5:48: error: line[0].devices[1].unit: 1 is already a unit of line "x" (gateway.toml:5)\n'
-            '  help: give clients other units with "as"'
+            '  help: give one of them another unit ID for clients with "as"'
         ),
     ]
 

@@ -17,7 +17,7 @@ def test_an_absent_port(path):
 
 
 def test_a_file_is_no_port(tmp_path):
-    assert port_trouble(str(tmp_path)) == "is no serial port"
+    assert port_trouble(str(tmp_path)) == "is not a serial port"
 
 
 def test_a_path_that_the_system_refuses():

@@ -30,10 +30,10 @@ def test_ranges_are_ascending_and_those_that_touch_are_joined(value, ranges):
         (-1, "a count is 0 to 65536"),
         ("9-1", '"9-1" counts backwards'),
         ("0-65536", "address 65536 is above 65535"),
-        ("all", "is no range of addresses"),
-        (True, "is no range of addresses"),
-        ([5], "is no range of addresses"),
-        (1.5, "is no range of addresses"),
+        ("all", "is not a valid range of addresses"),
+        (True, "is not a valid range of addresses"),
+        ([5], "is not a valid range of addresses"),
+        (1.5, "is not a valid range of addresses"),
     ],
 )
 def test_what_is_no_range_is_refused(value, what):

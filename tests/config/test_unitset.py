@@ -34,9 +34,9 @@ def test_units_come_in_the_order_in_which_they_are_written(value, units):
         ("13-10", '"13-10" counts backwards'),
         ([1, "1-3"], "names unit 1 twice"),
         ([], "names no unit"),
-        ("all", '"all" is no unit'),
-        (True, "true is no unit"),
-        (1.5, "1.5 is no unit"),
+        ("all", '"all" is not a valid unit'),
+        (True, "true is not a valid unit"),
+        (1.5, "1.5 is not a valid unit"),
         (-1, "unit -1 is outside 1-247"),
     ],
 )

@@ -41,7 +41,7 @@ def test_rights_see_the_address_of_an_ipv4_client_as_such(host: str, text: str) 
         (OSError(errno.ENETDOWN, "whatever"), "network is down"),
         (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), "name or service not known"),
         (socket.gaierror(socket.EAI_AGAIN, "Temporary failure"), "no name server answers"),
-        (UnicodeEncodeError("idna", "a..b", 2, 3, "label empty"), "this is no host name"),
+        (UnicodeEncodeError("idna", "a..b", 2, 3, "label empty"), "this is not a valid host name"),
     ],
 )
 def test_errors_are_said_in_words(error: OSError | UnicodeError, text: str) -> None:

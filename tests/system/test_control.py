@@ -71,7 +71,7 @@ def test_status_shows_lines_units_and_listeners(tmp_path: Path, config: str) -> 
 def test_no_daemon_is_a_problem_that_says_what_to_do(tmp_path: Path) -> None:
     nobody = command("status", "--control", str(tmp_path / "control.sock"))
     assert nobody.returncode == 1
-    assert "no daemon can be reached" in nobody.stderr
+    assert "no running gateway found" in nobody.stderr
 
 
 def test_what_a_killed_gateway_has_left_is_no_obstacle_and_another_gateway_is_told(tmp_path: Path, config: str) -> None:
@@ -141,7 +141,7 @@ def test_a_listener_that_changes_keeps_its_address(tmp_path: Path, config: str) 
 @pytest.mark.parametrize(
     ("line", "answer"),
     [
-        (b"hello\n", "this is no JSON"),
+        (b"hello\n", "this is not JSON"),
         (b"[]\n", '"verb" must be one of status, reload, unit, request'),
         (b'{"verb": ["status"]}\n', '"verb" must be one of status, reload, unit, request'),
     ],

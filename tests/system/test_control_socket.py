@@ -82,7 +82,7 @@ async def test_many_requests_at_once_leave_others_their_turn(tmp_path: Path) -> 
 async def test_json_that_is_nested_too_deep_gets_an_answer(tmp_path: Path) -> None:
     async with control(tmp_path) as it:
         answers = await it.asks(b"[" * 60_000 + b"\n", STATUS)
-        assert answers == [{"ok": False, "error": "this is no JSON"}, {"ok": True, "status": "fine"}]
+        assert answers == [{"ok": False, "error": "this is not JSON"}, {"ok": True, "status": "fine"}]
         assert it.events == []
 
 
@@ -150,8 +150,8 @@ def daemon(path: Path, answer: bytes, *, hears: bool = True) -> Iterator[Thread]
     ("answer", "words"),
     [
         (b"", r"the daemon closed the connection before it answered; is it stopping\?"),
-        (b"HTTP/1.1 400\n", "what answers there is no modbus-gateway"),
-        (b"[]\n", "what answers there is no modbus-gateway"),
+        (b"HTTP/1.1 400\n", "what answers there is not modbus-gateway"),
+        (b"[]\n", "what answers there is not modbus-gateway"),
     ],
 )
 def test_a_daemon_that_does_not_answer_is_a_problem_in_plain_words(tmp_path: Path, answer: bytes, words: str) -> None:
@@ -196,7 +196,7 @@ def test_the_argument_counts_whatever_the_config_says(tmp_path: Path, config: Pa
 @pytest.mark.parametrize("text", [b"[control\n", b"\xff", b"a = " + b"[" * 5000])
 def test_a_config_that_cannot_be_read_is_a_reason(config: Path, text: bytes) -> None:
     config.write_bytes(text)
-    with pytest.raises(DaemonError, match=f"no daemon can be reached \\({config}: cannot be read: .+; .*none.sock: "):
+    with pytest.raises(DaemonError, match=f"no running gateway found \\({config}: cannot be read: .+; .*none.sock: "):
         ask("status", None)
 
 

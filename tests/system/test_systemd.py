@@ -153,7 +153,7 @@ def test_reload_applies_a_good_file_and_fails_with_a_bad_one(system: BootedSyste
         system.write(FILE, CONFIG + "[[image]]\n")
         assert system.run("systemctl", "reload", SERVICE).returncode != 0
         reason = system.wait_for("config_rejected")["MODBUS_REASON"]
-        assert reason == f"{FILE}:14:1: error: image[1].unit: is missing"
+        assert reason == f"{FILE}:14:1: error: image[1].unit: unit is missing"
         system.write(FILE, CONFIG.replace(":502", ":5020"))
         assert "systemd has opened tcp://[::]:502, which no" in system.run("modbus-gateway", "reload").stdout
         assert asked(client) == RIGHT
@@ -225,7 +225,7 @@ def test_a_bad_file_is_tried_again_every_few_seconds(system: BootedSystem) -> No
     until(lambda: int(system.show("NRestarts")) >= 2, system.status)
     rejected = system.log("MODBUS_EVENT=config_rejected")
     assert {(entry["PRIORITY"], entry["_SYSTEMD_UNIT"]) for entry in rejected} == {("3", SERVICE)}
-    assert "line[0].port: is missing" in rejected[0]["MODBUS_REASON"]
+    assert "line[0].port: port is missing" in rejected[0]["MODBUS_REASON"]
     tries = [int(entry["__MONOTONIC_TIMESTAMP"]) for entry in rejected]
     assert tries[1] - tries[0] > 2_000_000
     system.write(FILE, CONFIG)

@@ -610,7 +610,7 @@ async def test_a_port_that_is_taken_between_bind_and_start_is_an_error_in_words(
 @pytest.mark.parametrize("host", ["a..b", "x" * 70])
 async def test_what_is_no_host_name_is_an_error_in_words(host: str) -> None:
     listener = TcpListener(ListenSettings("a", host, 0, source="gateway.toml:7"), to_everywhere(Plant()), print)
-    with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on tcp://.*: this is no host name"):
+    with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on tcp://.*: this is not a valid host name"):
         await listener.find()
 
 
