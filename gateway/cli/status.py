@@ -80,7 +80,7 @@ def picture(status: Mapping[str, Any], width: int = 80) -> str:
     parts.append(_notes(shown, width))
     silent = len(units or ()) - len(asked)
     if silent:
-        parts.append(f"{silent} units have not been asked yet.")
+        parts.append(f"{silent} unit{' has' if silent == 1 else 's have'} not been polled yet.")
     return "\n\n".join(part for part in parts if part)
 
 

@@ -87,9 +87,10 @@ class Listen(Table):
 
     name: Name | None = Field(None, description="Its name in logs and in `[[access]]`. Default: the address.")
     bind: ListenAddress = Field(
-        description="Protocol, host and port: `tcp://`, `rtu+tcp://`, `ascii+tcp://` or `udp://` (`tls://` is not supported "
-        "in this version). Default port: 502; none for RTU and ASCII over TCP. Port 0 uses a free one. `0.0.0.0` is every "
-        "IPv4 address. `[::]` is every address, except IPv4 if another listener has an IPv4 address on the same port.",
+        description="Protocol, host and port: `tcp://`, `rtu+tcp://`, `ascii+tcp://` or `udp://` (`tls://` is not "
+        "supported in this version). Default port: 502; none for RTU and ASCII over TCP. Port 0 uses a free one. "
+        "`0.0.0.0` is every IPv4 address. `[::]` is every address, except IPv4 if another listener has an IPv4 address "
+        "on the same port.",
     )
     clients: Count = Field(
         32,

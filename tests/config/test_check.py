@@ -275,8 +275,10 @@ def test_a_device_server_has_no_kernel_driver_here():
 def test_a_port_that_cannot_be_used_is_a_warning():
     trouble = {"/dev/a": "is not a serial port"}
     assert problems(LINE, port_trouble=trouble.get) == [
-        "warning: line[0].port: is not a serial port"
-        " | the line waits for it; modbus-gateway ports lists those that exist"
+        (
+            "warning: line[0].port: is not a serial port"
+            " | the line waits for it; modbus-gateway ports lists those that exist"
+        )
     ]
     assert problems(LINE.replace("/dev/a", "/dev/b"), port_trouble=trouble.get) == []
 

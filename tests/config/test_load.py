@@ -265,8 +265,10 @@ def test_one_broken_table_hides_no_problem_of_another_and_causes_none():
         margin = 0
         """
     ) == [
-        'gateway.toml:2:8: error: line[0].port: "relative" is not an absolute path\n'
-        '  help: did you mean "/dev/relative"?',
+        (
+            'gateway.toml:2:8: error: line[0].port: "relative" is not an absolute path\n'
+            '  help: did you mean "/dev/relative"?'
+        ),
         'gateway.toml:5:10: error: line[1].format: RTU needs 8 data bits\n  help: write "8E1", or mode = "ascii"',
         "gateway.toml:11:10: error: profile.x.margin: must be at least 1",
     ]
