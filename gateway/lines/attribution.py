@@ -67,7 +67,7 @@ class Attribution:
         self._patience = patience
         #: The late answer that was attributed last.
         self.late: Question
-        #: What was asked last, where and when; whether its answer is awaited, or up to where it was; whether it has come.
+        #: What was asked last, where and when; whether its answer is awaited, or where that ended; whether it has come.
         self._asked: Transaction | None = None
         self._began = 0.0
         self._began_at = 0
