@@ -84,12 +84,11 @@ class LoneDevice(Device):
 class Move(Transaction):
     """A write that sets the device's address: the response comes from the new one, a refusal from the old one."""
 
-    __slots__ = ("_device", "_whereabouts", "new_unit")
+    __slots__ = ("_whereabouts", "new_unit")
 
     def __init__(self, request: Request, asked: RequestPdu, device: Device, whereabouts: Whereabouts) -> None:
         super().__init__(request, asked, device)
         self.new_unit = int.from_bytes(_registers(asked, ADDRESS_REGISTER, 1))
-        self._device = device
         self._whereabouts = whereabouts
 
     def start(self, budget: Budget, now: float) -> None:
@@ -100,7 +99,7 @@ class Move(Transaction):
         """
         obstacle = self._obstacle()
         if obstacle is not None:
-            self._device.tell_refusal(self.requests[0], obstacle)
+            cast("Device", self.device).tell_refusal(self.requests[0], obstacle)
             raise obstacle
         super().start(budget, now)
 

@@ -197,7 +197,7 @@ def test_wrong_words_are_answered_with_what_to_type(daemon, words, complaint, ca
     ("option", "complaint"),
     [
         ("-i 1", 'a duration needs a unit: write "1 ms" or "1 s"'),
-        ("-i x", '"x" is no duration'),
+        ("-i x", '"x" is not a valid duration'),
         ("-n 0", '"0" is no number of times; write one such as 10'),
         ("--swap all", "invalid choice: 'all'"),
         ("--baud fast", '"fast" is no rate; write a number such as 9600'),
