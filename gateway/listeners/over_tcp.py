@@ -12,11 +12,10 @@ from collections import deque
 from typing import Final
 
 from gateway.errors import NotModbus
-from gateway.listeners.arrivals import Arrivals
+from gateway.listeners.arrivals import Arrivals, Arrived
 from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import GONE, Connection, ListenSettings, Session
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
-from gateway.modbus.frame import Frame
 from gateway.request import Request, Target
 
 # What the client waits for:
@@ -174,18 +173,20 @@ class OverTcpSession(Session):
             self._arrivals.filled(count)
         return count > 0
 
-    def _take(self, frames: list[Frame], now: float) -> None:
-        """Take the requests that have been found at the same time."""
+    def _take(self, arrived: list[Arrived], now: float) -> None:
+        """Take the requests that have been found at the same time. None is handed out before all were looked at."""
         if self._arrivals.noise > MOST_NOISE:
             self._give_up()
             raise NotModbus(f"{self._arrivals.noise} bytes without a request")
-        if self._awaited is not None and not frames and self._arrivals.has_begun_later:
+        if arrived and self._limit > 0:
+            self._queue(arrived, now)
+        if (self._awaited is not None or self._waiting) and self._arrivals.has_begun_later:
             self._give_up()
             self._happens(LATER)
-        if not frames or self._limit == 0:
-            return
-        happening = TOGETHER if self._arrivals.came_together() else LATER
-        for unit, pdu in frames:
+
+    def _queue(self, arrived: list[Arrived], now: float) -> None:
+        for (unit, pdu), at in arrived:
+            happening = TOGETHER if self._arrivals.came_together(at) else LATER
             if happening == LATER:
                 self._give_up()
             self._happens(happening)
@@ -193,8 +194,6 @@ class OverTcpSession(Session):
             if self._state != UNANSWERED or not self._gets_response(request):
                 self._in_flight += 1
                 self._waiting.append(request)
-                self._hand_out(now)
-            happening = TOGETHER
         self.last_asked = now
 
     def _hand_out(self, now: float) -> None:

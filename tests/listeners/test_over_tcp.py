@@ -422,6 +422,91 @@ def test_a_client_that_once_sent_too_much_at_a_time_gives_up_as_others_do(scheme
     assert client.heard(RESPONSE, OTHER_RESPONSE)
 
 
+def test_digits_may_be_in_lower_case_and_come_in_pieces() -> None:
+    client = Client("ascii+tcp")
+    text = client.encode(7, bytes.fromhex("03 00 AB 00 01")).lower()
+    client.send(text[:9])
+    client.wait(TOGETHER)
+    client.send(text[9:])
+    client.respond(0)
+    assert client.heard(RESPONSE)
+
+
+# --- a request that is found behind noise, long after it came ---
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+@pytest.mark.parametrize("time_out", [0.06, 0.1, 0.24])
+@pytest.mark.parametrize("noise", [b"\xff", b"\x01\x80", bytes.fromhex("07 10 00")])
+def test_of_requests_behind_noise_one_that_came_before_a_time_out_is_given_up(
+    rtu_client: Client, noise: bytes, time_out: float, *, at_once: bool
+) -> None:
+    rtu_client.target.at_once = at_once
+    rtu_client.send(noise)
+    rtu_client.ask(READ)
+    rtu_client.wait(time_out)
+    rtu_client.ask(OTHER_READ)
+    rtu_client.wait(SILENCE)
+    assert rtu_client.target.asked == [OTHER_READ]
+    if not at_once:
+        rtu_client.respond(0, OTHER_RESPONSE)
+    assert rtu_client.heard(OTHER_RESPONSE)
+    assert rtu_client.session.is_idle
+
+
+def test_requests_behind_noise_that_came_together_are_all_answered(rtu_client: Client) -> None:
+    rtu_client.target.at_once = True
+    rtu_client.send(b"\xff")
+    rtu_client.wait(0.1)
+    rtu_client.ask(READ)
+    rtu_client.wait(TOGETHER)
+    rtu_client.ask(OTHER_READ, READ)
+    rtu_client.wait(SILENCE)
+    assert rtu_client.heard(RESPONSE, OTHER_RESPONSE, RESPONSE)
+
+
+def test_a_client_that_asks_on_behind_noise_without_a_silence_gets_the_last_response_only(rtu_client: Client) -> None:
+    """Noise ends before a silence too: no frame is so long."""
+    rtu_client.target.at_once = True
+    rtu_client.send(b"\xff")
+    count = 0
+    while not rtu_client.connection.sent:
+        rtu_client.wait(0.1)
+        rtu_client.ask(READ if count % 2 else OTHER_READ)
+        count += 1
+        assert count < 40
+    assert rtu_client.heard(OTHER_RESPONSE if count % 2 else RESPONSE)
+
+
+def test_one_whose_bytes_came_one_by_one_is_found_behind_noise(rtu_client: Client) -> None:
+    for byte in b"\xff" + rtu_client.encode(7, READ) + rtu_client.encode(7, OTHER_READ):
+        rtu_client.send(bytes((byte,)))
+        rtu_client.wait(0.1)
+    rtu_client.wait(SILENCE)
+    assert rtu_client.target.asked == [OTHER_READ]
+
+
+def test_of_requests_behind_noise_none_is_awaited_when_another_has_begun_later(rtu_client: Client) -> None:
+    rtu_client.send(b"\xff")
+    rtu_client.ask(READ)
+    rtu_client.wait(0.1)
+    rtu_client.send(rtu_client.encode(7, OTHER_READ)[:5])
+    rtu_client.wait(SILENCE)
+    assert rtu_client.target.asked == []
+    assert rtu_client.session.is_idle
+
+
+def test_the_same_request_again_is_later_though_it_begins_together_with_the_first(client: Client) -> None:
+    whole = client.encode(7, READ)
+    client.send(whole + whole[:3])
+    client.wait(SILENCE * 0.8)
+    client.send(whole[3:])
+    client.respond(0, OTHER_RESPONSE)
+    assert client.heard()
+    client.respond(1)
+    assert client.heard(RESPONSE)
+
+
 # --- unit 0 ---
 
 
@@ -502,8 +587,9 @@ def test_a_request_behind_one_of_unknown_size_is_found_though_nobody_looked_in_t
     rtu_client.ask(UNKNOWN)
     rtu_client.now += SILENCE
     rtu_client.ask(READ)
-    rtu_client.respond(0, UNKNOWN)
-    assert rtu_client.target.asked == [UNKNOWN, READ]
+    rtu_client.respond(0)
+    assert rtu_client.target.asked == [READ]
+    assert rtu_client.heard(RESPONSE)
 
 
 def test_silence_ends_when_it_is_awaited_however_its_end_is_rounded() -> None:
