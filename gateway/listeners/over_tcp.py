@@ -57,6 +57,8 @@ _NEXT: Final[dict[str, dict[str, str]]] = {
 
 #: A client that sends so many bytes and no request among them speaks something else: HTTP, TLS.
 MOST_NOISE: Final = 4 * MAX_RTU_ADU
+#: A broadcast is dropped when so many requests more than `in_flight` and the awaited one are under way or wait.
+MOST_BROADCASTS: Final = 128
 #: A connection is to look at what waits as soon as it can.
 _SOON: Final = 0.0
 
@@ -66,7 +68,8 @@ class OverTcpSession(Session):
 
     Requests that come together wait for one another; behind `in_flight` of them reading stops. What is no request is
     not answered, nor is a request to unit 0, unless `unit0` names the unit that answers for it. Such broadcasts are
-    never given up: nobody awaits an answer to them.
+    never given up: nobody awaits an answer to them. Nor do they stop reading, or the time-out of a request behind them
+    would not be seen: beyond `MOST_BROADCASTS` they are dropped.
     """
 
     __slots__ = ("_arrivals", "_awaited", "_state", "_waiting")
@@ -135,6 +138,16 @@ class OverTcpSession(Session):
             self._in_flight -= 1
         self._go_on()
 
+    @property
+    def _takes_more(self) -> bool:
+        """Whether reading goes on."""
+        return not self._back_pressure.is_on and (self._in_flight < self._limit or self._to_answer < self._limit)
+
+    @property
+    def _to_answer(self) -> int:
+        """Requests that get a response and have none yet."""
+        return (self._awaited is not None) + sum(map(self._gets_response, self._waiting))
+
     def _resume(self) -> None:
         super()._resume()
         if self._waiting and not self._back_pressure.is_on:
@@ -191,10 +204,15 @@ class OverTcpSession(Session):
                 self._give_up()
             self._happens(happening)
             request = Request(unit, pdu, self, now)
-            if self._state != UNANSWERED or not self._gets_response(request):
+            if self._is_to_wait(request):
                 self._in_flight += 1
                 self._waiting.append(request)
         self.last_asked = now
+
+    def _is_to_wait(self, request: Request) -> bool:
+        if self._gets_response(request):
+            return self._state != UNANSWERED
+        return self._in_flight < self._limit + MOST_BROADCASTS
 
     def _hand_out(self, now: float) -> None:
         """Hand out what waits, up to the next request that gets a response."""

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
 from gateway.listeners.arrivals import SILENCE, TOGETHER, Arrivals
-from gateway.listeners.over_tcp import MOST_NOISE, OverTcpSession
+from gateway.listeners.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
@@ -547,13 +547,48 @@ def test_no_more_broadcasts_are_under_way_than_requests_may_be() -> None:
     client.ask(*[WRITE] * 9, unit=0)
     under_way = len(client.target.requests)
     assert under_way == 3  # and one, as behind an awaited request
-    assert client.connection.is_paused
     for ended in range(9):
         assert len(client.target.requests) == min(9, under_way + ended)
         client.target.requests[ended].end()
         client.wait(0.0)
     assert client.session.is_idle
+
+
+def test_of_too_many_broadcasts_the_last_are_dropped() -> None:
+    client = Client("rtu+tcp", in_flight=4)
+    most = 4 + 1 + MOST_BROADCASTS
+    client.ask(*[WRITE] * (most + 9), unit=0)
     assert not client.connection.is_paused
+    for number in range(most):
+        client.target.requests[number].end()
+        client.wait(0.0)
+    assert len(client.target.requests) == most
+    assert client.session.is_idle
+    client.ask(WRITE, unit=0)
+    assert len(client.target.requests) == most + 1
+
+
+@pytest.mark.parametrize("before", [1, 24, 200])
+@pytest.mark.parametrize("behind", [0, 24, 200])
+@pytest.mark.parametrize("in_flight", [1, 16])
+@pytest.mark.parametrize("scheme", ENCODE)
+def test_a_time_out_is_noticed_however_many_broadcasts_there_are(
+    scheme: str, in_flight: int, before: int, behind: int
+) -> None:
+    client = Client(scheme, in_flight=in_flight)
+    client.ask(*[WRITE] * before, unit=0)
+    client.ask(READ)
+    client.ask(*[WRITE] * behind, unit=0)
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    for request in client.target.requests:
+        if request.unit == 0:
+            request.end()
+        else:
+            request.respond(RESPONSE if request.pdu == READ else OTHER_RESPONSE)
+        client.wait(0.0)
+    assert client.heard(OTHER_RESPONSE)
+    assert client.session.is_idle
 
 
 @pytest.mark.parametrize("scheme", ENCODE)
