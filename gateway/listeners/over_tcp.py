@@ -140,8 +140,9 @@ class OverTcpSession(Session):
 
     @property
     def _takes_more(self) -> bool:
-        """Whether reading goes on."""
-        return not self._back_pressure.is_on and (self._in_flight < self._limit or self._to_answer < self._limit)
+        """Whether reading goes on. It does while the client is held back, or its time-out would not be seen."""
+        is_blocked = self._back_pressure.blocked_at is not None
+        return not is_blocked and (self._in_flight < self._limit or self._to_answer < self._limit)
 
     @property
     def _to_answer(self) -> int:
@@ -170,6 +171,7 @@ class OverTcpSession(Session):
         self._hand_out(now)
         if self._takes_more:
             self._connection.wake(arrivals.deadline())
+            super()._resume()  # what was handed out may have been answered at once
         else:
             arrivals.stop(now)
             self._pause()

@@ -8,6 +8,7 @@ import pytest
 
 from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
 from gateway.listeners.arrivals import SILENCE, TOGETHER, Arrivals
+from gateway.listeners.back_pressure import LONGEST_HOLD
 from gateway.listeners.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
@@ -92,6 +93,7 @@ class Client:
         self, scheme: str, *, in_flight: int = 16, unit0: str | int = "refuse", on_failure: str = "exception"
     ) -> None:
         self.now = 100.0
+        self.unsent = b""
         self.encode: Callable[[int, bytes], bytes] = ENCODE[scheme]
         self.target = Target()
         self.connection = Connection()
@@ -107,13 +109,13 @@ class Client:
         )
 
     def send(self, data: bytes) -> None:
-        while data and not self.connection.is_paused and not self.session.gone:
+        self.unsent += data
+        while self.unsent and not self.connection.is_paused and not self.session.gone:
             room = self.session.room()
-            part, data = data[: len(room)], data[len(room) :]
+            part, self.unsent = self.unsent[: len(room)], self.unsent[len(room) :]
             room[: len(part)] = part
             self.session.received(len(part), self.now)
             self._settle()
-        self.unsent = data
 
     def ask(self, *pdus: bytes, unit: int = 7) -> None:
         """Send requests in one piece."""
@@ -131,19 +133,19 @@ class Client:
         """Let the target answer one of its requests; then the connection has its turn."""
         self.target.requests[at].respond(pdu)
         self._settle()
-        self.send(self.unsent)
+        self.send(b"")
 
     def fail(self, at: int) -> None:
         """The unit of one of the target's requests has not answered."""
         self.target.requests[at].fail(ResponseTimeout())
         self._settle()
-        self.send(self.unsent)
+        self.send(b"")
 
     def release(self) -> None:
         """The client was held back for long enough."""
         self.session.release()
         self._settle()
-        self.send(self.unsent)
+        self.send(b"")
 
     def heard(self, *pdus: bytes, unit: int = 7) -> bool:
         """Whether exactly these responses have come since the last call."""
@@ -226,6 +228,36 @@ def test_of_requests_in_one_piece_none_is_taken_behind_one_that_found_no_room(cl
     client.target.has_room = client.target.at_once = True
     client.ask(READ)
     assert client.heard(RESPONSE)
+    assert not client.connection.is_paused
+
+
+def test_a_time_out_is_noticed_while_the_client_is_held_back(client: Client) -> None:
+    client.target.has_room = False
+    client.ask(READ)
+    assert client.connection.held_for
+    assert client.heard(bytes.fromhex("83 06"))
+    client.target.has_room = True
+    client.ask(READ)
+    assert client.target.asked == [READ]
+    client.wait(LONGEST_HOLD * 0.8)
+    client.ask(OTHER_READ)
+    client.release()
+    assert client.target.asked == [READ, OTHER_READ]
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+    assert client.session.is_idle
+
+
+@pytest.mark.parametrize("scheme", ENCODE)
+def test_a_client_that_is_held_back_can_send_so_much_as_others(scheme: str) -> None:
+    client = Client(scheme, in_flight=2)
+    client.target.has_room = False
+    client.ask(*[READ] * 9)
+    assert client.connection.is_paused
+    assert len(client.target.requests) == 1
+    client.target.has_room = client.target.at_once = True
+    client.release()
+    assert len(client.target.requests) == 9
     assert not client.connection.is_paused
 
 
