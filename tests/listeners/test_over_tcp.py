@@ -454,14 +454,15 @@ def test_a_client_that_once_sent_too_much_at_a_time_gives_up_as_others_do(scheme
     assert client.heard(RESPONSE, OTHER_RESPONSE)
 
 
-def test_digits_may_be_in_lower_case_and_come_in_pieces() -> None:
+def test_a_request_in_lower_case_digits_is_later_too_though_it_begins_together_with_the_one_before() -> None:
     client = Client("ascii+tcp")
     text = client.encode(7, bytes.fromhex("03 00 AB 00 01")).lower()
-    client.send(text[:9])
-    client.wait(TOGETHER)
-    client.send(text[9:])
+    client.send(text + text[:-1])
+    client.wait(TIME_OUT)
+    client.send(text[-1:])
     client.respond(0)
-    assert client.heard(RESPONSE)
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
 
 
 # --- a request that is found behind noise, long after it came ---
