@@ -79,9 +79,7 @@ def test_the_gateway_imports_the_libraries_that_it_asks_for():
         "pydantic_core": ["pydantic"]
     }  # a part of it, of a version of its own
     used = {canonicalize_name(library) for module in imported() for library in of_module[module]}
-    waiting = {"pymodbus"}  # see docs/adr/0001-dependencies.md
-    assert {one.name for one in declared()} == used | waiting
-    assert not used & waiting
+    assert {one.name for one in declared()} == used
 
 
 def test_the_libraries_that_run_the_gateway_are_packed_and_no_others():

@@ -190,7 +190,7 @@ def test_mbpoll_sees_what_was_written_and_the_help_for_it_means_the_same(tmp_pat
     [
         (["--port", "/dev/none-there"], "/dev/none-there does not exist: is the adapter plugged in?"),
         (["--tcp", "127.0.0.1:1"], "127.0.0.1:1 cannot be reached: [Errno 111] Connection refused"),
-        (["--control", "/nowhere/control.sock"], "no daemon can be reached"),
+        (["--control", "/nowhere/control.sock"], "no running gateway found"),
     ],
 )
 def test_what_cannot_be_reached_is_a_problem_in_plain_words(words: list[str], complaint: str) -> None:
@@ -210,7 +210,7 @@ def test_what_cannot_be_reached_is_a_problem_in_plain_words(words: list[str], co
         (["1", "holding", "0", "--tcp", "a b"], "write --tcp 10.1.0.5, or --tcp 10.1.0.5:502"),
         (["1", "holding", "0", "--port", "ttyUSB0"], 'did you mean "/dev/ttyUSB0"?'),
         (["1", "holding", "0", "--port", "/dev/x", "--format", "7E1"], "is it --mode ascii?"),
-        (["1", "holding", "0", "--port", "/dev/x", "--format", "9E1"], '"9E1" is no character format'),
+        (["1", "holding", "0", "--port", "/dev/x", "--format", "9E1"], '"9E1" is not a valid character format'),
     ],
 )
 def test_ways_that_cannot_be_meant_are_answered_with_what_to_type(words: list[str], complaint: str) -> None:
