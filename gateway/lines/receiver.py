@@ -274,6 +274,8 @@ class Receiver:
         if self._windows.windows or current.owed > 1 or self._attribution.foreign or self._attribution.doubts:
             return False
         begin = current.expected.since - self._began_at
+        if begin and not self._echo.is_configured:
+            return False  # what came early may have been another client's request
         if not self._scanner.is_damaged(bytes(self._text[begin:]), current.expected):
             return False
         sound = [token for token, _ in self._heard if not token.is_damaged]

@@ -119,3 +119,14 @@ def test_the_late_answer_behind_a_lost_echo_closes_its_window(timing) -> None:
     bench.ask()
     assert len(bench.told(LateResponse)) == 1
     assert len(bench.written) == 2
+
+
+def test_a_damaged_answer_behind_an_early_copy_may_be_another_clients() -> None:
+    """So its own answer is awaited, and nothing is sent before that is over."""
+    bench = Bench(virtual=False, retries=1)
+    bench.ask()
+    bench.hear(READ_FRAME)
+    bench.pass_time(REQUEST_TIME + 0.002)
+    bench.hear(RESPONSE_FRAME[:-2] + "00")
+    bench.pass_time(0.1)
+    assert len(bench.written) == 1
