@@ -1,7 +1,7 @@
 """What a line delivers, cut into frames, for the one that asks on it: what a scanner is told, and what it finds.
 
-A scanner sees every byte that comes from a line, once and in order, whoever sent it. What it finds are tokens: frames,
-each with its place in all that the line has delivered. Whose a frame is, is decided in `lines.attribution`.
+A scanner sees every byte that comes from a line, once and in order, from every sender. What it finds are tokens:
+frames, each with its place in all that the line has delivered. Whose a frame is, is decided in `lines.attribution`.
 """
 
 from typing import Final

@@ -1,4 +1,4 @@
-"""The scanner of an ASCII line: frames show their own ends (S 2.5.2), whoever sent them, and silence ends none."""
+"""The scanner of an ASCII line: frames show their own ends (S 2.5.2), and silence ends none."""
 
 from typing import Final
 
