@@ -183,8 +183,8 @@ class Attribution:
     def _is_echo(self, token: Token) -> bool:
         """Whether it is what we have sent, a second copy of its answer, or an answer to a broadcast.
 
-        Each request has one echo. What can be its response too is taken for one, and so is what comes while the request
-        leaves; else another client asks the same, unless the adapter is known to echo.
+        Each request has one echo. What can be its response too is taken for one, and so is what comes so soon that
+        nobody else can have sent it; else another client asks the same, unless the adapter is known to echo.
         """
         frame, asked = token.frame, self._asked
         if asked is None or frame.pdu != asked.asked.data or asked.unit not in (frame.unit, BROADCAST_UNIT):

@@ -101,7 +101,9 @@ class Receiver:
         """The request goes on the line. Its frame."""
         echo, scanner = self._echo, self._scanner
         transaction.expected = Expected(transaction.answers_from, transaction.asked, scanner.position)
-        echo_until = 0.0 if echo.is_virtual else transaction.ends_at + self._silence
+        # Another client's copy takes as long as our request, and cannot begin before that has left.
+        soon = min(self._silence, transaction.ends_at - now)
+        echo_until = 0.0 if echo.is_virtual else transaction.ends_at + soon
         self._attribution.begin(transaction, now, scanner.position, echo_until, echoes=echo.echoes)
         echo.heard_in_a_row(self._attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)

@@ -5,7 +5,8 @@
         loop.call_later(delay, adapter.take, data)
 
 It asks the devices that we ask, mostly for what we ask too, and writes registers of its own. Its answers may be late,
-damaged or missing like ours. Like every client it begins on a quiet line only; see `may_begin_at`.
+damaged or missing like ours. Like every client it begins on a quiet line only, and its request takes its time on the
+wire; see `may_ask_at`.
 
 Left out is what nobody can detect: frames that fit its request and that no device has sent as its answer, and requests
 of which the gateway has not heard all.
@@ -26,6 +27,8 @@ _SPANS: Final = [(0, 1), (0, 4), (16, 4), (32, 4), (7, 1), (9, 1), (60, 1), (192
 _BITS: Final = [(0, 16), (16, 16), (40, 16), (3, 30), (800 & 0xFF, 24)]
 #: Addresses and quantities that we do not ask for: what a device answers to them is never the answer to us.
 _REFUSED: Final = {b"\x00\x3c\x00\x01", b"\x00\xc0\x00\x04"}
+#: The size of its PDUs.
+_REQUEST: Final = 5
 #: The longest time a device thinks, in seconds.
 _THINKING: Final = 0.008
 
@@ -43,10 +46,10 @@ class Stranger:
         self._weights = [1.0 - silent - late - damaged, silent, late, damaged]
 
     @property
-    def may_begin_at(self) -> float:
-        """When it will have heard nothing for long enough, and no frame that fits by chance is on its way."""
+    def may_ask_at(self) -> float:
+        """When its request may have come: on a quiet line, and no frame that fits by chance is on its way."""
         line = self._line
-        return max(line.spurious_until, line.heard_at + 2 * line.timing.t35)
+        return max(line.spurious_until, line.heard_at + 2 * line.timing.t35) + line.timing.frame(_REQUEST)
 
     def asks(self, now: float) -> list[Answer]:
         """It asks one device; its request, and what the device answers."""

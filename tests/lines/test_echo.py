@@ -5,6 +5,7 @@ import pytest
 from gateway.devices.quirks import LoneDevice
 from gateway.events import BadFrame, EchoHeard
 from gateway.lines.echo import ECHOES
+from gateway.modbus.chartime import CharacterFormat, LineTiming
 from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
 
 WRITE = "06 00 01 00 05"
@@ -224,6 +225,19 @@ def test_a_second_copy_is_another_clients_request_though_the_adapter_echoes(anno
     announced.pass_time(0.05)
     announced.hear(frame(1, "03 02 DE AD"))
     assert announced.client.answers == [RESPONSE, "83 0B"]
+
+
+def test_a_copy_that_another_client_had_the_time_to_send_is_its_request() -> None:
+    fast = Bench(virtual=False, timing=LineTiming("rtu", 115200, CharacterFormat.parse("8E1")))
+    fast.ask()
+    fast.pass_time(0.003)
+    fast.hear(READ_FRAME)
+    fast.hear(RESPONSE_FRAME)
+    fast.pass_time(0.01)
+    fast.ask("03 00 20 00 01")
+    fast.pass_time(0.003)
+    fast.hear(RESPONSE_FRAME)
+    assert fast.client.answers == [RESPONSE, "83 0B"]
 
 
 def test_writes_whose_responses_come_twice_are_confirmed_by_an_echo_that_comes_late(real: Bench) -> None:

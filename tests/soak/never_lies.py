@@ -157,7 +157,7 @@ class World:
 
         def strangers_turn() -> None:
             now = self.loop.time()
-            wait = 0.1 if self._pulls[name] % 2 else stranger.may_begin_at - now
+            wait = 0.1 if self._pulls[name] % 2 else stranger.may_ask_at - now
             if self.is_over:
                 return
             if wait > 0.0:
