@@ -1,5 +1,6 @@
 """An image and the plain model of a unit agree on every request, and on what it leaves behind."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -98,6 +99,7 @@ def _spoilt(draw: st.DrawFn) -> bytes:
 _garbage = st.binary(min_size=1, max_size=MAX_PDU)
 
 
+@pytest.mark.search
 @given(st.lists(_almost_valid() | _no_items | _spoilt() | _garbage, min_size=1, max_size=12))
 def test_an_image_and_the_model_of_a_unit_agree(pdus):
     image, model = _pair()
@@ -109,6 +111,7 @@ def test_an_image_and_the_model_of_a_unit_agree(pdus):
             assert left == tuple(model.items[area][at] for at in range(first, last + 1))
 
 
+@pytest.mark.search
 @given(_garbage)
 def test_whatever_comes_is_answered_exactly_once(pdu):
     image, _ = _pair()
@@ -117,6 +120,7 @@ def test_whatever_comes_is_answered_exactly_once(pdu):
     assert len(response) <= MAX_PDU
 
 
+@pytest.mark.search
 @given(_almost_valid() | _spoilt() | _garbage)
 def test_a_broadcast_leaves_what_the_same_request_would_leave(pdu):
     addressed, _ = _pair()

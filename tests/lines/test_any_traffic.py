@@ -186,6 +186,7 @@ LINES = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.search
 @pytest.mark.timeout(300)
 @settings(max_examples=300, deadline=None)
 @given(line=LINES, actions=st.lists(ACTIONS, max_size=60), leaves=st.integers(0, 120))

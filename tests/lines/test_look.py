@@ -461,6 +461,7 @@ SILENCES = st.sampled_from([0, 3, 40])
 TRAFFIC = st.lists(st.tuples(st.one_of(PIECES, st.binary(max_size=6)), SILENCES), max_size=6)
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("virtual", [True, False], ids=["virtual", "real"])
 @pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
 @given(traffic=TRAFFIC)

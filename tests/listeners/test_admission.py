@@ -380,12 +380,14 @@ def failed_polls(kind: str, *, crowd_comes_at: int, ticks: int = 50) -> int:
     return failed
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("ticks", [5, 10, 15, 50])
 @pytest.mark.parametrize("kind", CROWDS)
 def test_a_crowd_of_addresses_that_come_and_go_never_close_a_client_that_asks_as_usual(kind: str, ticks: int) -> None:
     assert failed_polls(kind, crowd_comes_at=2, ticks=ticks) == 0
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("crowd_comes_at", [-2, 0])
 @pytest.mark.parametrize("kind", [kind for kind in CROWDS if kind != "asks without end"])
 def test_a_client_that_comes_into_a_crowd_is_safe_once_its_interval_is_known(kind: str, crowd_comes_at: int) -> None:

@@ -68,6 +68,7 @@ def places(data: bytes) -> set[tuple[int, int]]:
     }
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("seed", range(6))
 def test_whoever_looks_at_each_byte_once_finds_the_same(seed: int):
     """Frames in frames, halves of them and noise; some tell their size bit by bit."""

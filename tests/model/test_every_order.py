@@ -15,6 +15,8 @@ from model.search import Search, replay, search
 from model.settings import ALPHABETS, setting, settings
 from model.world import Setting
 
+pytestmark = pytest.mark.search
+
 #: What takes three happenings.
 _LONGER = {"copy of answer", "newest answer", "newest foreign answer", "other half"}
 FEW = [each for each in ALPHABETS if each != "everything"]

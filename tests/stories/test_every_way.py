@@ -202,6 +202,7 @@ def over_tcp(home: House, listener: int) -> Ask:
     return ask
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("seed", [1, 2])
 async def test_whoever_gets_data_gets_its_own(seed: int) -> None:
     tally = Tally()

@@ -91,6 +91,7 @@ async def test_a_frame_that_does_not_fit_is_passed_over_and_the_answer_behind_it
     assert outcomes["right"] >= 15
 
 
+@pytest.mark.search
 async def test_twenty_thousand_transactions_with_every_fault_and_no_wrong_answer() -> None:
     tally = await play(transactions=20_000, share=0.2, seed=1)
     assert tally.wrong == []

@@ -321,6 +321,7 @@ class Rows:
         return False
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("seed", range(60))
 async def test_rows_mean_the_same_device_at_every_door(seed: int) -> None:
     rows = Rows(seed)
@@ -340,6 +341,7 @@ async def test_rows_mean_the_same_device_at_every_door(seed: int) -> None:
                 assert all([await may_write(home, host, HALL, address) for address in CALLED])
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("seed", range(60, 120))
 async def test_without_a_row_that_names_it_a_door_of_one_line_gives_no_right_that_others_do_not(seed: int) -> None:
     """Whatever address is asked, or all of them: the device could have been written through a door for all units."""
@@ -374,6 +376,7 @@ ALONE = LISTEN.partition('[[listen]]\nname  = "yard')[0] + PASSING + MIRRORS, {1
 BESIDE = LISTEN + PASSING + LINES.partition("\n]\n")[2] + MIRRORS, {3: {45}, 5: {5}}
 
 
+@pytest.mark.search
 @pytest.mark.parametrize(("config", "called"), [ALONE, BESIDE], ids=["alone", "beside"])
 @pytest.mark.parametrize("seed", range(120, 140))
 async def test_a_mirror_is_not_got_round(config: str, called: dict[int, set[int]], seed: int) -> None:
