@@ -233,6 +233,7 @@ def test_a_reader_that_has_gone_ends_it(port: Path) -> None:
         assert process.stdout is not None
         assert process.stderr is not None
         "".join(iter(process.stdout.readline, "]\n"))
+        assert process.stdout.readline() == "\n"  # the last one before the first request
         process.stdout.close()
         with opened(port) as serial:
             serial.write(READ_WEIGHT)
