@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from gateway.cli.usage import WrongUsageError
 from gateway.modbus.codes import Area
-from gateway.modbus.datatypes import registers_of
+from gateway.registers.datatypes import registers_of
 
 #: Options of mbpoll that take a value, and -B, which takes none. -1 and -0 would make numbers below zero options.
 _WITH_VALUE: Final = ("-a", "-r", "-c", "-t", "-m", "-b", "-d", "-s", "-P", "-l", "-o", "-p")

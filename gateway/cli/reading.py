@@ -6,9 +6,9 @@ from typing import Final
 from gateway.cli.unit import Unit
 from gateway.cli.values import Failure, Outcome, Reading
 from gateway.errors import ExceptionCode
-from gateway.modbus.questions import items_read, read_request
 from gateway.profiles.batches import Batch, batches
 from gateway.profiles.point import Point
+from gateway.registers.items import items_read, read_request
 
 #: After these a part of a request may be answered: an address that does not exist, a request that is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})

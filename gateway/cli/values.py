@@ -9,11 +9,11 @@ from typing import Any, Final
 from gateway.cli.columns import align
 from gateway.cli.unit import Answer, Unit
 from gateway.modbus.codes import Area
-from gateway.modbus.datatypes import Value
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import has_bits
-from gateway.modbus.reference import reference
 from gateway.profiles.point import Point
+from gateway.registers.datatypes import Value
+from gateway.registers.items import has_bits
+from gateway.registers.reference import reference
 
 #: What stands where there is nothing to show.
 _NOTHING: Final = "-"

@@ -15,7 +15,7 @@ from gateway.cli.words import Assignment, Command, assignments
 from gateway.errors import ExceptionCode
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import WRITERS, has_bits, write_request
+from gateway.registers.items import WRITERS, has_bits, write_request
 
 _EXAMPLES: Final = """\
 examples:

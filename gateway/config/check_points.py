@@ -7,10 +7,10 @@ from gateway.config.problem import Problem, error
 from gateway.config.ranges import MOST_ITEMS, show_ranges
 from gateway.config.schema import Config, PointTable, ProfileTable
 from gateway.modbus.codes import Area
-from gateway.modbus.datatypes import bounds, is_whole
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import WRITERS, has_bits
 from gateway.profiles.profile import Range, covers
+from gateway.registers.datatypes import bounds, is_whole
+from gateway.registers.items import WRITERS, has_bits
 
 
 def check_points(config: Config, failed: frozenset[str]) -> Iterator[Problem]:

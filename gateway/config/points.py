@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator
 
 from gateway.config.schema import PointTable
 from gateway.modbus.codes import Area
-from gateway.modbus.datatypes import registers_of
-from gateway.modbus.questions import has_bits
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range
+from gateway.registers.datatypes import registers_of
+from gateway.registers.items import has_bits
 
 
 def points_of(tables: Iterable[PointTable]) -> tuple[Point, ...]:

@@ -44,9 +44,9 @@ from gateway.config.values import (
 )
 from gateway.devices.quirks import Quirk
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
-from gateway.modbus.datatypes import DataType, Swap
 from gateway.ports.wire import Wire
 from gateway.profiles.profile import Range
+from gateway.registers.datatypes import DataType, Swap
 
 FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
 Count = Annotated[int, Field(ge=1)]

@@ -7,8 +7,8 @@ from typing import Final
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import read_request
 from gateway.profiles.profile import Profile, Range
+from gateway.registers.items import read_request
 
 #: The functions that a mirror answers from its polls.
 POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values())

@@ -6,9 +6,9 @@ from decimal import Decimal, InvalidOperation
 from typing import Final, Literal
 
 from gateway.modbus.codes import Area
-from gateway.modbus.datatypes import Value, bounds, decode, encode, is_float, is_whole
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import has_bits
+from gateway.registers.datatypes import Value, bounds, decode, encode, is_float, is_whole
+from gateway.registers.items import has_bits
 
 #: Whether a point is written: never, as well as read, or only.
 Writing = Literal["no", "yes", "only"]

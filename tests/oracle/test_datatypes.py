@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymodbus.client.mixin import ModbusClientMixin
 
-from gateway.modbus.datatypes import decode, encode
+from gateway.registers.datatypes import decode, encode
 
 _THEIRS = ModbusClientMixin.DATATYPE
 TYPES = {

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.modbus.codes import Area
-from gateway.modbus.datatypes import DATA_TYPES, SWAPS, registers_of
 from gateway.profiles.point import Point, parse_number
+from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
 
 WEIGHT = Point("weight", Area.HOLDING, 0, "float32", count=2, decimals=2, unit="kg")
 STATE = Point("state", Area.HOLDING, 8, labels={0: "off", 1: "running"}, write="yes")

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Final
 
-from gateway.modbus.bits import pack_bits, unpack_bits
 from gateway.modbus.codes import Area
+from gateway.registers.bits import pack_bits, unpack_bits
 from kit.faulty import OWN_FUNCTION, Fault, bit, word
 from soak.kinds_of_lines import NUMBERS
 

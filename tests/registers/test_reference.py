@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.modbus.codes import Area
-from gateway.modbus.reference import place_of, reference
+from gateway.registers.reference import place_of, reference
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span, parse_request
-from gateway.modbus.questions import WRITERS, has_bits, items_read, read_request, write_request
+from gateway.registers.items import WRITERS, has_bits, items_read, read_request, write_request
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ Items are bytes: two for a register, as a response carries them, and one for a c
 from collections.abc import Mapping
 from typing import Final
 
-from gateway.modbus.bits import pack_bits, unpack_bits
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import FUNCTIONS, READERS
 from gateway.modbus.pdu import Span
+from gateway.registers.bits import pack_bits, unpack_bits
 
 _ON: Final = b"\xff\0"
 _OFF: Final = b"\0\0"

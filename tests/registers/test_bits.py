@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.modbus.bits import pack_bits, unpack_bits
+from gateway.registers.bits import pack_bits, unpack_bits
 
 
 def test_bits_are_packed_lowest_first_and_padded_with_zeros():

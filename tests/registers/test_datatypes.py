@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gateway.modbus.datatypes import DATA_TYPES, SWAPS, bounds, decode, encode, is_whole, registers_of, swapped
+from gateway.registers.datatypes import DATA_TYPES, SWAPS, bounds, decode, encode, is_whole, registers_of, swapped
 
 NUMBERS = [each for each in DATA_TYPES if each not in ("bit", "string")]
 WHOLE = [each for each in NUMBERS if is_whole(each)]
