@@ -44,7 +44,7 @@ class Event:
 Emit = Callable[[Event], None]
 
 
-def tell_nobody(event: Event) -> None:
+def discard_event(event: Event) -> None:
     """Log nothing."""
 
 

@@ -12,7 +12,7 @@ PACKAGE = Path(gateway.__file__).parent
 #: A table of the config file has an attribute for each of its keys, and those are the operator's.
 TABLES = frozenset({"gateway.config.schema.Line"})
 #: Not split yet.
-TOO_LARGE = frozenset({"gateway.lines.counts.Counts", "gateway.devices.quirks.RestlessDevice"})
+TOO_LARGE = frozenset({"gateway.lines.counts.Counts", "gateway.devices.quirks.MovableDevice"})
 
 
 @cache

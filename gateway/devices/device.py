@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from gateway.errors import RequestError
-from gateway.events import Emit, RequestRefused, tell_nobody
+from gateway.events import Emit, RequestRefused, discard_event
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
 from gateway.lines.transaction import BroadcastTransaction, Transaction
@@ -40,7 +40,7 @@ class TakesTransactions(Protocol):
 class Device:
     """A unit on a line: a Target. Requests that its profile refuses never reach the line."""
 
-    def __init__(self, settings: DeviceSettings, line: TakesTransactions, emit: Emit = tell_nobody) -> None:
+    def __init__(self, settings: DeviceSettings, line: TakesTransactions, emit: Emit = discard_event) -> None:
         self.settings = settings
         self.unit = settings.unit
         self.name = settings.name
@@ -62,17 +62,17 @@ class Device:
             transaction = self._transaction(request, self._check(request.pdu))
         except RequestError as error:
             self.counts[request.pdu[0]].failed(error, 1)
-            self.tell_refusal(request, error)
+            self.report_rejection(request, error)
             request.fail(error)
             return
         transaction.yields = yields
         self._line.submit(transaction, now)
 
-    def rests(self, now: float) -> bool:
+    def is_resting(self, now: float) -> bool:
         """Whether the device has failed too often and is left alone."""
-        return self.breaker.rests(now)
+        return self.breaker.is_resting(now)
 
-    def tell_refusal(self, request: Request, error: RequestError) -> None:
+    def report_rejection(self, request: Request, error: RequestError) -> None:
         """The request is refused with `error`, and nothing was sent."""
         self._emit(RequestRefused.of(request, error))
 

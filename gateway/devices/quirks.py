@@ -42,7 +42,7 @@ class QuirkyLine(TakesTransactions, Protocol):
         """Go on at `baud`."""
 
 
-class Whereabouts:
+class UnitAddresses:
     """The unit identifiers that the devices of one line answer to, as far as they are known.
 
     A device whose moves were not confirmed may be at several; each is held until an answer from one settles it.
@@ -60,7 +60,7 @@ class Whereabouts:
         return not any(unit in units for name, units in self._held.items() if name != device)
 
 
-class AskedAtZero(Transaction):
+class AddressZeroTransaction(Transaction):
     """A question to address 0 that the only device of the line answers, from its own address."""
 
     __slots__ = ()
@@ -74,22 +74,22 @@ class AskedAtZero(Transaction):
         return frame.unit in _UNITS and self.asked.accepts(frame.pdu)
 
 
-class LoneDevice(Device):
+class AddressZeroDevice(Device):
     """A device whose address is not known: `unit = 0`. Its profile must admit no function but 03."""
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
-        return AskedAtZero(request, asked, self)
+        return AddressZeroTransaction(request, asked, self)
 
 
 class Move(Transaction):
     """A write that sets the device's address: the response comes from the new one, a refusal from the old one."""
 
-    __slots__ = ("_whereabouts", "new_unit")
+    __slots__ = ("_addresses", "new_unit")
 
-    def __init__(self, request: Request, asked: RequestPdu, device: Device, whereabouts: Whereabouts) -> None:
+    def __init__(self, request: Request, asked: RequestPdu, device: Device, addresses: UnitAddresses) -> None:
         super().__init__(request, asked, device)
         self.new_unit = int.from_bytes(_registers(asked, ADDRESS_REGISTER, 1))
-        self._whereabouts = whereabouts
+        self._addresses = addresses
 
     def start(self, budget: Budget, now: float) -> None:
         """See Transaction.
@@ -99,14 +99,14 @@ class Move(Transaction):
         """
         obstacle = self._obstacle()
         if obstacle is not None:
-            cast("Device", self.device).tell_refusal(self.requests[0], obstacle)
+            cast("Device", self.device).report_rejection(self.requests[0], obstacle)
             raise obstacle
         super().start(budget, now)
 
     def _obstacle(self) -> IllegalDataValue | None:
         if self.new_unit not in _UNITS:
             return IllegalDataValue(f"{self.new_unit} is no address: 1 to 247 are")
-        if not self._whereabouts.is_free(self.new_unit, self.device.name):
+        if not self._addresses.is_free(self.new_unit, self.device.name):
             return IllegalDataValue(f"another device of the line has the address {self.new_unit}")
         return None
 
@@ -132,7 +132,7 @@ class BaudChange(Transaction):
         return float(baud)
 
 
-class RestlessDevice(Device):
+class MovableDevice(Device):
     """A device that can move to another address, or change its baud rate. Requests follow it.
 
     `line_name` and `line_source` name its line for events. `is_alone` says that no other device shares the line, so
@@ -146,7 +146,7 @@ class RestlessDevice(Device):
         *,
         line_name: str,
         line_source: str,
-        whereabouts: Whereabouts,
+        addresses: UnitAddresses,
         is_alone: bool,
         remember: Callable[[int], None],
         emit: Emit,
@@ -156,18 +156,18 @@ class RestlessDevice(Device):
         self._change_rate = line.change_rate
         self._line_name = line_name
         self._line_source = line_source
-        self._whereabouts = whereabouts
+        self._addresses = addresses
         self._is_alone = is_alone
         self._remember = remember
         #: Where it answered last, and where else it may be: since moves that nobody confirmed, or because it rests.
         self._known_at = settings.unit
         self._maybe_at: list[int] = []
-        whereabouts.place(self.name, self.unit)
+        addresses.place(self.name, self.unit)
 
     def begin_at(self, unit: int) -> None:
         """The device is known to have moved to `unit` in an earlier run."""
         self.unit = self._known_at = unit
-        self._whereabouts.place(self.name, unit)
+        self._addresses.place(self.name, unit)
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
         """Follow the device, as far as the transaction tells where it is and how fast it speaks."""
@@ -182,7 +182,7 @@ class RestlessDevice(Device):
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         if "moves" in self._quirks and _writes(asked, ADDRESS_REGISTER):
-            return Move(request, asked, self, self._whereabouts)
+            return Move(request, asked, self, self._addresses)
         if "changes_baud" in self._quirks and _writes(asked, BAUD_REGISTER, 2):
             return BaudChange(request, asked, self)
         return super()._transaction(request, asked)
@@ -196,7 +196,7 @@ class RestlessDevice(Device):
         """It may be at `unit` too: all its addresses are held until it answers from one of them."""
         self._maybe_at.append(unit)
         places = [self._known_at, *self._maybe_at]
-        self._whereabouts.place(self.name, *places)
+        self._addresses.place(self.name, *places)
         advice = f"{why}; it is at {' or '.join(map(str, places))}, and its next answer settles it"
         self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
 
@@ -207,7 +207,7 @@ class RestlessDevice(Device):
         """
         configured = self.settings.unit
         may_be_back = not self._maybe_at and self.breaker.failures >= FAILURES and configured != self._known_at
-        if may_be_back and self._whereabouts.is_free(configured, self.name):
+        if may_be_back and self._addresses.is_free(configured, self.name):
             self._doubt(configured, "it does not answer where it moved to")
         if self._maybe_at:
             places = [self._known_at, *self._maybe_at]
@@ -225,7 +225,7 @@ class RestlessDevice(Device):
             return
         self.unit = self._known_at = unit
         self._maybe_at = []
-        self._whereabouts.place(self.name, unit)
+        self._addresses.place(self.name, unit)
 
     def _rate_changed(self, baud: float, response: Frame | None) -> None:
         if response is not None and response.pdu[0] & EXCEPTION_BIT:

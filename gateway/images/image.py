@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
-from gateway.events import Emit, RequestRefused, tell_nobody
+from gateway.events import Emit, RequestRefused, discard_event
 from gateway.images.diagnostics import Diagnostics
 from gateway.images.functions import perform
 from gateway.images.identity import Identity
@@ -50,7 +50,7 @@ class Image:
     that clients may ask for and clear, `counts` those of the operator.
     """
 
-    def __init__(self, settings: ImageSettings, emit: Emit = tell_nobody) -> None:
+    def __init__(self, settings: ImageSettings, emit: Emit = discard_event) -> None:
         self.settings = settings
         self.tables = make_tables(settings.areas, settings.initial)
         self.counts = Counts()

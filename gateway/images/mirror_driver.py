@@ -8,7 +8,7 @@ from gateway.events import Emit, PartFailed
 from gateway.images.mirror import Mirror
 from gateway.images.polling import MirroredDevice
 from gateway.images.polls import MirrorSettings
-from gateway.ports.alarm import Alarm
+from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Request
 
 
@@ -28,18 +28,18 @@ class MirrorDriver:
         self.client = f"mirror {settings.name}"
         self._emit = emit
         self._time = loop.time
-        self._alarm = Alarm(loop, self._wake)
+        self._timer = LazyTimer(loop, self._wake)
         self._is_open = False
 
     def start(self) -> None:
         """Begin to poll."""
         self._is_open = True
-        self._alarm.set(self.mirror.deadline())
+        self._timer.set(self.mirror.deadline())
 
     def close(self) -> None:
         """Poll no more; polls that wait are not sent, and reads that wait for one fail."""
         self._is_open = False
-        self._alarm.close()
+        self._timer.close()
         self._run(self.mirror.close, self._time())
 
     def submit(self, request: Request, now: float) -> None:
@@ -67,4 +67,4 @@ class MirrorDriver:
         except Exception as error:  # noqa: BLE001 - the error boundary of a mirror: a defect in it must not reach its line
             self._emit(PartFailed.of(f"mirror {self.mirror.settings.name}", error))
         if self._is_open:
-            self._alarm.set(self.mirror.deadline())
+            self._timer.set(self.mirror.deadline())

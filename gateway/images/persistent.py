@@ -12,7 +12,7 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 from gateway.errors import RequestError, ServerDeviceFailure
-from gateway.events import Emit, tell_nobody
+from gateway.events import Emit, discard_event
 from gateway.images.image import Image, ImageSettings
 from gateway.images.tables import make_tables
 from gateway.modbus.codes import Area
@@ -70,7 +70,7 @@ class PersistentImage(Image):
     passed over.
     """
 
-    def __init__(self, settings: ImageSettings, keeper: Keeper, emit: Emit = tell_nobody) -> None:
+    def __init__(self, settings: ImageSettings, keeper: Keeper, emit: Emit = discard_event) -> None:
         super().__init__(settings, emit)
         self._keeper = keeper
         self._keep = keeper.keep_at_once if settings.persist == "always" else keeper.keep_soon

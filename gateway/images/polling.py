@@ -47,7 +47,7 @@ class MirroredDevice(Protocol):
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Take over a request; one that `yields` lets the requests of clients go first."""
 
-    def rests(self, now: float) -> bool:
+    def is_resting(self, now: float) -> bool:
         """Whether it has failed too often and is left alone."""
 
 
@@ -106,7 +106,7 @@ class Polling:
         """Send the polls that are due, the oldest first. A unit that rests is not asked."""
         due = [polled for polled in self._ranges if not polled.is_asked and polled.due_at <= now]
         due = sorted(due, key=lambda polled: polled.due_at)[: MOST_POLLS - len(self._polls)]
-        is_resting = self._device.rests(now)
+        is_resting = self._device.is_resting(now)
         for polled in due:
             polled.due_at = now + polled.poll.every
         for polled in due:

@@ -20,7 +20,7 @@ from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.images.database import FILE_NAME, Database, Item, open_database
 from gateway.images.persistent import Change, Done
 from gateway.modbus.codes import Area
-from gateway.ports.threads import ThreadOfItsOwn
+from gateway.ports.threads import ThreadPerCall
 
 #: The most that is lost of what `keep_soon` keeps, in seconds.
 INTERVAL: Final = 1.0
@@ -104,7 +104,7 @@ class Store:
         if self._database is None:
             return
         rest = [Item(*place, value) for place, value in dict(self._not_kept_yet()).items()]
-        closing = ThreadOfItsOwn("close images").submit(_close, self._database, rest)
+        closing = ThreadPerCall("close images").submit(_close, self._database, rest)
         try:
             closing.result(CLOSING_DEADLINE)
         except Exception as error:  # noqa: BLE001 - the end of the service must not hang on a disk, nor on its error
@@ -138,7 +138,7 @@ class Store:
             return
         self._batch, self._next = self._next, _Batch()
         items = [Item(*place, value) for place, value in self._batch.values.items()]
-        writing = asyncio.get_running_loop().run_in_executor(ThreadOfItsOwn("keep images"), self._database.write, items)
+        writing = asyncio.get_running_loop().run_in_executor(ThreadPerCall("keep images"), self._database.write, items)
         writing.add_done_callback(partial(self._written, self._batch))
 
     def _written(self, batch: _Batch, writing: asyncio.Future[None]) -> None:

@@ -29,15 +29,15 @@ class Breaker:
         self.rest = 0.0
         self._until = 0.0
 
-    def rests(self, now: float) -> bool:
+    def is_resting(self, now: float) -> bool:
         """Whether the unit rests at `now`."""
         return now < self._until
 
     def rest_left(self, now: float) -> float:
         """How much longer the unit rests, in seconds."""
-        return self._until - now if self.rests(now) else 0.0
+        return self._until - now if self.is_resting(now) else 0.0
 
-    def failed(self, limit: float, window_end: float, longest: float | None = None) -> bool:
+    def record_failure(self, limit: float, window_end: float, longest: float | None = None) -> bool:
         """A request to the unit has failed after `limit` seconds; True when a rest begins with that.
 
         No rest is longer than `longest` seconds, 0 for none at all; None leaves it at what is usual.
@@ -52,7 +52,7 @@ class Breaker:
         self._until = window_end + self.rest
         return True
 
-    def heard(self) -> bool:
+    def record_success(self) -> bool:
         """A valid frame has come from the unit; True when that ends its rests."""
         rested = self.rest > 0.0
         self.failures, self.rest, self._until = 0, 0.0, 0.0

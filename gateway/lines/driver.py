@@ -15,7 +15,7 @@ from gateway.ports.wire import Wire, settled
 
 
 class LineDriver:
-    """Hands bytes, time and requests to `line`. It is the owner of the line's port, as `ports.keeper` sees it.
+    """Hands bytes, time and requests to `line`. It is the owner of the line's port, as `ports.reconnector` sees it.
 
     `rate_changed` is told when the line goes on at another rate: the port is opened at that one from then on.
     `wire` is how bytes travel; `auto` until the port is open for the first time.
@@ -52,7 +52,7 @@ class LineDriver:
         """These bytes became readable."""
         self._boundary.run(self._receive, data, self._time(), damaged)
 
-    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
+    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector tells why
         """The port has gone; requests fail at once until it is back."""
         self._boundary.lost()
 
@@ -95,7 +95,7 @@ class LineDriver:
             self._renew()
 
     def _renew(self) -> None:
-        """Close the connection; the keeper makes the next one."""
+        """Close the connection; the reconnector makes the next one."""
         port, self._boundary.port = self._boundary.port, None
         if port is not None:
             self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))

@@ -16,7 +16,7 @@ ECHOES: Final = 5
 EARLY_ANSWERS: Final = 3
 
 
-class EchoWatch:
+class EchoDetector:
     """What is known of a line's adapter: whether it `is_configured` to echo, or `is_suspected` of it."""
 
     def __init__(self, report: Report, *, is_configured: bool) -> None:

@@ -34,7 +34,7 @@ from typing import Final, Literal
 from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
-from gateway.lines.echo import EchoWatch
+from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateWindows, Overdue
 from gateway.lines.receiver import NOTHING, Outcome, Receiver, Verdict
 from gateway.lines.report import Report
@@ -44,7 +44,7 @@ from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
-from gateway.timing.measured import Phases, Spending
+from gateway.timing.measured import Phases, TimeSpent
 
 #: Silence after a device has answered that it changes its rate, in seconds: time for it, and for our own port.
 RATE_CHANGE_PAUSE: Final = 0.1
@@ -66,11 +66,11 @@ class Line:
         self.settings = settings
         #: Bytes that came while nothing was asked, and what the line's time went into.
         self.unasked_bytes = 0
-        self.spent = Spending()
+        self.spent = TimeSpent()
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit)
         self._windows = LateWindows(settings.late_window)
-        echo = EchoWatch(self._report, is_configured=settings.echo)
+        echo = EchoDetector(self._report, is_configured=settings.echo)
         self._receiver = Receiver(settings, self._windows, echo, self._report)
         self._scheduler = Scheduler(settings, self._windows, echo, self._report)
         self._write: Callable[[bytes], None] | None = None
@@ -201,9 +201,9 @@ class Line:
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
         is_down = self._state in ("down", "last")
-        refusal = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
-        if refusal is not None:
-            transaction.fail(refusal)
+        rejection = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
+        if rejection is not None:
+            transaction.fail(rejection)
         elif not self.is_busy:
             self._go_on(now)
 
@@ -296,19 +296,19 @@ class Line:
                 transaction = self._current or self._scheduler.next(now)
                 if transaction is None:
                     break
-                refusal = None if transaction is self._current else self._refusal(transaction, now)
-                if refusal is None:
+                rejection = None if transaction is self._current else self._rejection(transaction, now)
+                if rejection is None:
                     self._send(transaction, self._write, now)
                 else:
-                    transaction.fail(refusal)
+                    transaction.fail(rejection)
         finally:
             for request in late:
                 request.fail(errors.WaitedTooLong())
             _fail_all(given_up, errors.ResponseTimeout())
 
-    def _refusal(self, transaction: Transaction, now: float) -> RequestError | None:
+    def _rejection(self, transaction: Transaction, now: float) -> RequestError | None:
         """Why a transaction is not sent, now that its turn has come."""
-        return self._scheduler.refusal(transaction, now) if transaction.is_wanted else errors.Unwanted()
+        return self._scheduler.rejection(transaction, now) if transaction.is_wanted else errors.Unwanted()
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         self._current, self._state = transaction, "awaiting"
@@ -399,7 +399,7 @@ class Line:
         """Whether the request may be sent once more, `at` the earliest."""
         if current.retries >= self.settings.retries or not current.asked.only_reads:
             return False
-        if self._write is None or not current.is_wanted or current.device.breaker.rests(now):
+        if self._write is None or not current.is_wanted or current.device.breaker.is_resting(now):
             return False
         if not current.retries:
             within = self.settings.retry_within

@@ -20,7 +20,7 @@ from itertools import takewhile
 from typing import Final
 
 from gateway.errors import Unwanted
-from gateway.lines.transaction import Addressee, Transaction
+from gateway.lines.transaction import Destination, Transaction
 from gateway.request import Origin, Request
 
 #: How many urgent transactions may go before a plain one that waits.
@@ -51,7 +51,7 @@ class _Row:
         """The first one that may go: not held, and not behind a held one whose order it keeps."""
         if is_held is None:
             return self.waiting[0]  # as nearly always
-        held: list[Addressee] = []
+        held: list[Destination] = []
         for transaction in self.waiting:
             must_wait = held and (transaction.device in held or transaction.is_broadcast)
             if not must_wait and not is_held(transaction):
@@ -91,7 +91,7 @@ class WaitingQueue:
         #: What was sent already and waits to be sent again.
         self._repeats: list[Transaction] = []
         #: The reads that others may join, by device and PDU.
-        self._reads: dict[tuple[Addressee, bytes], Transaction] = {}
+        self._reads: dict[tuple[Destination, bytes], Transaction] = {}
 
     def __len__(self) -> int:
         return len(self._waiting)

@@ -10,9 +10,9 @@ from typing import Final, NamedTuple
 
 from gateway.errors import AmbiguousResponse, RequestError
 from gateway.lines.attribution import Attribution, ForeignRequest, Owner
-from gateway.lines.echo import EchoWatch
+from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateWindows, Question
-from gateway.lines.look import Pace
+from gateway.lines.pacing import Pace
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Transaction
@@ -71,7 +71,7 @@ class Receiver:
     that what came is the answer with a wrong check sum, None unless it looks so.
     """
 
-    def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoWatch, report: Report) -> None:
+    def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report) -> None:
         is_ascii = settings.timing.mode == "ascii"
         self.came_late: list[LateResponse] = []
         self.damaged_at: float | None = None

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Final
 
 from gateway import events
-from gateway.lines.transaction import Addressee, Transaction
+from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.frame import Frame
 
 _NO_ANSWER: Final = "no valid answer"
@@ -66,12 +66,12 @@ class Report:
         if first:
             self._emit(events.EchoHeard(self._line, self._source, _echo_hint(transaction)))
 
-    def resting(self, device: Addressee, now: float) -> None:
+    def resting(self, device: Destination, now: float) -> None:
         """A unit rests from now on, for the first time or again."""
         rest = round(device.breaker.rest_left(now), 1)
         self._emit(events.UnitResting(self._line, device.unit, device.name, rest, device.source))
 
-    def recovered(self, device: Addressee) -> None:
+    def recovered(self, device: Destination) -> None:
         """A unit that rested has been heard."""
         self._emit(events.UnitRecovered(self._line, device.unit, device.name))
 

@@ -7,13 +7,13 @@ echoes (`echo`). The scheduler sees no bytes.
 
 from gateway import errors
 from gateway.errors import RequestError
-from gateway.lines.echo import EchoWatch
+from gateway.lines.echo import EchoDetector
 from gateway.lines.late import WORTH_WAITING, LateWindows
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived, Stall
-from gateway.lines.transaction import Addressee, Transaction
+from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.scan import Expected
 
 
@@ -23,14 +23,14 @@ class Scheduler:
     `expired`, `given_up`, `put_back` and `clear` are those of its queue.
     """
 
-    def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoWatch, report: Report) -> None:
+    def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report) -> None:
         self._windows = windows
         self._echo = echo
         self._report = report
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._stall = Stall(None)
         self._longest_rest = settings.rest
-        self._resting: set[Addressee] = set()
+        self._resting: set[Destination] = set()
         self._held_until = 0.0
         self.expired = self._queue.expired
         self.given_up = self._queue.given_up
@@ -43,9 +43,9 @@ class Scheduler:
 
     def put(self, transaction: Transaction, now: float) -> RequestError | None:
         """Let a transaction wait for its turn; the reason if it need not even wait."""
-        refusal = self.refusal(transaction, now)
-        if refusal is not None:
-            return refusal
+        rejection = self.rejection(transaction, now)
+        if rejection is not None:
+            return rejection
         if self._windows.windows and self._is_overdue(transaction, now):
             return errors.AnswerOverdue()
         refused = self._queue.put(transaction, now)
@@ -72,9 +72,9 @@ class Scheduler:
             self._held_until = self._windows.next_end() or 0.0
         return transaction
 
-    def refusal(self, transaction: Transaction, now: float) -> RequestError | None:
+    def rejection(self, transaction: Transaction, now: float) -> RequestError | None:
         """Why a transaction must not be sent, even if its turn has come."""
-        if self._resting and transaction.device.breaker.rests(now):
+        if self._resting and transaction.device.breaker.is_resting(now):
             return errors.UnitResting()
         if self._echo.is_suspected and transaction.expects_answer:
             asked = transaction.asked
@@ -104,7 +104,7 @@ class Scheduler:
         """The unit has not answered."""
         device = transaction.device
         window_end = self._windows.end_of(transaction, now)
-        if device.breaker.failed(transaction.limit, window_end, self._longest_rest):
+        if device.breaker.record_failure(transaction.limit, window_end, self._longest_rest):
             self._resting.add(device)
             self._report.resting(device, now)
 
@@ -149,12 +149,12 @@ class Scheduler:
     def end_rests(self) -> None:
         """The port was away: whoever failed before may be fine now."""
         for device in self._resting:
-            device.breaker.heard()
+            device.breaker.record_success()
         self._resting.clear()
 
-    def _recover(self, device: Addressee) -> None:
+    def _recover(self, device: Destination) -> None:
         """The unit has spoken: its rest is over."""
-        if device.breaker.failures and device.breaker.heard():
+        if device.breaker.failures and device.breaker.record_success():
             self._resting.discard(device)
             self._report.recovered(device)
 

@@ -13,7 +13,7 @@ from gateway.request import Request
 from gateway.timing.budget import AnswerTime, Budget
 
 
-class Addressee(Protocol):
+class Destination(Protocol):
     """Whom a transaction is for."""
 
     #: Its unit identifier on the wire at the moment.
@@ -45,7 +45,7 @@ class Transaction:
     #: Whether it is for all units.
     is_broadcast = False
 
-    def __init__(self, request: Request, asked: RequestPdu, device: Addressee) -> None:
+    def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
         self.requests = [request]
         self.client = request.origin.client
         self.asked = asked
@@ -171,7 +171,7 @@ class BroadcastTransaction(Transaction):
 
     is_broadcast = True
 
-    def __init__(self, request: Request, asked: RequestPdu, device: Addressee) -> None:
+    def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
         super().__init__(request, asked, device)
         self.expects_answer = False
 

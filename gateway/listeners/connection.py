@@ -10,7 +10,7 @@ from gateway.listeners.over_tcp import OverTcpSession
 from gateway.listeners.session import ListenSettings, Session
 from gateway.listeners.sockets import why
 from gateway.modbus.codes import MAX_TCP_ADU
-from gateway.ports.alarm import Alarm
+from gateway.ports.lazy_timer import LazyTimer
 from gateway.routing.router import Router
 
 #: A connection whose client takes no responses keeps at most so many bytes for it.
@@ -53,7 +53,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._time = time
         self._came_at = time()
         self._reason = "the client has closed it"
-        self._alarm: Alarm | None = None
+        self._timer: LazyTimer | None = None
         session = MbapSession if listener.settings.scheme == "tcp" else OverTcpSession
         self.session = session(
             client,
@@ -110,9 +110,9 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         self.session.closed()
-        if self._alarm is not None:
-            self._alarm.close()
-            self._alarm = None
+        if self._timer is not None:
+            self._timer.close()
+            self._timer = None
         self._listener.closed(self, f"lost: {why(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def receive(self, room: memoryview) -> int:
@@ -140,9 +140,9 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def wake(self, when: float | None) -> None:
         """Look at what is there already at `when`, not at all when that is None."""
-        if self._alarm is None:
-            self._alarm = Alarm(asyncio.get_running_loop(), self._proceed)
-        self._alarm.set(when)
+        if self._timer is None:
+            self._timer = LazyTimer(asyncio.get_running_loop(), self._proceed)
+        self._timer.set(when)
 
     def release_after(self, seconds: float) -> None:
         """Hold the client back no longer once so many seconds have passed."""

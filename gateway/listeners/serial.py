@@ -13,7 +13,7 @@ from gateway.request import Target
 
 
 class SerialListener:
-    """A line where we are a server. It is the owner of the line's port, as `ports.keeper` sees it.
+    """A line where we are a server. It is the owner of the line's port, as `ports.reconnector` sees it.
 
     `wire` is how bytes travel; `auto` until the port is open for the first time.
 
@@ -48,7 +48,7 @@ class SerialListener:
         """These bytes became readable."""
         self._boundary.run(partial(self.session.received, damaged=damaged), data, self._time())
 
-    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
+    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector tells why
         """The port has gone; nobody is answered until it is back."""
         self._boundary.lost()
 

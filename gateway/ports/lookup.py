@@ -5,7 +5,7 @@ import socket
 from functools import partial
 from typing import Any
 
-from gateway.ports.threads import ThreadOfItsOwn
+from gateway.ports.threads import ThreadPerCall
 
 #: What `getaddrinfo` gives: family, type, protocol, canonical name, address.
 AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
@@ -34,7 +34,7 @@ async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float
 
 def _begin(question: _Question) -> asyncio.Future[list[AddressInfo]]:
     """Ask in a thread of its own: nothing can stop a resolver that hangs, and the end of the process must not wait."""
-    thread = ThreadOfItsOwn(f"look up {question[0]}")
+    thread = ThreadPerCall(f"look up {question[0]}")
     looking_up = asyncio.get_running_loop().run_in_executor(thread, _addresses, question)
     _under_way[question] = looking_up
     looking_up.add_done_callback(partial(_done, question))

@@ -20,7 +20,7 @@ from gateway.ports.marked import MarkedInput
 from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
 from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
-from gateway.ports.threads import ThreadOfItsOwn
+from gateway.ports.threads import ThreadPerCall
 
 #: As much as the system keeps of a terminal. More that came before a read is left for the next one.
 READ_SIZE: Final = 4096
@@ -82,7 +82,7 @@ async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
         raise PortError(f"{settings.port}: its driver hangs in an earlier attempt to open it")
     loop = asyncio.get_running_loop()
     _being_opened.add(settings.port)
-    opening = loop.run_in_executor(ThreadOfItsOwn(f"open {settings.port}"), open_device, settings, configured)
+    opening = loop.run_in_executor(ThreadPerCall(f"open {settings.port}"), open_device, settings, configured)
     opening.add_done_callback(lambda _: _being_opened.discard(settings.port))
     try:
         device = await asyncio.shield(opening)
@@ -154,7 +154,7 @@ class SerialPort(SerialTransport):
     def change_baud(self, baud: int) -> None:
         """Go on at another rate; the driver is told in a thread, because it may take its time."""
         changing = self._loop.run_in_executor(
-            ThreadOfItsOwn(f"baud {self._device.port}"), change_baud, self._device, baud
+            ThreadPerCall(f"baud {self._device.port}"), change_baud, self._device, baud
         )
         changing.add_done_callback(self._baud_changed)
 
@@ -228,7 +228,7 @@ class SerialPort(SerialTransport):
         user.lost(exc if isinstance(exc, PortError) else PortClosed())
 
     def _close_in_thread(self, *, lost: bool) -> None:
-        threads = ThreadOfItsOwn(f"close {self._device.port}")
+        threads = ThreadPerCall(f"close {self._device.port}")
         closing = self._loop.run_in_executor(threads, lambda: close_device(self._device, lost=lost))
         closing.add_done_callback(lambda _: self._closed.set())
 
@@ -238,4 +238,4 @@ def _close_unwanted(opening: asyncio.Future[OpenDevice[ConfiguredOnce]]) -> None
     if opening.cancelled() or opening.exception() is not None:
         return
     device = opening.result()
-    ThreadOfItsOwn(f"close {device.port}").submit(close_device, device, lost=True)
+    ThreadPerCall(f"close {device.port}").submit(close_device, device, lost=True)

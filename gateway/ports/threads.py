@@ -10,7 +10,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class ThreadOfItsOwn(Executor):
+class ThreadPerCall(Executor):
     """Runs each call in a new thread, named after its purpose.
 
     Why no pool: a driver that hangs would take a worker from all other lines, and Python waits for a pool's workers

@@ -47,7 +47,7 @@ class Row:
     units: frozenset[int] | None = None
     source: str = field(default="", compare=False)
 
-    def means(self, address: IPv4Address | IPv6Address | None) -> bool:
+    def applies_to(self, address: IPv4Address | IPv6Address | None) -> bool:
         """Whether it is for a client from `address`; None is a client without one."""
         return self.networks is None or (address is not None and any(address in network for network in self.networks))
 
@@ -59,7 +59,7 @@ DEFAULT_ROWS: Final = (Row(EVERYTHING, networks=LOOPBACK), Row(READING))
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class EntryPoint:
     """Where clients come in. Their `name` for it is that of the listener, or of the line where we are a server.
 
     The address of a `datagram` can be forged. A `cable` is in the cabinet: whoever is on it has no address.
@@ -67,11 +67,11 @@ class Door:
     """
 
     name: str
-    kind: Literal["connection", "datagram", "cable"] = "connection"
+    kind: Literal["connection", "datagram", "local"] = "connection"
     unit0: int | None = None
 
 
-#: For each unit identifier at a door, the units by which clients at other doors know who answers there; none if they
+#: For each unit identifier at a entry, the units by which clients at other doors know who answers there; none if they
 #: do not. By these a row counts that names no listener. Unit 0 is there if it stands for somebody.
 KnownAs = tuple[tuple[int, ...], ...]
 
@@ -82,7 +82,7 @@ AS_NUMBERED: Final[KnownAs] = tuple((unit,) if unit in _ALL_UNITS else () for un
 
 
 class Rights(dict[str, tuple[Right, ...]]):
-    """The rights at one door: by the client's address, then by unit. They are found when a client first asks.
+    """The rights at one entry: by the client's address, then by unit. They are found when a client first asks.
 
     "" is the address of a client that has none. An IPv4 address may look like an IPv6 one.
 
@@ -91,11 +91,11 @@ class Rights(dict[str, tuple[Right, ...]]):
     there, any other row by what these units are `known_as`.
     """
 
-    def __init__(self, rows: Iterable[Row], door: Door, known_as: KnownAs = AS_NUMBERED) -> None:
+    def __init__(self, rows: Iterable[Row], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
         super().__init__()
-        self._door = door
+        self._door = entry
         self._known_as = known_as
-        self._rows = tuple(_rows_at(door, tuple(rows)))
+        self._rows = tuple(_rows_at(entry, tuple(rows)))
         self._named: set[str] = set()
 
     def admits(self, host: str) -> bool:
@@ -111,18 +111,18 @@ class Rights(dict[str, tuple[Right, ...]]):
             self.clear()
             self._named.clear()
         address = _address(host)
-        rows = tuple(row for row in self._rows if row.means(address))
+        rows = tuple(row for row in self._rows if row.applies_to(address))
         if any(row.networks is not None and row.right for row in rows):
             self._named.add(host)
         rights = self[host] = _by_unit(rows, self._known_as, self._door.unit0)
         return rights
 
 
-def _rows_at(door: Door, rows: tuple[Row, ...]) -> Iterable[Row]:
-    if door.kind == "cable" and not any(door.name in (row.listeners or ()) for row in rows):
+def _rows_at(entry: EntryPoint, rows: tuple[Row, ...]) -> Iterable[Row]:
+    if entry.kind == "local" and not any(entry.name in (row.listeners or ()) for row in rows):
         return [Row(EVERYTHING)]
-    here = [row for row in rows if row.listeners is None or door.name in row.listeners]
-    if door.kind == "datagram":
+    here = [row for row in rows if row.listeners is None or entry.name in row.listeners]
+    if entry.kind == "datagram":
         return [replace(row, right=_reading_of(row.right)) if row.listeners is None else row for row in here]
     return here
 

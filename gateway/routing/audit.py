@@ -9,7 +9,7 @@ from gateway.modbus.pdu import parse_request
 from gateway.request import Origin, Request
 
 
-class Audited:
+class AuditedOrigin:
     """Stands between a write and its origin, and tells what the answer says before it is handed on.
 
     `is_broadcast` says that it goes to all units. `clock` tells the time, in the seconds of the request's

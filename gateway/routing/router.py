@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from gateway import errors, events
 from gateway.modbus.functions import only_reads
 from gateway.request import Request, Target
-from gateway.routing.access import Door, Rights
-from gateway.routing.audit import Audited
+from gateway.routing.access import EntryPoint, Rights
+from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
 
 
@@ -20,19 +20,19 @@ class Counts:
 
 
 class Router:
-    """The crossroads behind one `door`. Nobody has a route or a right until somebody sets `routes` and `rights`.
+    """The crossroads behind one `entry`. Nobody has a route or a right until somebody sets `routes` and `rights`.
 
     Both may be replaced at any time: every request asks for them. The policy for unit 0 is a route too: none, a
     broadcast, or that of another unit.
     """
 
     def __init__(
-        self, door: Door, clock: Callable[[], float], emit: events.Emit, why_no_route: str = "no such unit"
+        self, entry: EntryPoint, clock: Callable[[], float], emit: events.Emit, why_no_route: str = "no such unit"
     ) -> None:
         """`clock` tells the time of the requests. The log says `why_no_route` of a unit that is not there."""
-        self.door = door
+        self.entry = entry
         self.routes: Mapping[int, Target] = {}
-        self.rights = Rights((), door)
+        self.rights = Rights((), entry)
         self.counts = Counts()
         self._clock = clock
         self._emit = emit
@@ -52,17 +52,19 @@ class Router:
         pdu = request.pdu
         if not only_reads(pdu):
             is_broadcast = isinstance(target, Broadcast)
-            request.origin = Audited(request.origin, self.door.name, self._clock, self._emit, is_broadcast=is_broadcast)
+            request.origin = AuditedOrigin(
+                request.origin, self.entry.name, self._clock, self._emit, is_broadcast=is_broadcast
+            )
         if target is None:
             self.counts.no_route += 1
-            refusal = errors.NoRoute(self._why_no_route)
-            self._emit(events.RequestRefused.of(request, refusal))
-            request.fail(refusal)
+            rejection = errors.NoRoute(self._why_no_route)
+            self._emit(events.RequestRefused.of(request, rejection))
+            request.fail(rejection)
             return
         right = self.rights[request.origin.host][request.unit]
         if pdu[:1] in right or pdu[:2] in right:
             target.submit(request, now)
         else:
             self.counts.denied += 1
-            self._emit(events.AccessDenied(self.door.name, request.origin.client, request.unit, pdu[0]))
+            self._emit(events.AccessDenied(self.entry.name, request.origin.client, request.unit, pdu[0]))
             request.fail(errors.AccessDenied())

@@ -22,7 +22,7 @@ from gateway.listeners.udp import UdpListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import Opener
 from gateway.request import Target
-from gateway.routing.access import Door, KnownAs, Rights
+from gateway.routing.access import EntryPoint, KnownAs, Rights
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
@@ -80,7 +80,7 @@ class Gateway:
                 image.start()
         for way in self.ways:
             way.router.routes = way.routes
-            way.router.rights = Rights(self.plan.access, way.router.door, way.known_as)
+            way.router.rights = Rights(self.plan.access, way.router.entry, way.known_as)
         for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
             line.adopt(line_plan, devices)
         for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
@@ -132,7 +132,7 @@ def build(
         one.line.name: one_line(units.values(), recipient, targets)
         for one, units, recipient in zip(plan.lines, on_lines, on_line, strict=True)
     }
-    control = running.control if running else Router(Door(CONTROL, "cable"), loop.time, emit)
+    control = running.control if running else Router(EntryPoint(CONTROL, "local"), loop.time, emit)
     ways = (
         Way(control, everyone.routes, everyone.known_as),
         *(_way(one, alone[one.settings.line] if one.settings.line else everyone) for one in listeners),
@@ -190,13 +190,13 @@ def _listener(settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: E
     why_no_route = "no such unit"
     if settings.line:
         why_no_route += f": {settings.name} leads to line {settings.line} only"
-    router = Router(_door(settings), loop.time, emit, why_no_route)
+    router = Router(_entry_point(settings), loop.time, emit, why_no_route)
     return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 
 
-def _door(settings: ListenSettings) -> Door:
+def _entry_point(settings: ListenSettings) -> EntryPoint:
     kind: Literal["connection", "datagram"] = "datagram" if settings.scheme == "udp" else "connection"
-    return Door(settings.name, kind, settings.unit0 if isinstance(settings.unit0, int) else None)
+    return EntryPoint(settings.name, kind, settings.unit0 if isinstance(settings.unit0, int) else None)
 
 
 def _recipient(image: Image) -> Recipient:

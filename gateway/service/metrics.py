@@ -96,8 +96,8 @@ def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
         for kind in _ERRORS:
             errors.add(getattr(whole, kind), line.name, kind)
         waiting.add(line.driver.line.waiting, line.name)
-        up.add(line.keeper.is_open, line.name)
-        reopens.add(line.keeper.reopened, line.name)
+        up.add(line.reconnector.is_open, line.name)
+        reopens.add(line.reconnector.reopened, line.name)
     return busy, errors, waiting, up, reopens
 
 
@@ -106,7 +106,7 @@ def _units(owners: Iterable[GatewayLine | GatewayUpstream], now: float) -> Itera
     limit = Family("gauge", "unit_timeout_limit_seconds", "The longest time limit in force.", ("line", "unit"))
     for owner in owners:
         for unit, device in _asked(owner):
-            up.add(not device.breaker.failures and not device.breaker.rests(now), owner.name, unit)
+            up.add(not device.breaker.failures and not device.breaker.is_resting(now), owner.name, unit)
             limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
     return up, limit
 
@@ -133,7 +133,7 @@ def _image_ages(running: Running, now: float) -> Family:
 def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
     up = Family("gauge", "upstream_up", "Whether there is a connection.", ("upstream",))
     for upstream in upstreams:
-        up.add(upstream.keeper.is_open, upstream.name)
+        up.add(upstream.reconnector.is_open, upstream.name)
     return up
 
 

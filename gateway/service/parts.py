@@ -7,7 +7,7 @@ from functools import partial
 from gateway.config.forecast import longest_wait, longest_wait_behind
 from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
-from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
+from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
 from gateway.events import Emit
 from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
@@ -15,9 +15,9 @@ from gateway.lines.late import Overdue
 from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.keeper import Keeper
 from gateway.ports.port import Opener, Port, PortUser, SerialSettings
-from gateway.routing.access import Door
+from gateway.ports.reconnector import Reconnector
+from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 from gateway.service import remembered
 from gateway.service.state import Memory
@@ -34,13 +34,13 @@ class GatewayLine:
         self.plan = plan
         self._memory = memory
         self._emit = emit
-        self._whereabouts = Whereabouts()
+        self._addresses = UnitAddresses()
         self.name = name = plan.line.name
         timing = plan.line.timing
         self._port = _RememberedPort(plan, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
         self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
-        self.keeper = Keeper(name, plan.port.port, self._port.open, self.driver, emit)
+        self.reconnector = Reconnector(name, plan.port.port, self._port.open, self.driver, emit)
         self.every_device = EveryDevice(self.driver)
         self.devices: dict[int, Device] = {}
         self.longest_wait: dict[int, float] = {}
@@ -86,20 +86,20 @@ class GatewayLine:
 
     def _device(self, settings: DeviceSettings, address: int) -> Device:
         if settings.unit == BROADCAST_UNIT:
-            return LoneDevice(settings, self.driver, self._emit)
+            return AddressZeroDevice(settings, self.driver, self._emit)
         if not settings.profile.quirks:
-            self._whereabouts.place(settings.name, settings.unit)
+            self._addresses.place(settings.name, settings.unit)
             return Device(settings, self.driver, self._emit)
         return self._restless_device(settings, address)
 
     def _restless_device(self, settings: DeviceSettings, address: int) -> Device:
         line, key = self.plan.line, remembered.address_key(self.plan, settings)
-        device = RestlessDevice(
+        device = MovableDevice(
             settings,
             self.driver,
             line_name=line.name,
             line_source=line.source,
-            whereabouts=self._whereabouts,
+            addresses=self._addresses,
             is_alone=len(self.plan.devices) == 1,
             remember=partial(self._memory.remember, key, settings.unit),
             emit=self._emit,
@@ -115,7 +115,7 @@ class GatewayUpstream:
         self.plan = plan
         self.name = plan.upstream.name
         self.driver = UpstreamDriver(Upstream(plan.upstream, emit), loop, emit)
-        self.keeper = Keeper(self.name, plan.port.port, opener(plan.port), self.driver, emit)
+        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, emit)
         self.devices = {each.known_as: Device(each, self.driver, emit) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
 
@@ -132,9 +132,9 @@ class GatewayServer:
     def __init__(self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
         self.plan = plan
         self.name = plan.line.name
-        self.router = Router(Door(self.name, "cable"), loop.time, emit)
+        self.router = Router(EntryPoint(self.name, "local"), loop.time, emit)
         self.driver = SerialListener(plan.line, self.router, loop, emit)
-        self.keeper = Keeper(self.name, plan.port.port, opener(plan.port), self.driver, emit)
+        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, emit)
 
 
 class _RememberedPort:

@@ -11,7 +11,7 @@ from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.config.problem import Problem
 from gateway.errors import ListenError, StateError
-from gateway.ports.threads import ThreadOfItsOwn
+from gateway.ports.threads import ThreadPerCall
 from gateway.service import garbage
 from gateway.service.build import Gateway
 from gateway.service.running import Running
@@ -98,7 +98,7 @@ class Reloader:
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(LOADING_TIME):
-                loaded = await loop.run_in_executor(ThreadOfItsOwn("load config"), load, self._file)
+                loaded = await loop.run_in_executor(ThreadPerCall("load config"), load, self._file)
         except TimeoutError:
             return self._rejected((f"{self._file}: cannot be read within {LOADING_TIME:g} s; is it a file?",))
         if loaded.config is None:
@@ -106,7 +106,7 @@ class Reloader:
         old, new = self._running.gateway.plan, resolve(loaded.config)
         try:
             async with asyncio.timeout(LOADING_TIME):
-                await loop.run_in_executor(ThreadOfItsOwn("read state"), self._prepare, new)
+                await loop.run_in_executor(ThreadPerCall("read state"), self._prepare, new)
             defect = await self._switch(self._rebuild(new, self._running.gateway))
         except TimeoutError:
             return self._rejected((f"what images keep cannot be read within {LOADING_TIME:g} s",))

@@ -9,7 +9,7 @@ from gateway import events
 from gateway.errors import ListenError, PortError
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
-from gateway.ports.keeper import Keeper
+from gateway.ports.reconnector import Reconnector
 from gateway.service.build import Driver, Gateway, Listener, Part
 from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
@@ -75,7 +75,7 @@ class Running:
     async def tried(self) -> None:
         """Wait until every line was tried once; then mirrors begin to poll."""
         for part in self.gateway.parts:
-            await part.keeper.tried.wait()
+            await part.reconnector.tried.wait()
         for mirror in self.gateway.mirrors:
             mirror.start()
 
@@ -215,13 +215,13 @@ class Running:
 
 
 async def _keep(part: Part, emit: events.Emit) -> None:
-    keeper: Keeper = part.keeper
+    reconnector: Reconnector = part.reconnector
     while True:
         try:
-            await keeper.run()
+            await reconnector.run()
         except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: one line's defect is not the others'
             emit(events.PartFailed.of(f"line {part.name}", error))
-            keeper.failed(PortError(f"a defect in the gateway: {error!r}"))
+            reconnector.failed(PortError(f"a defect in the gateway: {error!r}"))
         await asyncio.sleep(_RESTART_PAUSE)
 
 

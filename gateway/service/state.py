@@ -14,7 +14,7 @@ from gateway.errors import StateError
 from gateway.events import Emit
 from gateway.service.shared_file import Entries, SharedFile, read_content
 
-FILE_NAME: Final = "whereabouts.json"
+FILE_NAME: Final = "addresses.json"
 _HIGHEST_RATE: Final = 100_000_000
 
 

@@ -13,7 +13,7 @@ from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, UnitCounts, total
 from gateway.listeners.serial_session import Counts as ServerCounts
-from gateway.ports.keeper import Keeper
+from gateway.ports.reconnector import Reconnector
 from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
@@ -247,9 +247,9 @@ def _line(parts: GatewayLine, rate: Rate | None, now: float) -> LineStatus:
     return LineStatus(
         name=line.settings.name,
         source=line.settings.source,
-        port=parts.keeper.port_path,
-        state=_port_state(parts.keeper),
-        reason=str(parts.keeper.error or ""),
+        port=parts.reconnector.port_path,
+        state=_port_state(parts.reconnector),
+        reason=str(parts.reconnector.error or ""),
         wire=parts.driver.wire,
         mode=timing.mode,
         baud=timing.baud,
@@ -270,9 +270,9 @@ def _server(parts: GatewayServer) -> ServerStatus:
     return ServerStatus(
         name=settings.name,
         source=settings.source,
-        port=parts.keeper.port_path,
-        state=_port_state(parts.keeper),
-        reason=str(parts.keeper.error or ""),
+        port=parts.reconnector.port_path,
+        state=_port_state(parts.reconnector),
+        reason=str(parts.reconnector.error or ""),
         wire=parts.driver.wire,
         mode=timing.mode,
         baud=timing.baud,
@@ -287,9 +287,9 @@ def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
     return UpstreamStatus(
         name=parts.name,
         source=upstream.settings.source,
-        to=parts.keeper.port_path,
-        state=_port_state(parts.keeper),
-        reason=str(parts.keeper.error or ""),
+        to=parts.reconnector.port_path,
+        state=_port_state(parts.reconnector),
+        reason=str(parts.reconnector.error or ""),
         queue=upstream.waiting,
         under_way=upstream.under_way,
         overdue=upstream.overdue,
@@ -298,10 +298,10 @@ def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
     )
 
 
-def _port_state(keeper: Keeper) -> Literal["up", "down", "not tried"]:
-    if not keeper.tried.is_set():
+def _port_state(reconnector: Reconnector) -> Literal["up", "down", "not tried"]:
+    if not reconnector.tried.is_set():
         return "not tried"
-    return "up" if keeper.error is None else "down"
+    return "up" if reconnector.error is None else "down"
 
 
 def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> UnitStatus:
@@ -330,7 +330,7 @@ def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> U
 
 
 def _unit_state(breaker: Breaker, now: float) -> Literal["fine", "failing", "resting"]:
-    if breaker.rests(now):
+    if breaker.is_resting(now):
         return "resting"
     return "failing" if breaker.failures else "fine"
 

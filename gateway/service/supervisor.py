@@ -70,7 +70,7 @@ async def keep_lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[
 
 async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     parts = running.gateway.parts
-    up = sum(part.keeper.error is None for part in parts)
+    up = sum(part.reconnector.error is None for part in parts)
     running.emit(events.Ready(tuple(each.address for each in running.gateway.listeners), up, len(parts) - up))
     systemd.ready(summary(running.gateway))
     running.ready.set()

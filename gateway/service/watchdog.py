@@ -50,7 +50,7 @@ def summary(gateway: Gateway) -> str:
 
 def _trouble(part: Part) -> str:
     """Why a part has no port; nothing if it has one."""
-    keeper = part.keeper
-    if not keeper.tried.is_set():
+    reconnector = part.reconnector
+    if not reconnector.tried.is_set():
         return f"{part.name}: not tried yet"
-    return "" if keeper.error is None else f"{part.name}: {keeper.error}"
+    return "" if reconnector.error is None else f"{part.name}: {reconnector.error}"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gateway import events
 from gateway.config.plan import WebPlan
-from gateway.ports.threads import ThreadOfItsOwn
+from gateway.ports.threads import ThreadPerCall
 from gateway.service.running import Running
 
 #: The package's extra with the libraries.
@@ -69,7 +69,7 @@ class _Answers:
         """Read at once, written in a thread: the lines do not wait for the text."""
         loop = asyncio.get_running_loop()
         families = self._read(self._running, loop.time())
-        text: bytes = await loop.run_in_executor(ThreadOfItsOwn("metrics"), self._exposition, families)
+        text: bytes = await loop.run_in_executor(ThreadPerCall("metrics"), self._exposition, families)
         return text
 
     def failed(self, error: Exception) -> None:
@@ -81,9 +81,12 @@ class _Answers:
         if not self._running.ready.is_set():
             return "clients cannot connect"
         gateway = self._running.gateway
-        keepers = [*(line.keeper for line in gateway.lines), *(upstream.keeper for upstream in gateway.upstreams)]
+        reconnectors = [
+            *(line.reconnector for line in gateway.lines),
+            *(upstream.reconnector for upstream in gateway.upstreams),
+        ]
         return (
             ""
-            if gateway.images or any(keeper.is_open for keeper in keepers)
+            if gateway.images or any(reconnector.is_open for reconnector in reconnectors)
             else "no line is up, and there is no image"
         )

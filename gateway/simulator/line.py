@@ -3,7 +3,7 @@
     async with SimulatedLine("/tmp/hall-a", [Weigher(1), Weigher(2, moves=True)]):
         ...  # /tmp/hall-a can be opened as a serial port
 
-Plain callbacks and one alarm: there is no task that could be left behind.
+Plain callbacks and one timer: there is no task that could be left behind.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ from typing import Self
 
 from gateway.config.plan import DEFAULT_FORMATS
 from gateway.modbus.chartime import CharacterFormat
-from gateway.ports.alarm import Alarm
+from gateway.ports.lazy_timer import LazyTimer
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.paced_line import PacedLine, Tell, tell_nobody
 from gateway.simulator.port import VirtualPort
@@ -51,13 +51,13 @@ class SimulatedLine:
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()
         self._port = VirtualPort(self.path)
-        self._alarm = Alarm(self._loop, self._wake)
+        self._timer = LazyTimer(self._loop, self._wake)
         self._loop.add_reader(self._port, self._readable)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         self._loop.remove_reader(self._port)
-        self._alarm.close()
+        self._timer.close()
         self._port.close()
 
     def _readable(self) -> None:
@@ -65,11 +65,11 @@ class SimulatedLine:
         data, now = self._port.read(), self._loop.time()
         self._let_pass(now)
         self._line.written(data, now, self._port.baud)
-        self._alarm.set(self._line.deadline())
+        self._timer.set(self._line.deadline())
 
     def _wake(self) -> None:
         self._let_pass(self._loop.time())
-        self._alarm.set(self._line.deadline())
+        self._timer.set(self._line.deadline())
 
     def _let_pass(self, now: float) -> None:
         data = self._line.tick(now)

@@ -52,7 +52,7 @@ class Phases:
         return self.request + self.wait + self.response + self.gap
 
 
-class Spending:
+class TimeSpent:
     """Adds up what a line's time goes into. Plain numbers: some of it is done for every transaction."""
 
     __slots__ = ("_around", "_byte", "gap", "request", "response", "wait")

@@ -1,4 +1,4 @@
-"""Joins an upstream's machine to its connection and to the clock: the only part of it that knows the event loop."""
+"""Connects an upstream to its TCP connection and to the clock: its only part that knows the event loop."""
 
 import asyncio
 from collections.abc import Callable
@@ -13,10 +13,10 @@ from gateway.upstreams.upstream import Upstream
 
 
 class UpstreamDriver:
-    """Hands bytes, time and requests to `upstream`. It owns the connection, as `ports.keeper` sees it.
+    """Passes bytes, time and requests to `upstream`. It is the PortOwner of the connection.
 
-    A connection that cannot be used any more is closed here, and the keeper opens the next one. An error that nobody
-    foresaw ends here: it is told, all requests of the upstream fail, and the connection is closed too.
+    It closes a connection that cannot be used any more; the reconnector opens the next one. An unexpected error is
+    logged here, all requests of the upstream fail, and the connection is closed too.
     """
 
     is_renewing = False
@@ -39,33 +39,33 @@ class UpstreamDriver:
         self._run(self.upstream.submit, transaction, now)
 
     def port_up(self, port: Port) -> None:
-        """There is a connection."""
+        """The connection is open."""
         self._boundary.port = port
         self._run(self.upstream.port_up, port.write)
 
-    def received(self, data: bytes, *, damaged: bool = False) -> None:  # noqa: ARG002 - a connection damages nothing
-        """These bytes have come."""
+    def received(self, data: bytes, *, damaged: bool = False) -> None:  # noqa: ARG002 - TCP delivers no damaged bytes
+        """These bytes were received."""
         self._run(self.upstream.received, data, self._time())
 
-    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the keeper tells why
-        """The connection has gone; requests fail at once until there is another one."""
+    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
+        """The connection was lost; requests fail at once until it is open again."""
         self._boundary.lost()
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is under way."""
+        """Whether a request has been sent and not been answered."""
         return self.upstream.under_way > 0
 
     def finish(self) -> None:
-        """Take no more requests; those under way may still be answered."""
+        """Accept no more requests; those already sent may still be answered."""
         self._run(self.upstream.finish)
 
     def overdue(self, now: float) -> float:
-        """For how many seconds something should have been done, and was not."""
+        """How many seconds it is behind its own deadline."""
         return self._boundary.overdue(now)
 
     def close(self) -> None:
-        """Wake no more."""
+        """Stop the timer."""
         self._boundary.close()
 
     def _tick(self) -> None:

@@ -20,13 +20,13 @@ from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.report import Report
-from gateway.lines.transaction import Addressee, Transaction
+from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, SERVER_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 
 #: So many late answers are awaited on one connection. Then a new one is made, on which none of them can come.
-MOST_OWED: Final = 4096
+MAX_OUTSTANDING: Final = 4096
 
 _IDENTIFIERS: Final = 0x10000
 #: What servers call themselves that know only one unit, whichever was asked (T 4.4.1.2).
@@ -66,10 +66,10 @@ class Upstream:
         #: By identifier: what is under way, the oldest first; what came instead of its answer; what may come late.
         self._under_way: dict[int, Transaction] = {}
         self._instead: dict[int, bytes] = {}
-        self._owed: dict[int, Transaction] = {}
+        self._outstanding: dict[int, Transaction] = {}
         #: Whose requests are under way to whom.
-        self._asking: set[tuple[str, Addressee]] = set()
-        self._failed_at: dict[Addressee, float] = {}
+        self._asking: set[tuple[str, Destination]] = set()
+        self._failed_at: dict[Destination, float] = {}
         self._last_identifier = 0
 
     def port_up(self, write: Callable[[bytes], None]) -> None:
@@ -77,14 +77,14 @@ class Upstream:
         self._write = write
         self._framer = MbapFramer(strict=True)
         for device in self._failed_at:
-            device.breaker.heard()
+            device.breaker.record_success()
         self._failed_at.clear()
 
     def port_down(self, now: float) -> None:
         """The connection has gone: what was under way may have been acted on (0B), what waited was not sent (0A)."""
         self._write = None
         lost, waiting = list(self._under_way.values()), self._queue.clear()
-        for kept in (self._under_way, self._instead, self._owed, self._asking):
+        for kept in (self._under_way, self._instead, self._outstanding, self._asking):
             kept.clear()
         for transaction in lost:
             transaction.lose(errors.LineLost(), now)
@@ -101,7 +101,7 @@ class Upstream:
         """Take over a transaction: it is sent when there is a place for it, or it fails."""
         if self._write is None:
             transaction.fail(errors.LineDown())
-        elif transaction.device.breaker.rests(now):
+        elif transaction.device.breaker.is_resting(now):
             transaction.fail(errors.UnitResting())
         else:
             refused = self._queue.put(transaction, now)
@@ -161,24 +161,24 @@ class Upstream:
     @property
     def overdue(self) -> int:
         """How many answers may still come too late."""
-        return len(self._owed)
+        return len(self._outstanding)
 
     @property
     def is_spent(self) -> bool:
         """Whether it waits for a new connection, because too many answers are owed on this one."""
-        return len(self._owed) >= MOST_OWED and not self._under_way
+        return len(self._outstanding) >= MAX_OUTSTANDING and not self._under_way
 
     def _answer_in(self, frame: TcpFrame, now: float) -> tuple[Transaction, bytes] | None:
         """The transaction that `frame` answers in time, and its response; None when it is dropped."""
         asked = self._under_way.get(frame.transaction)
-        late = self._owed.get(frame.transaction)
+        late = self._outstanding.get(frame.transaction)
         if asked is not None and _answers(frame, asked):
             self._finish(frame.transaction, asked)
             asked.answered(now)
             self._heard_from(asked.device)
             return asked, frame.pdu
         if late is not None and _answers(frame, late):
-            del self._owed[frame.transaction]
+            del self._outstanding[frame.transaction]
             self._report.late_response(late, now)
             self._heard_from(late.device)
             return None
@@ -194,12 +194,12 @@ class Upstream:
     def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError:
         """The limit has run out. Failures of requests that were under way together count as one."""
         instead = self._finish(identifier, transaction)
-        self._owed[identifier] = transaction
+        self._outstanding[identifier] = transaction
         self._report.given_up(transaction, now, heard=instead)
         device = transaction.device
         if transaction.ends_at >= self._failed_at.get(device, 0.0):
             self._failed_at[device] = now
-            if device.breaker.failed(transaction.limit, now):
+            if device.breaker.record_failure(transaction.limit, now):
                 self._report.resting(device, now)
         return errors.BrokenResponse() if instead else errors.ResponseTimeout()
 
@@ -208,7 +208,7 @@ class Upstream:
         late = self._queue.expired(now)
         try:
             while self._write is not None and len(self._under_way) < self.settings.in_flight:
-                transaction = None if len(self._owed) >= MOST_OWED else self._queue.take(self._must_wait)
+                transaction = None if len(self._outstanding) >= MAX_OUTSTANDING else self._queue.take(self._must_wait)
                 if transaction is None:
                     break
                 self._send(transaction, self._write, now)
@@ -226,7 +226,7 @@ class Upstream:
         if not transaction.is_wanted:
             transaction.fail(errors.Unwanted())
             return
-        if transaction.device.breaker.rests(now):
+        if transaction.device.breaker.is_resting(now):
             transaction.fail(errors.UnitResting())
             return
         transaction.ends_at = now
@@ -237,7 +237,7 @@ class Upstream:
             self._under_way[identifier] = transaction
             self._asking.add((transaction.client, transaction.device))
         else:  # the server may answer all the same
-            self._owed[identifier] = transaction
+            self._outstanding[identifier] = transaction
         write(encode(identifier, transaction.unit, transaction.asked.data))
         if not transaction.expects_answer:
             transaction.finish_unanswered()
@@ -247,7 +247,7 @@ class Upstream:
         identifier = self._last_identifier
         while True:
             identifier = (identifier + 1) % _IDENTIFIERS
-            if identifier not in self._under_way and identifier not in self._owed:
+            if identifier not in self._under_way and identifier not in self._outstanding:
                 self._last_identifier = identifier
                 return identifier
 
@@ -257,9 +257,9 @@ class Upstream:
         self._asking.remove((transaction.client, transaction.device))
         return self._instead.pop(identifier, b"")
 
-    def _heard_from(self, device: Addressee) -> None:
+    def _heard_from(self, device: Destination) -> None:
         self._failed_at.pop(device, None)
-        if device.breaker.failures and device.breaker.heard():
+        if device.breaker.failures and device.breaker.record_success():
             self._report.recovered(device)
 
     def __repr__(self) -> str:

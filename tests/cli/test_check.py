@@ -449,7 +449,7 @@ REMEMBERED = '{"/dev/null silo-1": {"configured": 1, "now": 5}, "/dev/null": {"c
 
 def test_what_was_remembered_is_shown_with_how_to_forget_it(config, capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-    (tmp_path / "whereabouts.json").write_text(REMEMBERED)
+    (tmp_path / "addresses.json").write_text(REMEMBERED)
     assert main(["check", config(FILE)]) == 0
     shown = capsys.readouterr().out
     assert "Remembered from an earlier run\n  hall-a: 9600 baud, the config says 19200; " in shown
@@ -461,7 +461,7 @@ def test_what_was_remembered_is_shown_with_how_to_forget_it(config, capsys, tmp_
 
 def test_a_state_file_that_cannot_be_read_is_said_too(config, capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-    (tmp_path / "whereabouts.json").write_text("{")
+    (tmp_path / "addresses.json").write_text("{")
     assert main(["check", config(FILE)]) == 0
     assert "the gateway moves it aside" in capsys.readouterr().out
     main(["check", config(FILE), "--json"])

@@ -86,7 +86,7 @@ def test_it_says_at_the_start_that_a_device_is_asked_elsewhere_than_the_config_s
         f'[[listen]]\nbind = "tcp://127.0.0.1:{free_port}"\n[log]\nformat = "json"\n'
         f'[[line]]\nport = "{tmp_path}/hall"\ndevices = [{{ unit = 1, name = "silo-1", profile = "weigher" }}]\n'
     )
-    (tmp_path / "whereabouts.json").write_text(f'{{"{tmp_path}/hall silo-1": {{"configured": 1, "now": 5}}}}')
+    (tmp_path / "addresses.json").write_text(f'{{"{tmp_path}/hall silo-1": {{"configured": 1, "now": 5}}}}')
     environment = {**os.environ, "STATE_DIRECTORY": str(tmp_path)}
     with subprocess.Popen([*COMMAND, "run", str(config)], stderr=subprocess.PIPE, env=environment) as process:
         try:
@@ -95,6 +95,6 @@ def test_it_says_at_the_start_that_a_device_is_asked_elsewhere_than_the_config_s
             while told.get("event") not in {"address_remembered", "ready"}:
                 told = json.loads(process.stderr.readline())
             assert (told.get("device"), told.get("unit"), told.get("configured")) == ("silo-1", 5, 1)
-            assert f"delete its entry in {tmp_path}/whereabouts.json" in str(told["advice"])
+            assert f"delete its entry in {tmp_path}/addresses.json" in str(told["advice"])
         finally:
             process.kill()

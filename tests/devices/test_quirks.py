@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
+from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
 from gateway.events import AddressMoved, BaudChanged, Event
 from gateway.lines.line import RATE_CHANGE_PAUSE
 from gateway.profiles.profile import Profile
@@ -24,15 +24,15 @@ class Hall(Bench):
 
     def __init__(self, *, is_alone: bool = True, **settings: object) -> None:
         super().__init__(**settings)
-        self.whereabouts = Whereabouts()
+        self.addresses = UnitAddresses()
         self.remembered: list[int] = []
         self.rates: list[int] = []
-        self.silo = RestlessDevice(
+        self.silo = MovableDevice(
             self.device(profile=WEIGHER).settings,
             self,
             line_name="hall-a",
             line_source="gateway.toml:3",
-            whereabouts=self.whereabouts,
+            addresses=self.addresses,
             is_alone=is_alone,
             remember=self.remembered.append,
             emit=self.events.append,
@@ -66,22 +66,22 @@ def test_after_two_moves_that_nobody_confirmed_it_is_sought_at_three_places_and_
     hall.ask_silo("10 01 00 00 01 02 00 07")
     hall.pass_time(5.0)
     for unit in (1, 5, 7):
-        assert not hall.whereabouts.is_free(unit, "another")
+        assert not hall.addresses.is_free(unit, "another")
     sought = []
     for _ in range(4):
         sought.append(hall.silo.unit)
-        hall.silo.breaker.heard()
+        hall.silo.breaker.record_success()
         hall.ask_silo(READ)
         hall.pass_time(5.0)
     assert sorted(sought[:3]) == [1, 5, 7]
     assert sought[3] == sought[0]
-    hall.silo.breaker.heard()
+    hall.silo.breaker.record_success()
     hall.ask_silo(READ)
     hall.respond(WEIGHT, unit=hall.silo.unit)
     assert (
-        hall.whereabouts.is_free(5, "another")
-        + hall.whereabouts.is_free(7, "another")
-        + hall.whereabouts.is_free(1, "another")
+        hall.addresses.is_free(5, "another")
+        + hall.addresses.is_free(7, "another")
+        + hall.addresses.is_free(1, "another")
         == 2
     )
 
@@ -179,7 +179,7 @@ def test_an_address_that_no_device_can_have_is_refused_before_the_line(hall: Hal
 
 
 def test_an_address_of_another_device_of_the_line_is_refused_before_the_line(hall: Hall) -> None:
-    hall.whereabouts.place("silo-2", 5)
+    hall.addresses.place("silo-2", 5)
     hall.ask_silo(MOVE_TO_5)
     assert hall.client.answers == ["90 03"]
     assert hall.written == []
@@ -188,8 +188,8 @@ def test_an_address_of_another_device_of_the_line_is_refused_before_the_line(hal
 def test_of_two_moves_to_one_address_that_wait_together_the_second_is_refused() -> None:
     hall = Hall()
     settings = hall.device(unit=2, profile=WEIGHER).settings
-    other = RestlessDevice(
-        settings, hall, line_name="hall-a", line_source="", whereabouts=hall.whereabouts,
+    other = MovableDevice(
+        settings, hall, line_name="hall-a", line_source="", addresses=hall.addresses,
         is_alone=False, remember=hall.remembered.append, emit=hall.events.append,
     )  # fmt: skip
     for device in (hall.silo, other):
@@ -230,19 +230,19 @@ def test_after_a_move_that_nobody_confirmed_the_old_address_may_answer(hall: Hal
     hall.hear(frame(1, WEIGHT))
     assert hall.client.answers[1:] == [WEIGHT]
     assert hall.remembered == []
-    assert hall.whereabouts.is_free(5, "silo-2")
+    assert hall.addresses.is_free(5, "silo-2")
 
 
 def test_both_addresses_are_held_until_an_answer_settles_it(hall: Hall) -> None:
     hall.ask_silo(MOVE_TO_5)
     hall.pass_time(1)
-    assert not hall.whereabouts.is_free(1, "silo-2")
-    assert not hall.whereabouts.is_free(5, "silo-2")
+    assert not hall.addresses.is_free(1, "silo-2")
+    assert not hall.addresses.is_free(5, "silo-2")
     hall.ask_silo(READ)
     hall.pass_time(1)
     hall.ask_silo(READ)
     hall.hear(frame(5, WEIGHT))
-    assert hall.whereabouts.is_free(1, "silo-2")
+    assert hall.addresses.is_free(1, "silo-2")
 
 
 def test_an_unconfirmed_move_to_its_own_address_leaves_no_doubt(hall: Hall) -> None:
@@ -276,7 +276,7 @@ def test_a_device_that_rests_where_it_moved_to_is_looked_for_where_the_config_sa
 
 def test_a_device_that_rests_is_not_looked_for_where_its_neighbour_has_moved_to(hall: Hall) -> None:
     hall.silo.begin_at(5)
-    hall.whereabouts.place("silo-2", 1)
+    hall.addresses.place("silo-2", 1)
     for _ in range(4):
         hall.ask_silo(READ)
         hall.pass_time(20)
@@ -348,7 +348,7 @@ def test_a_rate_that_cannot_be_is_not_followed(hall: Hall, rate: str) -> None:
 @pytest.mark.parametrize("answers_from", [1, 77, 247])
 def test_a_lone_device_is_asked_at_0_and_answers_from_wherever_it_is(answers_from: int) -> None:
     bench = Bench()
-    LoneDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
+    AddressZeroDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
     assert bench.written == ["00 03 00 10 00 01 84 1E"]
     bench.hear(frame(answers_from, "03 02 00 01"))
     assert bench.client.answers == ["03 02 00 01"]
@@ -356,7 +356,7 @@ def test_a_lone_device_is_asked_at_0_and_answers_from_wherever_it_is(answers_fro
 
 def test_noise_before_the_answer_of_a_lone_device_does_not_lose_it() -> None:
     bench = Bench()
-    LoneDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
+    AddressZeroDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
     bench.hear("03 02 00 FF" + frame(1, "03 02 00 01"))
     assert bench.client.answers == ["03 02 00 01"]
 
@@ -364,7 +364,7 @@ def test_noise_before_the_answer_of_a_lone_device_does_not_lose_it() -> None:
 @pytest.mark.parametrize("answers_from", [0, 248, 255])
 def test_no_device_answers_from_an_address_that_it_cannot_have(answers_from: int) -> None:
     bench = Bench()
-    LoneDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
+    AddressZeroDevice(bench.device(unit=0).settings, bench.line).submit(bench.client.ask("03 00 10 00 01"), bench.now)
     bench.hear(frame(answers_from, "03 02 00 01"))
     bench.pass_time(1)
     assert bench.client.answers == ["83 0B"]

@@ -29,7 +29,7 @@ class Bench:
         self.events = []
         self.now = 0.0
         self.asked: list[Request] = []
-        self.is_resting = False
+        self.rests = False
         settings = MirrorSettings(241, "silo", "silo-1", profile, polls, areas, stale, "gateway.toml:9")
         self.mirror = Mirror(settings, self, self, self.events.append)
 
@@ -39,8 +39,8 @@ class Bench:
         assert yields == (request.origin is self)
         self.asked.append(request)
 
-    def rests(self, now):
-        return self.is_resting
+    def is_resting(self, now):
+        return self.rests
 
     def answers(self, pdu: str | None, which: int = 0) -> None:
         """The device answers a question, the oldest one unless said otherwise."""
@@ -188,14 +188,14 @@ def test_a_failed_poll_leaves_fresh_values_fresh(fresh):
 
 
 def test_a_resting_unit_is_not_polled(fresh):
-    fresh.is_resting = True
+    fresh.rests = True
     assert fresh.at(0.5) == fresh.at(1.0) == []
-    fresh.is_resting = False
+    fresh.rests = False
     assert fresh.at(1.5) == ["03 00 00 00 01"]
 
 
 def test_nobody_waits_for_a_unit_that_rests(bench):
-    bench.is_resting = True
+    bench.rests = True
     client = Client(bench)
     client.ask()
     bench.at(0.0)

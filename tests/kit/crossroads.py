@@ -4,10 +4,10 @@ from collections.abc import Iterable, Mapping
 
 from gateway.events import Emit, Event
 from gateway.request import Target
-from gateway.routing.access import DEFAULT_ROWS, Door, Rights, Row
+from gateway.routing.access import DEFAULT_ROWS, EntryPoint, Rights, Row
 from gateway.routing.router import Router
 
-_SCADA = Door("scada")
+_SCADA = EntryPoint("scada")
 
 
 def _nobody_listens(event: Event) -> None:
@@ -19,13 +19,13 @@ def router(
     emit: Emit = _nobody_listens,
     *,
     rows: Iterable[Row] = DEFAULT_ROWS,
-    door: Door = _SCADA,
+    entry: EntryPoint = _SCADA,
     now: float = 0.0,
 ) -> Router:
     """A router whose clock stands at `now`."""
-    crossroads = Router(door, lambda: now, emit)
+    crossroads = Router(entry, lambda: now, emit)
     crossroads.routes = routes
-    crossroads.rights = Rights(rows, door)
+    crossroads.rights = Rights(rows, entry)
     return crossroads
 
 

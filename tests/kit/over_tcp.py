@@ -5,7 +5,7 @@ import asyncio
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.ports.alarm import Alarm
+from gateway.ports.lazy_timer import LazyTimer
 from gateway.service.build import Listener
 
 ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
@@ -25,7 +25,7 @@ class OverTcpClient:
             settings=listener.settings,
             now=self._loop.time(),
         )
-        self._alarm = Alarm(self._loop, self._proceed)
+        self._timer = LazyTimer(self._loop, self._proceed)
         self._heard = bytearray()
 
     def ask(self, pdu: str, unit: int = 1) -> None:
@@ -60,7 +60,7 @@ class OverTcpClient:
         self.wake(0.0)
 
     def wake(self, when: float | None) -> None:
-        self._alarm.set(when)
+        self._timer.set(when)
 
     def release_after(self, seconds: float) -> None:
         self._loop.call_later(seconds, self.session.release)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.devices.quirks import LoneDevice
+from gateway.devices.quirks import AddressZeroDevice
 from gateway.events import OtherClientHeard
 from gateway.lines import attribution
 from kit.line_bench import ASCII, LATENCY, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench
@@ -322,7 +322,7 @@ def test_an_unknown_function_could_be_anything_so_it_is_no_request(bench: Bench)
 
 
 def test_whoever_is_asked_at_address_0_has_the_address_that_others_ask(bench: Bench) -> None:
-    bench.devices[0] = LoneDevice(bench.device(unit=0).settings, bench.line)
+    bench.devices[0] = AddressZeroDevice(bench.device(unit=0).settings, bench.line)
     bench.respond(THEIRS, unit=77)
     bench.ask(unit=0)
     bench.pass_time(0.05)

@@ -19,19 +19,19 @@ def failing(*limits: float, window: float = 0.0, longest: float | None = None) -
     """How long the rests after failures with these limits are, each failure when the rest before it has ended."""
     breaker, now, rests = Breaker(), 0.0, []
     for limit in limits:
-        breaker.failed(limit, now + window, longest)
+        breaker.record_failure(limit, now + window, longest)
         rests.append(breaker.rest)
         now += window + breaker.rest
-        assert not breaker.rests(now)
+        assert not breaker.is_resting(now)
     return rests
 
 
 def test_the_third_failure_in_a_row_begins_a_rest() -> None:
     breaker = Breaker()
-    assert [breaker.failed(0.05, 10.0) for _ in range(FAILURES)] == [False, False, True]
-    assert breaker.rests(10.0 + 1.0 - 0.001)
+    assert [breaker.record_failure(0.05, 10.0) for _ in range(FAILURES)] == [False, False, True]
+    assert breaker.is_resting(10.0 + 1.0 - 0.001)
     assert breaker.rest_left(10.0) == pytest.approx(1.0)
-    assert not breaker.rests(10.0 + 1.0)
+    assert not breaker.is_resting(10.0 + 1.0)
     assert breaker.rest_left(10.0 + 1.0) == 0.0
 
 
@@ -56,33 +56,33 @@ def test_the_longest_rest_can_be_set_shorter_and_longer() -> None:
 
 def test_without_rests_no_failure_begins_one() -> None:
     breaker = Breaker()
-    assert not any(breaker.failed(1.0, 0.0, 0.0) for _ in range(10))
-    assert (breaker.failures, breaker.rest, breaker.rests(0.0)) == (10, 0.0, False)
-    assert not breaker.heard()
+    assert not any(breaker.record_failure(1.0, 0.0, 0.0) for _ in range(10))
+    assert (breaker.failures, breaker.rest, breaker.is_resting(0.0)) == (10, 0.0, False)
+    assert not breaker.record_success()
 
 
 def test_a_rest_counts_from_the_end_of_the_late_window() -> None:
     breaker = Breaker()
     for _ in range(FAILURES):
-        breaker.failed(0.05, 7.0)
-    assert breaker.rests(7.999)
-    assert not breaker.rests(8.0)
+        breaker.record_failure(0.05, 7.0)
+    assert breaker.is_resting(7.999)
+    assert not breaker.is_resting(8.0)
 
 
 def test_each_rest_is_news_and_the_end_of_the_last() -> None:
     breaker = Breaker()
-    assert [breaker.failed(0.05, 0.0) for _ in range(FAILURES + 3)].count(True) == 4
-    assert breaker.heard()
-    assert not breaker.heard()
-    assert (breaker.failures, breaker.rest, breaker.rests(0.0)) == (0, 0.0, False)
+    assert [breaker.record_failure(0.05, 0.0) for _ in range(FAILURES + 3)].count(True) == 4
+    assert breaker.record_success()
+    assert not breaker.record_success()
+    assert (breaker.failures, breaker.rest, breaker.is_resting(0.0)) == (0, 0.0, False)
 
 
 def test_a_frame_before_the_third_failure_ends_the_row() -> None:
     breaker = Breaker()
-    breaker.failed(0.05, 0.0)
-    breaker.failed(0.05, 0.0)
-    assert not breaker.heard()
-    assert not breaker.failed(0.05, 0.0)
+    breaker.record_failure(0.05, 0.0)
+    breaker.record_failure(0.05, 0.0)
+    assert not breaker.record_success()
+    assert not breaker.record_failure(0.05, 0.0)
 
 
 # --- on a line ---
@@ -125,7 +125,7 @@ def test_a_line_can_be_told_how_long_rests_are_and_that_there_are_none() -> None
     bench = Bench(rest=0.0)
     fail(bench, 10)
     assert bench.told(UnitResting) == []
-    assert not bench.devices[1].rests(bench.now)
+    assert not bench.devices[1].is_resting(bench.now)
 
 
 def test_other_units_do_not_notice(bench: Bench) -> None:
@@ -167,7 +167,7 @@ def test_an_answer_to_the_probe_ends_the_rests(bench: Bench) -> None:
     assert bench.client.answers == [RESPONSE]
     assert bench.told(UnitRecovered) == [UnitRecovered("hall-a", 1, "unit-1")]
     fail(bench, FAILURES - 1)
-    assert not bench.devices[1].breaker.rests(bench.now)
+    assert not bench.devices[1].breaker.is_resting(bench.now)
     assert len(bench.told(UnitRecovered)) == 1
 
 
@@ -189,7 +189,7 @@ def test_a_frame_that_nobody_awaits_any_more_ends_a_rest(timing: LineTiming, pdu
     bench.pass_time(WINDOW + 1.0)
     answer = "55 01 " + bench.frame(1, pdu)
     bench.hear(answer[:12])
-    assert bench.devices[1].breaker.rests(bench.now)
+    assert bench.devices[1].breaker.is_resting(bench.now)
     bench.pass_time(0.02)
     bench.hear(answer[12:])
     assert bench.told(UnitRecovered) == [UnitRecovered("hall-a", 1, "unit-1")]
@@ -213,7 +213,7 @@ def test_a_frame_that_the_unit_may_not_have_sent_ends_no_rest(timing: LineTiming
     fail(bench)
     bench.pass_time(WINDOW + 1.0)
     bench.respond(pdu, unit)
-    assert bench.devices[1].breaker.rests(bench.now)
+    assert bench.devices[1].breaker.is_resting(bench.now)
 
 
 @pytest.mark.parametrize(("noise", "ends"), [(MAX_RTU_ADU - 7, True), (MAX_RTU_ADU - 6, False)])
@@ -224,14 +224,14 @@ def test_a_frame_of_unknown_size_is_not_looked_for_in_lasting_noise(bench: Bench
     for _ in range(noise):
         bench.hear("55")
     bench.hear(answer)
-    assert bench.devices[1].breaker.rests(bench.now) != ends
+    assert bench.devices[1].breaker.is_resting(bench.now) != ends
 
 
 def test_a_broken_frame_ends_no_rest(bench: Bench) -> None:
     fail(bench)
     bench.pass_time(WINDOW + 1.0)
     bench.hear("01 03 02 01 10 B8 19")
-    assert bench.devices[1].breaker.rests(bench.now)
+    assert bench.devices[1].breaker.is_resting(bench.now)
 
 
 def test_a_late_response_ends_the_row_of_failures(bench: Bench) -> None:
@@ -297,7 +297,7 @@ def test_when_another_units_late_answer_is_heard_it_is_no_failure(bench: Bench, 
     """The two may have spoken at once."""
     for _ in range(FAILURES):
         fail(bench, 1, unit=2)
-        bench.devices[2].breaker.heard()
+        bench.devices[2].breaker.record_success()
         bench.ask()
         bench.hear(late)
         bench.pass_time(1.0)
@@ -307,7 +307,7 @@ def test_when_another_units_late_answer_is_heard_it_is_no_failure(bench: Bench, 
 def test_noise_while_another_unit_is_in_its_window_is_a_failure(bench: Bench) -> None:
     for _ in range(FAILURES):
         fail(bench, 1, unit=2)
-        bench.devices[2].breaker.heard()
+        bench.devices[2].breaker.record_success()
         bench.ask()
         bench.hear("55 AA")
         bench.pass_time(1.0)
@@ -316,10 +316,10 @@ def test_noise_while_another_unit_is_in_its_window_is_a_failure(bench: Bench) ->
 
 def test_a_port_that_is_back_ends_all_rests(bench: Bench) -> None:
     fail(bench, FAILURES)
-    assert bench.devices[1].rests(bench.now)
+    assert bench.devices[1].is_resting(bench.now)
     bench.unplug()
     bench.plug()
-    assert not bench.devices[1].rests(bench.now)
+    assert not bench.devices[1].is_resting(bench.now)
 
 
 def test_idle_bytes_of_long_ago_are_no_beginning_of_a_frame(bench: Bench) -> None:
@@ -328,14 +328,14 @@ def test_idle_bytes_of_long_ago_are_no_beginning_of_a_frame(bench: Bench) -> Non
     bench.hear(answer[:9])
     bench.pass_time(1.1)
     bench.hear(answer[9:])
-    assert bench.devices[1].rests(bench.now)
+    assert bench.devices[1].is_resting(bench.now)
     for _ in range(200):
         bench.hear("55" * 20)
     assert len(bench.line._receiver._scanner._buffer) <= 256
     bench.hear(answer[:9])
     bench.pass_time(0.9)
     bench.hear(answer[9:])
-    assert not bench.devices[1].rests(bench.now)
+    assert not bench.devices[1].is_resting(bench.now)
 
 
 @pytest.mark.parametrize("comes", ["noise", "echo"])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.devices.quirks import LoneDevice
+from gateway.devices.quirks import AddressZeroDevice
 from gateway.events import BadFrame, EchoHeard
 from gateway.lines.echo import ECHOES
 from gateway.modbus.chartime import CharacterFormat, LineTiming
@@ -316,7 +316,7 @@ def test_an_ascii_echo_is_heard_too() -> None:
 
 def test_a_lone_device_does_not_take_the_echo_of_its_question() -> None:
     real = Bench(virtual=False)
-    real.devices[0] = LoneDevice(real.device(unit=0).settings, real.line)
+    real.devices[0] = AddressZeroDevice(real.device(unit=0).settings, real.line)
     real.ask(unit=0)
     real.hear(frame(0, READ))
     real.pass_time(0.02)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.devices.quirks import LoneDevice, RestlessDevice, Whereabouts
+from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
 from gateway.events import BadFrame, ForeignFrame, LateResponse, OtherClientHeard, RequestTimeout
 from gateway.lines.late import WORTH_WAITING
 from gateway.modbus.scan import Expected
@@ -402,21 +402,21 @@ def test_a_window_outlives_the_port(bench: Bench) -> None:
 
 def test_a_device_asked_at_0_is_not_asked_while_any_unit_may_answer_late(bench: Bench) -> None:
     """Its answer is taken from whatever address it comes."""
-    lone = LoneDevice(bench.device(unit=0).settings, bench.line)
+    lone = AddressZeroDevice(bench.device(unit=0).settings, bench.line)
     time_out(bench, unit=7)
     lone.submit(bench.client.ask(READ), bench.now)
     assert bench.client.answers == ["83 0B"]
 
 
 def test_nor_while_a_unit_may_answer_another_function_late(bench: Bench) -> None:
-    lone = LoneDevice(bench.device(unit=0).settings, bench.line)
+    lone = AddressZeroDevice(bench.device(unit=0).settings, bench.line)
     time_out(bench, "04 00 10 00 01", unit=7)
     lone.submit(bench.client.ask(READ), bench.now)
     assert bench.client.answers == ["83 0B"]
 
 
 def test_no_unit_is_asked_the_same_while_a_device_asked_at_0_may_answer_late(bench: Bench) -> None:
-    bench.devices[0] = LoneDevice(bench.device(unit=0).settings, bench.line)
+    bench.devices[0] = AddressZeroDevice(bench.device(unit=0).settings, bench.line)
     time_out(bench, unit=0)
     bench.ask(unit=7)
     assert bench.client.answers == ["83 0B"]
@@ -427,11 +427,11 @@ def test_no_unit_is_asked_the_same_while_a_device_asked_at_0_may_answer_late(ben
 
 
 @pytest.fixture
-def silo(bench: Bench) -> RestlessDevice:
+def silo(bench: Bench) -> MovableDevice:
     profile = Profile("weigher", functions=frozenset({3, 16}), quirks=frozenset({"moves", "changes_baud"}))
-    device = RestlessDevice(
+    device = MovableDevice(
         bench.device(profile=profile).settings, bench.line, line_name="hall-a", line_source="",
-        whereabouts=Whereabouts(), is_alone=False, remember=lambda _: None, emit=bench.events.append,
+        addresses=UnitAddresses(), is_alone=False, remember=lambda _: None, emit=bench.events.append,
     )  # fmt: skip
     bench.devices[1] = device
     return device
@@ -440,7 +440,7 @@ def silo(bench: Bench) -> RestlessDevice:
 MOVE_TO_5 = "10 01 00 00 01 02 00 05"
 
 
-def test_a_late_confirmation_of_a_move_is_believed(bench: Bench, silo: RestlessDevice) -> None:
+def test_a_late_confirmation_of_a_move_is_believed(bench: Bench, silo: MovableDevice) -> None:
     time_out(bench, MOVE_TO_5)
     bench.respond("10 01 00 00 01", unit=5)
     assert silo.unit == 5
@@ -456,26 +456,26 @@ def test_of_several_windows_the_longest_one_counts(bench: Bench) -> None:
     assert windows.forbid_until(transaction(bench), 0.0) == 9.0
 
 
-def test_while_a_move_may_be_confirmed_late_nobody_is_asked_the_same(bench: Bench, silo: RestlessDevice) -> None:
+def test_while_a_move_may_be_confirmed_late_nobody_is_asked_the_same(bench: Bench, silo: MovableDevice) -> None:
     time_out(bench, MOVE_TO_5)
     bench.ask("10 00 01 00 01 02 00 07", unit=2)
     assert bench.client.answers == ["90 0B"]
 
 
-def test_a_broadcast_is_answered_by_nobody_so_it_goes_on(bench: Bench, silo: RestlessDevice) -> None:
+def test_a_broadcast_is_answered_by_nobody_so_it_goes_on(bench: Bench, silo: MovableDevice) -> None:
     time_out(bench, MOVE_TO_5)
     bench.broadcast("10 00 01 00 01 02 00 05")
     bench.pass_time(0.01)
     assert bench.written == [bench.frame(0, "10 00 01 00 01 02 00 05")]
 
 
-def test_a_move_waits_for_the_windows_of_all_units(bench: Bench, silo: RestlessDevice) -> None:
+def test_a_move_waits_for_the_windows_of_all_units(bench: Bench, silo: MovableDevice) -> None:
     time_out(bench, "10 00 01 00 01 02 00 07", unit=5)
     bench.ask(MOVE_TO_5)
     assert bench.client.answers == ["90 0B"]
 
 
-def test_a_window_is_for_the_address_that_was_asked(bench: Bench, silo: RestlessDevice) -> None:
+def test_a_window_is_for_the_address_that_was_asked(bench: Bench, silo: MovableDevice) -> None:
     """The device is sought at both its addresses; frames from them cannot be taken for each other."""
     time_out(bench, MOVE_TO_5)
     time_out(bench)
@@ -525,7 +525,7 @@ def test_a_broken_response_is_an_answer_so_none_is_owed() -> None:
 
 def test_a_lone_devices_broken_response_is_known_without_its_address() -> None:
     bench = Bench(retries=1)
-    bench.devices[0] = LoneDevice(bench.device(unit=0).settings, bench.line)
+    bench.devices[0] = AddressZeroDevice(bench.device(unit=0).settings, bench.line)
     bench.ask(unit=0)
     bench.hear(bench.frame(77, RESPONSE)[:-2] + "00")
     bench.pass_time(0.01)
@@ -604,7 +604,7 @@ def test_a_line_that_follows_awaits_what_the_earlier_one_has_awaited(bench: Benc
 
 
 def test_a_line_that_follows_on_one_that_was_asked_at_address_0_trusts_no_unit(bench: Bench) -> None:
-    bench.devices[0] = LoneDevice(bench.device(0).settings, bench.line)
+    bench.devices[0] = AddressZeroDevice(bench.device(0).settings, bench.line)
     time_out(bench, READ, unit=0)
     heir = succeed(bench)
     heir.ask(unit=5)

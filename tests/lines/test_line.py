@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.devices.quirks import RestlessDevice, Whereabouts
+from gateway.devices.quirks import MovableDevice, UnitAddresses
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.lines.counts import Counts
 from gateway.lines.line import RATE_CHANGE_PAUSE
@@ -266,7 +266,7 @@ def test_a_unit_that_is_made_to_listen_only_does_not_rest_for_it(bench: Bench) -
         bench.ask(LISTEN_ONLY)
         bench.pass_time(1.0)
     assert bench.client.answers == [None] * 10
-    assert not bench.devices[1].rests(bench.now)
+    assert not bench.devices[1].is_resting(bench.now)
 
 
 @pytest.mark.parametrize("said", [LISTEN_ONLY, "88 01"])
@@ -781,10 +781,10 @@ def test_a_shared_read_is_sent_as_long_as_one_client_wants_it(bench: Bench) -> N
 
 def test_a_request_that_its_device_refuses_when_its_turn_comes_is_not_sent(bench: Bench) -> None:
     quirky = Profile("weigher", quirks=frozenset({"moves"}))
-    whereabouts = Whereabouts()
-    whereabouts.place("another", 5)
-    bench.devices[1] = RestlessDevice(
-        bench.device(profile=quirky).settings, bench.line, line_name="", line_source="", whereabouts=whereabouts,
+    addresses = UnitAddresses()
+    addresses.place("another", 5)
+    bench.devices[1] = MovableDevice(
+        bench.device(profile=quirky).settings, bench.line, line_name="", line_source="", addresses=addresses,
         is_alone=False, remember=lambda _: None, emit=bench.events.append,
     )  # fmt: skip
     bench.ask("10 01 00 00 01 02 00 05")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.devices.quirks import LoneDevice
+from gateway.devices.quirks import AddressZeroDevice
 from gateway.events import ForeignFrame, OtherClientHeard
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
@@ -121,7 +121,7 @@ def test_on_a_real_port_a_request_heard_while_ours_leaves_counts_too(bench: Benc
 
 
 def test_a_lone_devices_answer_is_ambiguous_when_its_own_address_was_asked(bench: Bench) -> None:
-    bench.devices[0] = LoneDevice(bench.device(unit=0).settings, bench.line)
+    bench.devices[0] = AddressZeroDevice(bench.device(unit=0).settings, bench.line)
     bench.ask(unit=0)
     bench.respond(THEIRS, unit=77)
     bench.respond(THEIR_RESPONSE, unit=77)

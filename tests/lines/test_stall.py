@@ -106,7 +106,7 @@ def test_what_waits_is_sent_once_there_is_one_and_rests_go_on(bench: Bench) -> N
     bench.plug()
     bench.pass_time(0.1)
     assert bench.written[3:] == [frame(2, READ)]
-    assert bench.devices[1].rests(bench.now)
+    assert bench.devices[1].is_resting(bench.now)
     assert not must_renew(bench)
 
 

@@ -7,12 +7,12 @@ import pytest
 
 from gateway.listeners.admission import ALL_BUSY, MEMORY, MOST_REMEMBERED, NO_RIGHTS, NOBODY_GOES, Admission
 from gateway.listeners.session import NEVER, ListenSettings
-from gateway.routing.access import DEFAULT_ROWS, READING, Door, Rights, Row
+from gateway.routing.access import DEFAULT_ROWS, READING, EntryPoint, Rights, Row
 
-EVERYBODY = Rights(DEFAULT_ROWS, Door("scada"))
+EVERYBODY = Rights(DEFAULT_ROWS, EntryPoint("scada"))
 #: The control room is named.
 NAMED_ROWS = (Row(READING, networks=(ip_network("10.0.0.0/24"),)), Row(READING))
-NAMED = Rights(NAMED_ROWS, Door("scada"))
+NAMED = Rights(NAMED_ROWS, EntryPoint("scada"))
 LOOK = 0.25
 
 
@@ -89,7 +89,7 @@ def test_as_long_as_there_is_a_place_nobody_makes_room(lobby: Lobby) -> None:
 
 
 def test_nobody_makes_room_for_a_client_without_rights(lobby: Lobby) -> None:
-    lobby.rights = Rights((), Door("scada"))
+    lobby.rights = Rights((), EntryPoint("scada"))
     assert lobby.comes("A") == NO_RIGHTS
 
 
@@ -291,7 +291,7 @@ def test_clients_are_not_looked_up_again_for_everybody_who_comes() -> None:
             found.append(host)
             return super().names(host)
 
-    lobby = Lobby(places=2001, reserve=1, rights=Told(NAMED_ROWS, Door("scada")))
+    lobby = Lobby(places=2001, reserve=1, rights=Told(NAMED_ROWS, EntryPoint("scada")))
     for number in range(2000):
         lobby.comes(f"10.1.{number // 250}.{number % 250}")
     lobby.makes_room("A")
@@ -305,7 +305,7 @@ def test_new_rights_count_for_those_who_are_in() -> None:
     for host in ("A", "B", "10.0.0.1"):
         lobby.comes(host)
     lobby.makes_room("C")
-    lobby.rights = Rights((Row(READING, networks=(ip_network("192.0.2.0/24"),)), Row(READING)), Door("scada"))
+    lobby.rights = Rights((Row(READING, networks=(ip_network("192.0.2.0/24"),)), Row(READING)), EntryPoint("scada"))
     assert isinstance(lobby.comes("10.0.0.2"), Client)
     assert lobby.makes_room("10.0.0.3").host == "10.0.0.1"
 

@@ -4,21 +4,21 @@ import threading
 
 import pytest
 
-from gateway.ports.threads import ThreadOfItsOwn
+from gateway.ports.threads import ThreadPerCall
 
 
 def test_it_hands_over_the_result():
-    assert ThreadOfItsOwn("count").submit(len, b"abc").result(5) == 3
+    assert ThreadPerCall("count").submit(len, b"abc").result(5) == 3
 
 
 def test_it_hands_over_the_error():
     with pytest.raises(ValueError, match="invalid literal"):
-        ThreadOfItsOwn("count").submit(int, "x").result(5)
+        ThreadPerCall("count").submit(int, "x").result(5)
 
 
 def test_a_call_that_hangs_holds_up_no_other_and_no_exit():
     release = threading.Event()
-    threads = ThreadOfItsOwn("open /dev/ttyS9")
+    threads = ThreadPerCall("open /dev/ttyS9")
     hanging = threads.submit(release.wait, 10)
     thread = threads.submit(threading.current_thread).result(5)
     assert (thread.name, thread.daemon) == ("open /dev/ttyS9", True)

@@ -13,16 +13,16 @@ from gateway.routing.access import (
     NOTHING,
     READING,
     WRITING,
-    Door,
+    EntryPoint,
     Right,
     Rights,
     Row,
     right_to,
 )
 
-SCADA = Door("scada")
-PANEL = Door("panel", "cable")
-FIELD = Door("field", "datagram")
+SCADA = EntryPoint("scada")
+PANEL = EntryPoint("panel", "local")
+FIELD = EntryPoint("field", "datagram")
 ANYWHERE = "10.9.9.9"
 
 
@@ -100,7 +100,7 @@ def test_networks_of_both_kinds(host: str) -> None:
 def test_a_row_for_another_listener_means_nobody_here() -> None:
     table = [row(EVERYTHING, listen="office"), row(READING)]
     assert set(Rights(table, SCADA)[ANYWHERE]) == {READING}
-    assert set(Rights(table, Door("office"))[ANYWHERE]) == {EVERYTHING}
+    assert set(Rights(table, EntryPoint("office"))[ANYWHERE]) == {EVERYTHING}
 
 
 def test_who_may_do_nothing_anywhere_is_not_admitted() -> None:
@@ -152,18 +152,18 @@ def test_a_cable_keeps_its_rights_until_a_row_names_it(table: list[Row], right: 
     assert Rights(table, PANEL)[""][7] == right
 
 
-@pytest.mark.parametrize("kind", ["connection", "cable"])
-def test_all_units_at_once_need_the_right_at_each_of_them(kind: Literal["connection", "cable"]) -> None:
-    door = Door("scada", kind)
+@pytest.mark.parametrize("kind", ["connection", "local"])
+def test_all_units_at_once_need_the_right_at_each_of_them(kind: Literal["connection", "local"]) -> None:
+    entry = EntryPoint("scada", kind)
     everywhere = row(EVERYTHING, listen="scada")
-    assert Rights([everywhere], door)[""][0] == EVERYTHING
-    assert Rights([row(READING, units="7"), everywhere], door)[""][0] == READING
-    assert Rights([row(EVERYTHING, listen="scada", units="7")], door)[""][0] == NOTHING
+    assert Rights([everywhere], entry)[""][0] == EVERYTHING
+    assert Rights([row(READING, units="7"), everywhere], entry)[""][0] == READING
+    assert Rights([row(EVERYTHING, listen="scada", units="7")], entry)[""][0] == NOTHING
 
 
 @pytest.mark.parametrize(("unit", "right"), [(7, READING), (8, EVERYTHING)])
 def test_unit_0_in_the_place_of_another_unit_has_the_rights_at_that_one(unit: int, right: Right) -> None:
-    rights = Rights([row(READING, units="7"), row(EVERYTHING)], Door("scada", unit0=unit))[ANYWHERE]
+    rights = Rights([row(READING, units="7"), row(EVERYTHING)], EntryPoint("scada", unit0=unit))[ANYWHERE]
     assert rights[0] == rights[unit] == right
 
 

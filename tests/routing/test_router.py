@@ -4,7 +4,7 @@ import pytest
 
 from gateway.events import AccessDenied, Event, RequestRefused
 from gateway.request import Request
-from gateway.routing.access import NOTHING, READING, Door, Rights, Row
+from gateway.routing.access import NOTHING, READING, EntryPoint, Rights, Row
 from gateway.routing.router import Counts
 from kit.asker import Asker
 from kit.crossroads import router
@@ -82,6 +82,6 @@ def test_other_rights_hold_from_the_next_request_on() -> None:
     for right in (READING, NOTHING):
         crossroads.submit(client.ask("06 00 00 00 01", unit=7), 0.0)
         crossroads.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
-        crossroads.rights = Rights([Row(right)], Door("scada"))
+        crossroads.rights = Rights([Row(right)], EntryPoint("scada"))
     crossroads.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
     assert client.answers == ["06 00 00 00 01", "03 00 00 00 01", "86 01", "03 00 00 00 01", "83 01"]

@@ -535,11 +535,11 @@ async def test_upstreams_to_the_same_server_come_and_go_together(serving):
     async with serving(LISTEN + HALL_A) as service:
         assert await service.reload(LISTEN + HALL_A + both) == Outcome(added=("upstream one", "upstream two"))
         await asyncio.sleep(0.1)
-        assert all(part.keeper.tried.is_set() for part in service.running.gateway.parts)
+        assert all(part.reconnector.tried.is_set() for part in service.running.gateway.parts)
         changed = both.replace("units", 'timeout = "2 s"\nunits'.replace("\\\n", "\n"))
         assert await service.reload(LISTEN + HALL_A + changed) == Outcome(changed=("upstream one", "upstream two"))
         await asyncio.sleep(0.1)
-        assert all(part.keeper.tried.is_set() for part in service.running.gateway.parts)
+        assert all(part.reconnector.tried.is_set() for part in service.running.gateway.parts)
         assert await service.reload(LISTEN + HALL_A) == Outcome(removed=("upstream one", "upstream two"))
         assert not [event for event in service.events if isinstance(event, PartFailed)]
 

@@ -26,7 +26,7 @@ def plan(config: str = HALL) -> Plan:
 
 def left_behind(*moves: tuple[str, int, int], baud: int = 9600) -> Memory:
     """Devices of HALL that have moved, by name, and the rate that its line has changed to."""
-    memory, (line,) = Memory("/var/lib/x/whereabouts.json"), plan().lines
+    memory, (line,) = Memory("/var/lib/x/addresses.json"), plan().lines
     devices = {device.name: device for device in line.devices}
     for name, configured, now in moves:
         memory.remember(address_key(line, devices[name]), configured, now)
@@ -39,7 +39,7 @@ def test_nothing_is_in_force_as_long_as_nothing_has_changed() -> None:
 
 
 def test_each_value_is_told_with_what_the_config_says_and_how_to_be_rid_of_it() -> None:
-    to_forget = "to forget it, stop the gateway and delete its entry in /var/lib/x/whereabouts.json, or the file"
+    to_forget = "to forget it, stop the gateway and delete its entry in /var/lib/x/addresses.json, or the file"
     assert list(in_force(plan(), left_behind(("silo-2", 2, 5), baud=19200))) == [
         BaudRemembered(
             "hall-a",

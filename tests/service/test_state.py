@@ -115,7 +115,7 @@ def test_the_sound_entries_of_a_damaged_file_are_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", DAMAGED)
 def test_check_says_what_becomes_of_a_damaged_file_and_leaves_it(tmp_path: Path, content: str) -> None:
     (tmp_path / FILE_NAME).write_text(content)
-    with pytest.raises(StateError, match=r"whereabouts\.json is damaged .*; the gateway moves it aside"):
+    with pytest.raises(StateError, match=r"addresses\.json is damaged .*; the gateway moves it aside"):
         kept_in(tmp_path)
     assert (tmp_path / FILE_NAME).read_text() == content
 

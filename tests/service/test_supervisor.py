@@ -96,7 +96,7 @@ class Service:
 
     def open_with(self, line: str, opener: Callable) -> None:
         """Let the port of `line` be opened by `opener`."""
-        self.part(line).keeper._open_port = opener
+        self.part(line).reconnector._open_port = opener
 
     async def stops_within(self) -> float:
         """Seconds from the order to stop to the end."""
@@ -167,7 +167,7 @@ async def test_a_defect_in_opening_a_port_does_not_keep_the_others_from_being_se
 
 async def test_a_line_that_met_a_defect_is_started_again() -> None:
     service = Service()
-    sound = service.part("hall-a").keeper._open_port
+    sound = service.part("hall-a").reconnector._open_port
 
     async def defect_once(user):
         service.open_with("hall-a", sound)

@@ -173,8 +173,8 @@ class Scene:
 
     def allow_everything(self) -> None:
         for each in (*self.home.gateway.listeners, *self.home.gateway.servers):
-            row = Row(EVERYTHING, listeners=frozenset({each.router.door.name}))
-            each.router.rights = Rights((row,), each.router.door)
+            row = Row(EVERYTHING, listeners=frozenset({each.router.entry.name}))
+            each.router.rights = Rights((row,), each.router.entry)
 
     async def check_unit(self, unit: int) -> None:
         """Who answers for `unit` is who was printed."""

@@ -19,8 +19,8 @@ from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened
 from gateway.ports import lookup
 from gateway.ports import tcp as tcp_module
-from gateway.ports.keeper import Keeper
 from gateway.ports.port import TcpSettings
+from gateway.ports.reconnector import Reconnector
 from gateway.ports.tcp import WRITE_BOUND, open_tcp
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.process import PATIENCE, GatewayProcess
@@ -330,10 +330,10 @@ async def test_a_rate_that_cannot_be_set_from_here_is_a_loss_that_says_what_to_d
 
 async def test_a_keeper_connects_again(user):
     number, owner, told = free_number(), Owner(), []
-    keeper = Keeper("hall-a", "nport", lambda user: open_tcp(settings(number), user), owner, told.append)
-    keeping = asyncio.create_task(keeper.run())
+    reconnector = Reconnector("hall-a", "nport", lambda user: open_tcp(settings(number), user), owner, told.append)
+    keeping = asyncio.create_task(reconnector.run())
     try:
-        await keeper.tried.wait()
+        await reconnector.tried.wait()
         for _ in range(3):
             with socket.create_server(("127.0.0.1", number)) as server:
                 server.setblocking(False)

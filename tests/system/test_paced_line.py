@@ -15,8 +15,8 @@ from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
 from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.rtu import encode
-from gateway.ports.keeper import Keeper
 from gateway.ports.port import SerialSettings
+from gateway.ports.reconnector import Reconnector
 from gateway.ports.serial import open_serial
 from kit.asker import Asker
 from kit.line_bench import Bench
@@ -77,7 +77,7 @@ class PacedLine:
         self.device = Device(Bench().device(timeout=limit).settings, self.driver)
         self.client = Asker()
         where = SerialSettings(str(port.path), baud, timing.format)
-        self.keeper = Keeper("hall-a", str(port.path), partial(open_serial, where), self, [].append)
+        self.reconnector = Reconnector("hall-a", str(port.path), partial(open_serial, where), self, [].append)
         self.port_up = self.driver.port_up
         self.port_down = self.driver.port_down
 
@@ -102,8 +102,8 @@ async def until(condition: Callable[[], bool]) -> None:
 @asynccontextmanager
 async def paced(port: VirtualPort, baud: int = 9600, says: bytes = TEN, limit: float = 5.0):
     line = PacedLine(port, baud, says, limit)
-    keeping = asyncio.create_task(line.keeper.run())
-    await asyncio.wait_for(line.keeper.tried.wait(), PATIENCE)
+    keeping = asyncio.create_task(line.reconnector.run())
+    await asyncio.wait_for(line.reconnector.tried.wait(), PATIENCE)
     line.far_end.start()
     try:
         yield line

@@ -1,4 +1,4 @@
-"""The present transport of serial ports on real pseudo-terminals: what is not to be seen from outside, and its keeper.
+"""The serial transport on real pseudo-terminals: what cannot be seen from outside, and its reconnector.
 
 What any transport must do: test_serial_contract.py.
 """
@@ -25,8 +25,8 @@ from gateway.ports import opening
 from gateway.ports import serial as serial_module
 from gateway.ports.holders import _by_lock, holder
 from gateway.ports.ioctls import divided
-from gateway.ports.keeper import Keeper
 from gateway.ports.port import SerialSettings
+from gateway.ports.reconnector import Reconnector
 from gateway.ports.serial import open_serial
 from kit.process import PATIENCE
 from kit.pty import VirtualPort
@@ -334,12 +334,12 @@ async def test_a_driver_that_closes_slowly_does_not_block_the_loop(virtual, user
 @asynccontextmanager
 async def kept(virtual):
     owner, events = Owner(), []
-    keeper = Keeper(
+    reconnector = Reconnector(
         "hall-a", str(virtual.path), lambda user: open_serial(settings(virtual.path), user), owner, events.append
     )
-    task = asyncio.create_task(keeper.run(), name="keeper")
+    task = asyncio.create_task(reconnector.run(), name="reconnector")
     try:
-        await asyncio.wait_for(keeper.tried.wait(), PATIENCE)
+        await asyncio.wait_for(reconnector.tried.wait(), PATIENCE)
         yield owner, events
     finally:
         task.cancel()
@@ -366,8 +366,8 @@ async def test_a_replugged_adapter_is_used_again_under_its_new_name(virtual):
 
 
 async def test_fifty_losses_leave_no_descriptor_and_no_thread_behind(virtual, monkeypatch):
-    monkeypatch.setattr("gateway.ports.keeper.FIRST_PAUSE", 0.002)
-    monkeypatch.setattr("gateway.ports.keeper.LONGEST_PAUSE", 0.002)
+    monkeypatch.setattr("gateway.ports.reconnector.FIRST_PAUSE", 0.002)
+    monkeypatch.setattr("gateway.ports.reconnector.LONGEST_PAUSE", 0.002)
     before, threads = len(descriptors()), threading.active_count()
     async with kept(virtual) as (owner, events):
         for cycle in range(1, 51):
@@ -382,7 +382,7 @@ async def test_fifty_losses_leave_no_descriptor_and_no_thread_behind(virtual, mo
 
 
 async def test_a_line_that_is_closed_can_be_opened_again_at_once(virtual):
-    """As a reload does: the new keeper starts when the old one has ended."""
+    """As a reload does: the new reconnector starts when the old one has ended."""
     for _ in range(5):
         async with kept(virtual) as (owner, events):
             assert owner.port is not None

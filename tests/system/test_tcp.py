@@ -313,7 +313,7 @@ async def come_and_go(home: House, source: str, over: asyncio.Event) -> None:
 async def test_strangers_leave_the_reserve_to_those_whom_rows_name() -> None:
     async with house(clients=4, reserve=2) as home:
         named = Row(EVERYTHING, networks=(ip_network("127.0.0.9"),))
-        home.listener.router.rights = Rights((named, Row(EVERYTHING)), home.listener.router.door)
+        home.listener.router.rights = Rights((named, Row(EVERYTHING)), home.listener.router.entry)
         strangers = [await home.connect(source=f"127.0.0.{number}") for number in range(20, 24)]
         assert await strangers[0].is_closed()
         assert await strangers[1].is_closed()

@@ -94,7 +94,7 @@ async def test_it_hangs_up_when_what_comes_is_no_modbus(driven: Driven) -> None:
 
 @pytest.mark.interpreted
 async def test_it_hangs_up_when_too_many_answers_are_overdue(driven: Driven, monkeypatch) -> None:
-    monkeypatch.setattr(upstream_module, "MOST_OWED", 1)
+    monkeypatch.setattr(upstream_module, "MAX_OUTSTANDING", 1)
     driven.ask()
     await asyncio.sleep(0.6)
     assert driven.port.closed

@@ -9,7 +9,7 @@ from gateway.errors import NotModbus
 from gateway.lines.breaker import FAILURES
 from gateway.modbus.mbap import encode
 from gateway.upstreams import upstream as upstream_module
-from gateway.upstreams.upstream import MOST_OWED
+from gateway.upstreams.upstream import MAX_OUTSTANDING
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, TIMEOUT, WRITE, UpstreamBench
 
@@ -384,7 +384,7 @@ def test_a_client_that_asks_again_from_within_its_answer_is_served() -> None:
 
 @pytest.mark.interpreted
 def test_too_many_overdue_answers_ask_for_a_new_connection_once_nothing_is_under_way(monkeypatch) -> None:
-    monkeypatch.setattr(upstream_module, "MOST_OWED", 3)
+    monkeypatch.setattr(upstream_module, "MAX_OUTSTANDING", 3)
     bench = UpstreamBench()
     for unit in (37, 38, 39):
         bench.ask(unit=unit)
@@ -399,7 +399,7 @@ def test_too_many_overdue_answers_ask_for_a_new_connection_once_nothing_is_under
     bench.upstream.port_down(bench.now)
     assert not bench.upstream.is_spent
     assert bench.client.answers == ["83 0B"] * 3 + [RESPONSE, "83 0A"]
-    assert MOST_OWED < 0x8000
+    assert MAX_OUTSTANDING < 0x8000
 
 
 # --- resting units ---

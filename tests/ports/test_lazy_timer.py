@@ -1,10 +1,10 @@
-"""The alarm: never early, never twice, and cheap when a deadline moves away."""
+"""The timer: never early, never twice, and cheap when a deadline moves away."""
 
 import asyncio
 
 import pytest
 
-from gateway.ports.alarm import Alarm
+from gateway.ports.lazy_timer import LazyTimer
 
 
 class Bell:
@@ -13,7 +13,7 @@ class Bell:
     def __init__(self):
         self.loop = asyncio.get_running_loop()
         self.rung = []
-        self.alarm = Alarm(self.loop, self.ring)
+        self.timer = LazyTimer(self.loop, self.ring)
 
     def ring(self):
         self.rung.append(self.loop.time())
@@ -23,55 +23,55 @@ class Bell:
 async def bell():
     bell = Bell()
     yield bell
-    bell.alarm.close()
+    bell.timer.close()
 
 
 async def test_calls_back_at_the_deadline(bell):
-    bell.alarm.set(2.5)
+    bell.timer.set(2.5)
     await asyncio.sleep(10)
     assert bell.rung == [2.5]
 
 
 async def test_a_later_deadline_wins(bell):
-    bell.alarm.set(1.0)
-    bell.alarm.set(3.0)
+    bell.timer.set(1.0)
+    bell.timer.set(3.0)
     await asyncio.sleep(10)
     assert bell.rung == [3.0]
 
 
 async def test_a_later_deadline_leaves_the_timer_standing(bell):
-    bell.alarm.set(1.0)
-    timer = bell.alarm._timer
-    bell.alarm.set(3.0)
-    bell.alarm.set(2.0)
-    assert bell.alarm._timer is timer
+    bell.timer.set(1.0)
+    timer = bell.timer._timer
+    bell.timer.set(3.0)
+    bell.timer.set(2.0)
+    assert bell.timer._timer is timer
 
 
 async def test_an_earlier_deadline_wins(bell):
-    bell.alarm.set(3.0)
-    bell.alarm.set(1.0)
+    bell.timer.set(3.0)
+    bell.timer.set(1.0)
     await asyncio.sleep(10)
     assert bell.rung == [1.0]
 
 
 async def test_none_means_not_at_all(bell):
-    bell.alarm.set(1.0)
-    bell.alarm.set(None)
+    bell.timer.set(1.0)
+    bell.timer.set(None)
     await asyncio.sleep(10)
     assert bell.rung == []
 
 
 async def test_a_deadline_set_after_none_counts(bell):
-    bell.alarm.set(1.0)
-    bell.alarm.set(None)
-    bell.alarm.set(2.0)
+    bell.timer.set(1.0)
+    bell.timer.set(None)
+    bell.timer.set(2.0)
     await asyncio.sleep(10)
     assert bell.rung == [2.0]
 
 
 async def test_a_deadline_that_has_passed_rings_in_the_loops_next_turn(bell):
     await asyncio.sleep(5)
-    bell.alarm.set(1.0)
+    bell.timer.set(1.0)
     assert bell.rung == []
     await asyncio.sleep(0)
     await asyncio.sleep(0)
@@ -81,34 +81,34 @@ async def test_a_deadline_that_has_passed_rings_in_the_loops_next_turn(bell):
 async def test_it_can_be_set_again_while_it_rings(bell):
     def ring_every_second():
         bell.ring()
-        alarm.set(bell.rung[-1] + 1)
+        timer.set(bell.rung[-1] + 1)
 
-    alarm = Alarm(bell.loop, ring_every_second)
-    alarm.set(1.0)
+    timer = LazyTimer(bell.loop, ring_every_second)
+    timer.set(1.0)
     await asyncio.sleep(3.5)
-    alarm.close()
+    timer.close()
     assert bell.rung == [1.0, 2.0, 3.0]
 
 
 async def test_a_timer_that_fires_early_does_not_ring(bell):
     """Some loops run their timers up to a millisecond early."""
-    bell.alarm.set(1.0)
-    bell.alarm._timer.cancel()
-    bell.alarm._fired()
+    bell.timer.set(1.0)
+    bell.timer._timer.cancel()
+    bell.timer._fired()
     assert bell.rung == []
     await asyncio.sleep(10)
     assert bell.rung == [1.0]
 
 
 async def test_once_closed_it_never_rings(bell):
-    bell.alarm.set(1.0)
-    bell.alarm.close()
-    bell.alarm.set(2.0)
+    bell.timer.set(1.0)
+    bell.timer.close()
+    bell.timer.set(2.0)
     await asyncio.sleep(10)
     assert bell.rung == []
 
 
 async def test_its_repr_says_how_long_it_is_still_off(bell):
-    assert repr(bell.alarm) == "<Alarm off>"
-    bell.alarm.set(0.25)
-    assert repr(bell.alarm) == "<Alarm in 250.0 ms>"
+    assert repr(bell.timer) == "<LazyTimer off>"
+    bell.timer.set(0.25)
+    assert repr(bell.timer) == "<LazyTimer in 250.0 ms>"

@@ -1,4 +1,4 @@
-"""The keeper: opens, tells, opens again, and leaves nothing behind. Seconds are virtual."""
+"""The reconnector: opens, tells, opens again, and leaves nothing behind. Seconds are virtual."""
 
 import asyncio
 import errno
@@ -10,11 +10,11 @@ import pytest
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
 from gateway.modbus.chartime import CharacterFormat
-from gateway.ports import keeper as keeper_module
-from gateway.ports.keeper import Keeper
+from gateway.ports import reconnector as reconnector_module
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import why_lost, why_not_opened
+from gateway.ports.reconnector import Reconnector
 
 SETTINGS = SerialSettings("/dev/hall-a", 19200, CharacterFormat(8, "E", 1))
 GONE = why_lost("/dev/hall-a", OSError(errno.EIO, "Input/output error"))
@@ -47,19 +47,19 @@ class Owner:
 
 
 class House:
-    """A keeper with a memory line on one side and an owner on the other."""
+    """A reconnector with a memory line on one side and an owner on the other."""
 
     def __init__(self):
         self.line = MemoryLine()
         self.owner = Owner()
         self.events = []
-        self.keeper = Keeper("hall-a", "/dev/hall-a", self.line.open_port, self.owner, self.events.append)
+        self.reconnector = Reconnector("hall-a", "/dev/hall-a", self.line.open_port, self.owner, self.events.append)
 
     @asynccontextmanager
     async def kept(self, open_port=None):
         if open_port is not None:
-            self.keeper._open_port = open_port
-        task = asyncio.create_task(self.keeper.run(), name="keeper")
+            self.reconnector._open_port = open_port
+        task = asyncio.create_task(self.reconnector.run(), name="reconnector")
         try:
             await asyncio.sleep(0.001)
             yield
@@ -76,7 +76,7 @@ def house():
 
 async def test_it_opens_the_port_and_tells_the_owner(house):
     async with house.kept():
-        assert house.keeper.tried.is_set()
+        assert house.reconnector.tried.is_set()
         assert house.owner.told == ["up"]
         assert house.events == [LineUp("hall-a", "/dev/hall-a")]
         house.owner.port.write(b"ask")
@@ -102,7 +102,7 @@ async def test_a_returned_port_is_open_again_within_two_seconds(house):
         house.line.plug()
         await asyncio.sleep(1.1)
         assert house.owner.told == ["up", "down: unplugged", "up"]
-        assert house.keeper.error is None
+        assert house.reconnector.error is None
 
 
 async def test_a_brief_loss_is_healed_after_a_tenth_of_a_second(house):
@@ -214,7 +214,7 @@ async def test_an_unplugging_is_told_once_whatever_the_attempts_after_it_say(hou
         for number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOENT):
             house.line.pull(not_opened(number))
             await asyncio.sleep(10)
-        assert "does not exist" in str(house.keeper.error)
+        assert "does not exist" in str(house.reconnector.error)
     assert house.events == [LineUp("hall-a", "/dev/hall-a"), LineLost("hall-a", "/dev/hall-a", GONE)]
 
 
@@ -247,7 +247,7 @@ async def test_a_loss_is_told_when_it_happens_not_when_the_driver_has_let_go(hou
         house.line.pull(GONE)
         await asyncio.sleep(0.01)
         assert house.events[-1] == LineLost("hall-a", "/dev/hall-a", GONE)
-        assert str(house.keeper.error) == GONE
+        assert str(house.reconnector.error) == GONE
 
 
 async def test_an_owner_that_fails_in_taking_the_port_is_told_that_it_is_gone(house):
@@ -256,7 +256,7 @@ async def test_an_owner_that_fails_in_taking_the_port_is_told_that_it_is_gone(ho
 
     house.owner.port_up = port_up
     with pytest.raises(RuntimeError):
-        await house.keeper.run()
+        await house.reconnector.run()
     assert house.owner.told == ["down: closed"]
     assert not house.line.is_open
 
@@ -264,8 +264,8 @@ async def test_an_owner_that_fails_in_taking_the_port_is_told_that_it_is_gone(ho
 async def test_a_failed_first_attempt_counts_as_tried(house):
     house.line.pull("absent")
     async with house.kept():
-        assert house.keeper.tried.is_set()
-        assert str(house.keeper.error) == "absent"
+        assert house.reconnector.tried.is_set()
+        assert str(house.reconnector.error) == "absent"
         assert house.owner.told == []
 
 
@@ -277,8 +277,8 @@ async def test_a_driver_that_never_answers_is_given_up_and_tried_again(house):
         await asyncio.sleep(1000)
 
     async with house.kept(hang):
-        await asyncio.sleep(keeper_module.OPENING_DEADLINE + 0.2)
-        assert "did not open it within 5 s" in str(house.keeper.error)
+        await asyncio.sleep(reconnector_module.OPENING_DEADLINE + 0.2)
+        assert "did not open it within 5 s" in str(house.reconnector.error)
         assert len(attempts) == 2
         attempts[0].lost(PortError("too late"))
     assert house.owner.told == []
@@ -291,7 +291,7 @@ async def test_a_port_lost_before_the_owner_had_it_is_a_failed_attempt(house):
         return port
 
     async with house.kept(stillborn):
-        assert str(house.keeper.error) == "pulled at once"
+        assert str(house.reconnector.error) == "pulled at once"
     assert house.owner.told == []
 
 
@@ -306,15 +306,15 @@ async def test_a_driver_that_never_closes_holds_nobody_up(house):
     async with house.kept():
         house.line._port.wait_closed = asyncio.Event().wait
         cancelled_at = asyncio.get_running_loop().time()
-    assert asyncio.get_running_loop().time() - cancelled_at == pytest.approx(keeper_module.CLOSING_DEADLINE)
+    assert asyncio.get_running_loop().time() - cancelled_at == pytest.approx(reconnector_module.CLOSING_DEADLINE)
     assert house.owner.told == ["up", "down: closed"]
 
 
 async def test_its_repr_is_a_status_line(house):
     house.line.pull("absent")
-    assert repr(house.keeper) == "<Keeper hall-a /dev/hall-a not tried yet>"
+    assert repr(house.reconnector) == "<Reconnector hall-a /dev/hall-a not tried yet>"
     async with house.kept():
-        assert repr(house.keeper) == "<Keeper hall-a /dev/hall-a down: absent>"
+        assert repr(house.reconnector) == "<Reconnector hall-a /dev/hall-a down: absent>"
         house.line.plug()
         await asyncio.sleep(1)
-        assert repr(house.keeper) == "<Keeper hall-a /dev/hall-a open>"
+        assert repr(house.reconnector) == "<Reconnector hall-a /dev/hall-a open>"

@@ -1,15 +1,15 @@
-"""When a part wants to be woken: one lazy timer a line instead of one a request."""
+"""One timer for each line instead of one for each request."""
 
 import asyncio
 from collections.abc import Callable
 from math import inf
 
 
-class Alarm:
-    """Calls back once a deadline has passed, never before it. Deadlines are `loop.time()`, in seconds.
+class LazyTimer:
+    """Calls back once a deadline has passed, never before. Deadlines are `loop.time()`, in seconds.
 
-    A line moves its deadline several times in a transaction, and mostly away from now. So a later deadline leaves the
-    armed timer standing (it looks again when it fires), and only an earlier one costs a call into the loop.
+    A line changes its deadline several times in a transaction, mostly to a later one. A later deadline leaves the
+    loop's timer as it is: when it fires, it is set again. Only an earlier deadline costs a call into the loop.
     """
 
     __slots__ = ("_armed_for", "_callback", "_deadline", "_loop", "_timer")
@@ -22,7 +22,7 @@ class Alarm:
         self._armed_for = inf
 
     def set(self, deadline: float | None) -> None:
-        """Call back at `deadline` instead of any deadline set before; None: not at all."""
+        """Replace the deadline; None for no callback."""
         self._deadline = deadline
         if deadline is not None and deadline < self._armed_for:
             self._arm(deadline)
@@ -57,5 +57,5 @@ class Alarm:
 
     def __repr__(self) -> str:
         if self._deadline is None:
-            return "<Alarm off>"
-        return f"<Alarm in {1000 * (self._deadline - self._loop.time()):.1f} ms>"
+            return "<LazyTimer off>"
+        return f"<LazyTimer in {1000 * (self._deadline - self._loop.time()):.1f} ms>"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gateway.devices.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
-from gateway.lines.look import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, is_paced, look_at, look_at_noise
+from gateway.lines.pacing import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, is_paced, look_at, look_at_noise
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming, Mode
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
@@ -289,7 +289,7 @@ class Wired:
 
 
 class User:
-    """The driver as its port sees it; the keeper is not here. `wakes` counts how often bytes woke it."""
+    """The driver as its port sees it; the reconnector is not here. `wakes` counts how often bytes woke it."""
 
     def __init__(self, driver: LineDriver) -> None:
         self.driver = driver

@@ -1,0 +1,184 @@
+"""Keeps one port open: opens it, and opens it again whenever it is lost."""
+
+import asyncio
+from contextlib import suppress
+from typing import Final, Protocol
+
+from gateway.errors import PortClosed, PortError
+from gateway.events import Emit, LineLost, LineReopened, LineUp
+from gateway.ports.port import OpenPort, Port, Received
+
+#: Back-off before the next attempt, in seconds; it doubles with every failure. At the longest, an adapter that is
+#: plugged in again is used within 2 s, and an absent one takes less than 2 % of a processor.
+FIRST_PAUSE: Final = 0.1
+LONGEST_PAUSE: Final = 1.0
+#: How long a driver may take to open a port, in seconds.
+OPENING_DEADLINE: Final = 5.0
+#: How long to wait for a driver that closes a port, in seconds: the last frame at a low rate, and a margin.
+CLOSING_DEADLINE: Final = 3.0
+
+#: The reason after every unplugging, and the words for it in `ports/reasons.py`.
+_ABSENT: Final = "absent"
+_ABSENT_WORDS: Final = ("does not exist", "has no hardware behind it")
+
+
+class PortOwner(Protocol):
+    """The user of a port that is kept open: a line, an upstream, a serial listener. It starts without a port."""
+
+    @property
+    def is_renewing(self) -> bool:
+        """Whether it closed the port itself and needs a new one at once."""
+
+    def port_up(self, port: Port) -> None:
+        """The port is open and can be written to."""
+
+    @property
+    def received(self) -> Received:
+        """Takes received bytes."""
+
+    def port_down(self, error: PortError) -> None:
+        """The port was lost. Called once for each `port_up`."""
+
+
+class Reconnector:
+    """Keeps the port of `owner` open while `run` runs.
+
+    `name` and `port_path` are those of the line, for events. `tried` is set after the first attempt. `error` says why
+    the port is not open; it is None while it is open, and before the first attempt. `reopened` counts how often it was
+    opened after a loss.
+    """
+
+    def __init__(self, name: str, port_path: str, open_port: OpenPort, owner: PortOwner, emit: Emit) -> None:
+        self.tried = asyncio.Event()
+        self.error: PortError | None = None
+        self.reopened = 0
+        self.port_path = port_path
+        self._name = name
+        self._open_port = open_port
+        self._owner = owner
+        self._emit = emit
+        self._pause = FIRST_PAUSE
+        self._opened_at = 0.0
+        self._lost_at: float | None = None
+        #: Reasons that have been logged since the port was open.
+        self._logged: set[str] = set()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self.tried.is_set() and self.error is None
+
+    async def run(self) -> None:
+        """Keep the port open until cancelled; then close it and call the owner's `port_down`."""
+        while True:
+            try:
+                await self._open_and_wait()
+            except PortError as error:
+                self.failed(error)
+            await asyncio.sleep(self._pause)
+            self._pause = min(max(2 * self._pause, FIRST_PAUSE), LONGEST_PAUSE)
+
+    def failed(self, error: PortError) -> None:
+        """The port could not be opened. Each reason is logged once until the port is open again."""
+        self.error = error
+        if _reason(error) not in self._logged:
+            self._log(error)
+        self.tried.set()
+
+    async def _open_and_wait(self) -> None:
+        """Open the port and wait until it is lost.
+
+        Raises:
+            PortError: it cannot be opened.
+        """
+        session = _PortSession(self._owner)
+        port = await self._open(session)
+        try:
+            session.is_up = True
+            self._report_up(port)
+            self._report_loss(await session.loss)
+        finally:
+            session.lost(PortClosed())
+            await _close(port)
+
+    async def _open(self, session: "_PortSession") -> Port:
+        try:
+            async with asyncio.timeout(OPENING_DEADLINE):
+                port = await self._open_port(session)
+        except TimeoutError:
+            raise PortError(f"{self.port_path}: the driver did not open it within {OPENING_DEADLINE:g} s") from None
+        if session.loss.done():
+            await _close(port)
+            raise session.loss.result()
+        return port
+
+    def _report_up(self, port: Port) -> None:
+        self.error = None
+        self.reopened += self._lost_at is not None
+        self._opened_at = _now()
+        self._owner.port_up(port)
+        if self._lost_at is None:
+            self._emit(LineUp(self._name, self.port_path, port.baud))
+        elif self._logged:
+            away = round(_now() - self._lost_at, 1)
+            self._emit(LineReopened(self._name, self.port_path, away, port.baud))
+        self._logged.clear()
+        self.tried.set()
+
+    def _report_loss(self, error: PortError) -> None:
+        """Log the loss of an open port. That the port is absent from now on is not logged again."""
+        self.error = error
+        if not isinstance(error, PortClosed):  # then the reason has been logged already
+            self._log(error)
+            self._logged.add(_ABSENT)
+        self._lost_at = _now()
+        # Only a port that stayed open for a while resets the back-off.
+        if self._owner.is_renewing:
+            self._pause = 0.0
+        elif self._lost_at - self._opened_at > LONGEST_PAUSE:
+            self._pause = FIRST_PAUSE
+
+    def _log(self, error: PortError) -> None:
+        self._logged.add(_reason(error))
+        self._emit(LineLost(self._name, self.port_path, reason=str(error)))
+
+    def __repr__(self) -> str:
+        state = "not tried yet" if not self.tried.is_set() else "open" if self.error is None else f"down: {self.error}"
+        return f"<Reconnector {self._name} {self.port_path} {state}>"
+
+
+class _PortSession:
+    """The PortUser of one open port: passes bytes to the owner, and a loss to the owner and the reconnector."""
+
+    __slots__ = ("_owner", "is_up", "loss", "received")
+
+    def __init__(self, owner: PortOwner) -> None:
+        self.received = owner.received
+        self.loss: asyncio.Future[PortError] = asyncio.get_running_loop().create_future()
+        self.is_up = False
+        self._owner = owner
+
+    def lost(self, error: PortError) -> None:
+        """The port was lost: call the owner at once, before the reconnector's task runs."""
+        if not self.loss.done():
+            self.loss.set_result(error)
+        if self.is_up:
+            self.is_up = False
+            self._owner.port_down(error)
+
+
+def _reason(error: PortError) -> str:
+    """The error's message, or `_ABSENT` for all messages that mean that."""
+    reason = str(error)
+    return _ABSENT if any(words in reason for words in _ABSENT_WORDS) else reason
+
+
+async def _close(port: Port) -> None:
+    port.close()
+    with suppress(TimeoutError):  # the driver hangs; the port is closed when it returns
+        async with asyncio.timeout(CLOSING_DEADLINE):
+            await port.wait_closed()
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
