@@ -61,7 +61,7 @@ class Device:
         try:
             transaction = self._transaction(request, self._check(request.pdu))
         except RequestError as error:
-            self.counts[request.pdu[0]].failed(error, 1)
+            self.counts[request.pdu[0]].count_error(error, 1)
             self.report_rejection(request, error)
             request.fail(error)
             return

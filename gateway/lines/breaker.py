@@ -1,31 +1,30 @@
-"""Resting units: a device that does not answer must not take its line's time from the others.
+"""Back-off of units that do not respond, so that they take little of their line's time.
 
-After three failures in a row a unit rests: its requests are answered 0B at once. A rest counts from the end of the
-last failure's late window. When it is over, the next client's request is the probe: the gateway sends nothing of its
-own. If the probe fails too, the next rest is twice as long. A rest is at least nine limits, so a dead unit takes at
-most a tenth of its line's time, unless somebody has set a longest rest that is shorter. Any valid answer of the unit,
-a late one and one that nobody awaits any more included, ends all of it.
+After three failures in a row a unit rests: its requests get 0B at once, from the end of the last failure's late window
+on. The next request after that is the probe; the gateway sends none of its own. If it fails too, the next rest is twice
+as long. A rest lasts at least nine time limits, so that an unresponsive unit uses at most a tenth of the line, unless
+a shorter maximum is configured. Any valid response of the unit ends the back-off, even a late or an unexpected one.
 """
 
 from typing import Final
 
 #: Failures in a row after which a unit rests.
 FAILURES: Final = 3
-#: The first rest and by default the longest one, in seconds; both at least so many time limits.
+#: The first rest and the default maximum, in seconds; a rest is never shorter than so many time limits.
 FIRST_REST: Final = 1.0
 LONGEST_REST: Final = 60.0
 LIMITS_PER_REST: Final = 9
 
 
 class Breaker:
-    """Whether one unit may be asked."""
+    """Whether requests to one unit may be sent."""
 
     __slots__ = ("_until", "failures", "rest")
 
     def __init__(self) -> None:
         #: Failures in a row.
         self.failures = 0
-        #: Length of the last rest in seconds, 0 when the unit has not rested since it was heard.
+        #: Length of the last rest in seconds; 0 if there was none since the last response.
         self.rest = 0.0
         self._until = 0.0
 
@@ -35,12 +34,12 @@ class Breaker:
 
     def rest_left(self, now: float) -> float:
         """How much longer the unit rests, in seconds."""
-        return self._until - now if self.is_resting(now) else 0.0
+        return max(0.0, self._until - now)
 
     def record_failure(self, limit: float, window_end: float, longest: float | None = None) -> bool:
-        """A request to the unit has failed after `limit` seconds; True when a rest begins with that.
+        """A request has failed after `limit` seconds; True if a rest begins.
 
-        No rest is longer than `longest` seconds, 0 for none at all; None leaves it at what is usual.
+        `longest` is the maximum in seconds: 0 for no rest at all, None for the default.
         """
         self.failures += 1
         if self.failures < FAILURES or longest == 0:
@@ -53,7 +52,7 @@ class Breaker:
         return True
 
     def record_success(self) -> bool:
-        """A valid frame has come from the unit; True when that ends its rests."""
+        """The unit has responded; True if that ends its back-off."""
         rested = self.rest > 0.0
         self.failures, self.rest, self._until = 0, 0.0, 0.0
         return rested

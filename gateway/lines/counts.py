@@ -1,4 +1,4 @@
-"""What has happened to the requests for one unit: plain ints, all that the request path may spend on it."""
+"""Counters of the requests to one unit: plain integers, because they are on the request path."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -9,28 +9,28 @@ from gateway.errors import RequestError
 from gateway.modbus.functions import KNOWN_FUNCTIONS
 from gateway.timing.measured import NEVER, Times
 
-#: Stands for every function that is not known here: clients may ask for any of them.
+#: The key of all functions that the gateway does not know; clients may send any of them.
 OTHER_FUNCTIONS: Final = 0
 
 
 @dataclass(slots=True)
 class Counts:
-    """Requests by what became of them, then what was seen on the line.
+    """Requests by result, then what was sent and received.
 
-    Each request of a client ends in exactly one of the first group. Reads that shared a transaction count one each,
-    but the transaction is `sent` once.
+    Each request of a client is counted in exactly one of the first group. Reads that shared a transaction count one
+    each, but the transaction is `sent` once.
     """
 
-    #: Answered by the unit, or sent and not to be answered (08/04); or sent to all units.
+    #: Answered by the unit, or sent without a response to expect: 08/04 (`ok`), broadcasts.
     ok: int = 0
     exception: int = 0
     broadcast: int = 0
-    #: Sent, and failed: silence, something broken or foreign, somebody else's answer perhaps, the port died.
+    #: Sent and failed: no response, no valid response, perhaps another client's response, the port was lost.
     timeout: int = 0
     bad_frame: int = 0
     ambiguous: int = 0
     line_lost: int = 0
-    #: Not sent: refused by the profile; or as the line was at that moment.
+    #: Not sent: rejected by the profile; or because of the state of the line, the unit or the queue.
     refused: int = 0
     line_down: int = 0
     resting: int = 0
@@ -38,33 +38,33 @@ class Counts:
     echo_suspected: int = 0
     queue_full: int = 0
     expired: int = 0
-    #: Not sent: its client had left.
+    #: Not sent: its client had disconnected.
     unwanted: int = 0
 
-    #: Frames sent, broadcasts and repeated reads included, and valid answers within their limits.
+    #: Frames sent, including broadcasts and repeated reads, and valid responses within their limits.
     sent: int = 0
     responses: int = 0
     retries: int = 0
-    #: Requests that joined another one's transaction.
+    #: Reads that shared the transaction of an equal one.
     coalesced: int = 0
-    #: Answers after their limits, and before their requests can have left; frames that were no answer to what was
-    #: asked; other bytes; the request's own copy.
+    #: Responses after their limits, and before their requests can have been sent; valid frames that were not the
+    #: response; transactions with other bytes before the response; copies of the request.
     late_responses: int = 0
     early_responses: int = 0
     foreign_frames: int = 0
     noise: int = 0
     echoes: int = 0
 
-    def failed(self, error: RequestError, requests: int) -> None:
-        """So many requests have got `error`."""
+    def count_error(self, error: RequestError, requests: int) -> None:
+        """So many requests failed with `error`."""
         setattr(self, error.result, getattr(self, error.result) + requests)
 
 
 class UnitCounts(dict[int, Counts]):
-    """The Counts of one unit by function; those that are not known here share one. `times` has an entry beside each.
+    """The Counts of one unit by function; unknown functions share one. `times` has the same keys.
 
-    `codes` are the unit's exception responses by their code. `last_error` is what became of the last request that was
-    sent and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`.
+    `codes` counts the unit's exception responses by code. `last_error` is the result of the last request that was sent
+    and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`.
     """
 
     __slots__ = ("codes", "last_error", "last_error_at", "times")
@@ -85,23 +85,23 @@ class UnitCounts(dict[int, Counts]):
         self.times[function] = Times()
         return counts
 
-    def refused_by_unit(self, code: int, requests: int, now: float) -> None:
-        """So many requests have got the exception `code` from the unit."""
+    def count_exception(self, code: int, requests: int, now: float) -> None:
+        """So many requests got the exception `code` from the unit."""
         self.codes[code] = self.codes.get(code, 0) + requests
-        self.failed(f"exception {code:02X}", now)
+        self.record_error(f"exception {code:02X}", now)
 
-    def failed(self, error: str, now: float) -> None:
-        """A request that was sent has come to this."""
+    def record_error(self, error: str, now: float) -> None:
+        """A request that was sent has failed."""
         self.last_error = error
         self.last_error_at = now
 
 
 _NAMES: Final = tuple(field.name for field in fields(Counts))
 _VALUES: Final = attrgetter(*_NAMES)
-#: The names of the first group: what can become of a request.
+#: The names of the first group: the possible results of a request.
 RESULTS: Final = _NAMES[: _NAMES.index("sent")]
 
 
 def total(counts: Iterable[Counts]) -> Counts:
-    """All of `counts` together."""
+    """The sum of `counts`."""
     return Counts(*map(sum, zip(*map(_VALUES, counts), strict=True)))

@@ -1,4 +1,4 @@
-"""Joins a line's machine to its port and to the clock: the only part of a line that knows the event loop."""
+"""Connects a line to its port and to the clock: the only part of a line that knows the event loop."""
 
 import asyncio
 from collections.abc import Callable
@@ -15,12 +15,12 @@ from gateway.ports.wire import Wire, settled
 
 
 class LineDriver:
-    """Hands bytes, time and requests to `line`. It is the owner of the line's port, as `ports.reconnector` sees it.
+    """Passes bytes, time and requests to `line`. It is the PortOwner of the line's port.
 
-    `rate_changed` is told when the line goes on at another rate: the port is opened at that one from then on.
-    `wire` is how bytes travel; `auto` until the port is open for the first time.
+    `rate_changed` is called with a new rate of the line, at which the port is opened from then on. `wire` is `auto`
+    until the port has been open.
 
-    An error that nobody foresaw ends here: it is told, all requests of the line fail, the port is closed and reopened.
+    An unexpected error is logged here, all requests of the line fail, and the port is closed and reopened.
     """
 
     def __init__(
@@ -31,14 +31,14 @@ class LineDriver:
         self._rate_changed = rate_changed
         self._emit = emit
         self._time = loop.time
-        self._look_at: float | None = None
+        self._read_at: float | None = None
         name = f"line {line.settings.name}"
         self._boundary = ErrorBoundary(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
 
     def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction. Bytes that nobody has read yet came before it: they are no answer to it."""
+        """Take over a transaction. Bytes that wait in the port came before it, and are read first."""
         if self.line.is_quiet(now):
-            self._look()
+            self._read_port()
         self._boundary.run(self.line.submit, transaction, now)
 
     def port_up(self, port: Port) -> None:
@@ -49,15 +49,15 @@ class LineDriver:
         self._boundary.run(port_up, port.write, port.latency, self._time())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
-        """These bytes became readable."""
+        """These bytes were received."""
         self._boundary.run(self._receive, data, self._time(), damaged)
 
-    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector tells why
-        """The port has gone; requests fail at once until it is back."""
+    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
+        """The port was lost; requests fail at once until it is open again."""
         self._boundary.lost()
 
     def change_rate(self, baud: int) -> None:
-        """Go on at `baud`, line and port: the only device has changed its rate."""
+        """Change line and port to `baud`: the only device has changed its rate."""
         self.line.change_rate(baud, self._time())
         self._rate_changed(baud)
         if self._boundary.port is not None:
@@ -65,7 +65,7 @@ class LineDriver:
 
     @property
     def is_renewing(self) -> bool:
-        """Whether the line has closed its connection and waits for the next one."""
+        """Whether the line has closed its connection and waits for a new one."""
         return self.line.is_renewing
 
     @property
@@ -74,49 +74,49 @@ class LineDriver:
         return self.line.is_busy
 
     def finish(self) -> None:
-        """Take no more requests; the one that is on the line may still be answered."""
+        """Accept no more requests; the one on the line may still be answered."""
         self._boundary.run(self.line.finish, self._time())
 
     def overdue(self, now: float) -> float:
-        """For how many seconds something should have been done, and was not."""
+        """How many seconds the line is behind its deadline."""
         return self._boundary.overdue(now)
 
     def close(self) -> None:
-        """Wake no more."""
+        """Stop the timer."""
         self._boundary.close()
 
     def _deadline(self) -> float | None:
-        return earliest(self.line.deadline(), self._look_at)
+        return earliest(self.line.deadline(), self._read_at)
 
     def _tick(self) -> None:
-        self._look()
+        self._read_port()
         self.line.tick(self._time())
         if self.line.must_renew(self._time()):
             self._renew()
 
     def _renew(self) -> None:
-        """Close the connection; the reconnector makes the next one."""
+        """Close the connection; the reconnector opens a new one."""
         port, self._boundary.port = self._boundary.port, None
         if port is not None:
             self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))
             self.line.renew(self._time())
             port.close()
 
-    def _look(self) -> None:
-        """Take what has come, before anything is sent or given up."""
-        self._look_at = None
+    def _read_port(self) -> None:
+        """Read what the port has received, before anything is sent or times out."""
+        self._read_at = None
         if self._boundary.port is not None:
-            self._boundary.port.look()
+            self._boundary.port.read_now()
 
     def _receive(self, data: bytes, now: float, damaged: bool) -> None:  # noqa: FBT001 - a step of the boundary
-        """Take bytes, and look away if that can be. Pieces of one read may still come while the port is paused."""
+        """Take bytes, and pause the port if possible. Pieces of one read may still come while it is paused."""
         self.line.received(data, now, damaged=damaged)
-        look_at, port = self.line.look_at(now), self._boundary.port
-        if look_at is not None and port is not None and port.pause():
-            self._look_at = look_at
-        elif self._look_at is not None:
-            self._look_at = now
+        read_at, port = self.line.read_at(now), self._boundary.port
+        if read_at is not None and port is not None and port.pause():
+            self._read_at = read_at
+        elif self._read_at is not None:
+            self._read_at = now
 
     def _down(self) -> None:
-        self._look_at = None
+        self._read_at = None
         self.line.port_down(self._time())

@@ -1,29 +1,28 @@
-"""The transaction machine of one line: one request at a time, a silence before it, a limit after it, only its response.
+"""The state machine of one line: one request at a time, a silence before it, and a time limit for its response.
 
-| state     | what happens                            | next      | what is done                                      |
+| state     | event                                   | next      | action                                            |
 |-----------|-----------------------------------------|-----------|---------------------------------------------------|
 | down      | `port_up`                               | idle      |                                                   |
-| idle      | a turn, and the line is quiet           | awaiting  | the request is written                            |
-| idle      | the turn of a broadcast                 | idle      | it is written; the line is quiet for a while    |
-| awaiting  | the answer                              | idle      | the client gets it                                |
-| awaiting  | the limit, a damaged or doubted answer  | idle      | 0B, or the read waits for its second sending; a   |
-|           |                                         |           | late window opens for what is owed                |
-| awaiting  | the same, if a second sending may help  | repeating |                                                   |
+| idle      | a request can be sent                   | awaiting  | it is written                                     |
+| idle      | a broadcast can be sent                 | idle      | it is written; the turnaround silence begins      |
+| awaiting  | the response                            | idle      | the client gets it                                |
+| awaiting  | the limit, a damaged or an ambiguous    | idle      | 0B, or a read waits to be sent again; a late      |
+|           | response                                |           | window opens                                      |
+| awaiting  | the same, if it can be sent at once     | repeating |                                                   |
 | repeating | the line is quiet                       | awaiting  | the request is written again                      |
-| repeating | bytes come: they may be the answer      | idle      | 0B                                                |
-| idle      | `renew`: this connection may hold back  | renewing  | what waits goes on waiting                        |
+| repeating | bytes come: they may be the response    | idle      | 0B                                                |
+| idle      | `renew`: a new connection is needed     | renewing  | waiting requests go on waiting                    |
 | renewing  | `port_up`                               | idle      |                                                   |
-| renewing  | `RENEWAL` seconds pass                  | down      | 0A for all that waits                             |
-| any other | `port_down`                             | down      | 0B for what was sent, 0A for all that waits       |
-| awaiting  | `finish`                                | last      | 0A for all that waits                             |
+| renewing  | `RENEWAL` seconds pass                  | down      | 0A for all waiting requests                       |
+| any other | `port_down`                             | down      | 0B for what was sent, 0A for all waiting requests |
+| awaiting  | `finish`                                | last      | 0A for all waiting requests                       |
 | any other | `finish`                                | down      | the same, and 0B for what was to be repeated      |
-| last      | the answer, the limit                   | down      | as from awaiting                                  |
+| last      | the response, the limit                 | down      | as from awaiting                                  |
 
-Which request goes next is the matter of `scheduler`, what the bytes from the line mean that of `receiver`.
+`scheduler` chooses the next request, `receiver` finds the response in the bytes from the line.
 
-The machine knows no clock and no descriptor: bytes, time and requests are its arguments, and `deadline` says when it
-wants to be called again. It finishes its own state before it calls a request's origin, which may submit the next
-request at once.
+There is no I/O here: bytes, time and requests are arguments, and `deadline` is when to call `tick`. A line finishes its
+own state before it answers requests, because an answer may cause the next request at once.
 """
 
 from collections.abc import Callable, Iterable
@@ -36,7 +35,7 @@ from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateWindows, Overdue
-from gateway.lines.receiver import NOTHING, Outcome, Receiver, Verdict
+from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.report import Report
 from gateway.lines.scheduler import Scheduler, earliest
 from gateway.lines.settings import LineSettings
@@ -46,25 +45,23 @@ from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
 
-#: Silence after a device has answered that it changes its rate, in seconds: time for it, and for our own port.
+#: Silence after a device has confirmed a new baud rate, in seconds: time for the device and for our port to change.
 RATE_CHANGE_PAUSE: Final = 0.1
-#: How long requests wait for a connection that is made anew, in seconds.
+#: How long requests wait for a new connection, in seconds.
 RENEWAL: Final = 1.0
 
-#: Is shown each transaction that was on the line, its answer or None, and when that was known.
+#: Called with each transaction that was on the line, its response or None, and the time.
 Observer = Callable[[Transaction, Frame | None, float], None]
-
-
 #: See the table above.
 State = Literal["down", "idle", "awaiting", "repeating", "renewing", "last"]
 
 
 class Line:
-    """One line and its transactions. `observer`, if there is one, is shown each of them."""
+    """One line and its transactions."""
 
     def __init__(self, settings: LineSettings, emit: Emit) -> None:
         self.settings = settings
-        #: Bytes that came while nothing was asked, and what the line's time went into.
+        #: Bytes on the idle line, and how the line's time was used.
         self.unasked_bytes = 0
         self.spent = TimeSpent()
         self.observer: Observer | None = None
@@ -77,9 +74,9 @@ class Line:
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
         self._state: State = "down"
-        #: What is awaited or to be repeated, and what came instead of its answer when it was sent before.
+        #: The request on the line or to be repeated, and why it was without a response when it was sent before.
         self._current: Transaction | None = None
-        self._instead = NOTHING
+        self._diagnosis = NOTHING
         self._quiet_at = 0.0
         self._renewed_until = 0.0
         self._tune(latency=0.0)
@@ -90,11 +87,11 @@ class Line:
         return len(self._scheduler)
 
     def late_windows(self, now: float) -> int:
-        """How many late answers are awaited."""
+        """How many late windows are open."""
         return self._windows.count(now)
 
     def phases(self, now: float) -> Phases:
-        """What the line's time has gone into, also the time for what is awaited `now`."""
+        """How the line's time was used, including the transaction in progress."""
         current = self._current
         if current is None or not self._is_awaiting:
             return self.spent.phases()
@@ -110,10 +107,10 @@ class Line:
         virtual: bool = True,
         has_arrived: HasArrived | None = None,
     ) -> None:
-        """The port is open: requests go out through `write`.
+        """The port is open: requests are sent with `write`.
 
-        `latency` is what it may add to an answer, in seconds. A `virtual` one carries bytes at once: an answer can come
-        before its request would have left a real line. A connection tells whether all of it `has_arrived`.
+        `latency` is what it may add to a response, in seconds. A `virtual` port carries bytes at once, so a response
+        can come before a real line could have carried the request. `has_arrived` is None unless it is a connection.
         """
         self._is_virtual = virtual
         self._has_arrived = has_arrived
@@ -126,7 +123,7 @@ class Line:
         self._state = "idle"
 
     def port_down(self, now: float) -> None:
-        """The port has gone: what was on the line may have been acted on (0B), what waited was not sent (0A)."""
+        """The port was lost: the unit may have acted on the request on the line (0B); others were not sent (0A)."""
         if self._state == "renewing" and now < self._renewed_until:
             return
         self._disconnect("down")
@@ -138,17 +135,17 @@ class Line:
             _fail_waiting(waiting)
 
     def must_renew(self, now: float) -> bool:
-        """Whether the line goes on with a new connection only: this one may hold back what was asked."""
+        """Whether a new connection is needed: this one may hold back requests."""
         return not self.is_busy and self._scheduler.must_renew(now)
 
     def renew(self, now: float) -> None:
-        """The connection is closed and made anew: what waits goes on waiting, for RENEWAL at most."""
+        """The connection is closed and a new one opened: waiting requests go on waiting, for at most RENEWAL."""
         self._disconnect("renewing")
         self._renewed_until = now + RENEWAL
 
     @property
     def is_renewing(self) -> bool:
-        """Whether what waits goes on waiting for a new connection."""
+        """Whether the line waits for a new connection."""
         return self._state == "renewing"
 
     @property
@@ -157,24 +154,24 @@ class Line:
         return self._current is not None
 
     def is_quiet(self, now: float) -> bool:
-        """Whether the line is free and its silence is over, so that a request would leave at once."""
+        """Whether a request would be sent at once."""
         return self._state != "awaiting" and now >= self._quiet_at
 
     def finish(self, now: float) -> None:
-        """Take no more requests: what waits is not sent any more (0A), what is on the line may be answered."""
+        """Accept no more requests: waiting ones are not sent (0A), the one on the line may be answered."""
         is_repeating = self._state == "repeating"
         self._disconnect("down" if self._current is None else "last")
         waiting = self._scheduler.clear()
         try:
             if is_repeating and self._current is not None:
-                self._lose(self._current, now)
+                self._fail(self._current, now)
         finally:
             _fail_waiting(waiting)
 
     def overdue(self, now: float, patience: float) -> list[Overdue]:
-        """What may still come, for a line that follows on the same port: late answers, and those to other clients.
+        """The responses that may still come, for the next line on the same port: late ones, and other clients'.
 
-        Nobody is answered later than `patience` seconds after the request.
+        Other clients' come within `patience` seconds of the request.
         """
         others = [
             Overdue(request.frame.unit, request.frame.unit, request.asked.data, 1, request.at + patience)
@@ -184,22 +181,19 @@ class Line:
         return self._windows.overdue(now) + others
 
     def await_overdue(self, answers: Iterable[Overdue]) -> None:
-        """Await the late answers to what an earlier line on the port has asked."""
+        """Open late windows for the requests of an earlier line on the port."""
         for each in answers:
             expected = self._receiver.expected(each.answers_from, each.asked)
             self._windows.open(each, expected, each.ends_at, each.owed)
 
     def change_rate(self, baud: int, now: float) -> None:
-        """The devices, and the port with them, change to another rate: nothing is sent for a moment.
-
-        A transaction that is on the line comes to its end first.
-        """
+        """Devices and port change to another rate after the transaction on the line; nothing is sent for a moment."""
         self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))
         if self._current is None:
             self._follow_rate(now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction: it is sent when its turn comes and the line is quiet, or it fails."""
+        """Take over a transaction: it is sent in its turn, or fails."""
         is_down = self._state in ("down", "last")
         rejection = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if rejection is not None:
@@ -208,40 +202,40 @@ class Line:
             self._go_on(now)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
-        """Take bytes that became readable at `now`. No frame with all of `damaged` ones in it is an answer."""
+        """Take bytes. A frame that contains all of `damaged` ones is no response."""
         if self._state == "repeating" and self._current is not None:
             self._stop_repeating(self._current, now)
         current = self._current
         if current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
             self._receiver.received(data, now, damaged=damaged)
-            self._heard_idle(len(data), now)
+            self._take_idle(len(data), now)
             return
         early = not self._is_virtual and now < current.ends_at and not self.settings.echo
         if not early:
             self._quiet_at = now + self._gap
             early = self._has_arrived is not None and not self._has_arrived()
         outcome = self._receiver.received(data, now, damaged=damaged, early=early)
-        self._tell_late(now)
+        self._report_late(now)
         if outcome is not None:
             self._take(current, outcome, now)
 
     def deadline(self) -> float | None:
-        """When `tick` wants to be called, or None while there is nothing to wait for."""
+        """When to call `tick`, or None."""
         if self._current is None and self._state != "renewing":
-            alarm = self._scheduler.deadline(self._quiet_at)
+            deadline = self._scheduler.deadline(self._quiet_at)
         else:
-            alarm = earliest(self._next_step(), self._scheduler.next_expiry())
-        return earliest(alarm, self._receiver.late_deadline()) if self._windows.windows else alarm
+            deadline = earliest(self._next_step(), self._scheduler.next_expiry())
+        return earliest(deadline, self._receiver.late_deadline()) if self._windows.windows else deadline
 
-    def look_at(self, now: float) -> float | None:
-        """When to look at the port again: nothing that comes before decides anything. None: at the next byte."""
-        return None if self._windows.windows else self._receiver.look_at(now)
+    def read_at(self, now: float) -> float | None:
+        """When to read the port again: no byte before that decides anything. None: at the next byte."""
+        return None if self._windows.windows else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
-        """Let time pass: a silence may have ended a response, a limit may have run out, the line may be quiet again."""
+        """Let time pass: a silence, a time limit or a late window may have ended."""
         outcome = self._receiver.tick(now)
-        self._tell_late(now)
+        self._report_late(now)
         for transaction in self._scheduler.take_underway(now):
             expected = self._receiver.expected(transaction.answers_from, transaction.asked)
             self._scheduler.await_arrived(transaction, expected, now)
@@ -259,7 +253,7 @@ class Line:
         return self._state in ("awaiting", "last")
 
     def _tune(self, latency: float) -> None:
-        """Work out what follows from the line's timing and its port's latency."""
+        """Set what follows from the line's timing and its port's latency."""
         self._budget = Budget(self.settings.timing, latency)
         self._gap = self.settings.silence_before_request
         self.spent.tune(self.settings.timing)
@@ -275,7 +269,7 @@ class Line:
         self._quiet_at = max(self._quiet_at, now + RATE_CHANGE_PAUSE)
 
     def _next_step(self) -> float:
-        """When the state ends if nothing happens. A response of unknown size that has begun may come to its end."""
+        """When the state ends without an event. A response of unknown size that has begun may be completed."""
         current = self._current
         if current is None:
             return self._renewed_until
@@ -288,7 +282,7 @@ class Line:
         return fails_at if damaged_at is None else min(damaged_at, fails_at)
 
     def _go_on(self, now: float) -> None:
-        """Send the next request if the line is free and quiet, and refuse those that have waited too long."""
+        """Send the next request if the line is free and quiet, and fail those that have waited too long."""
         late = self._scheduler.expired(now)
         given_up = self._scheduler.given_up(now)
         try:
@@ -307,7 +301,7 @@ class Line:
             _fail_all(given_up, errors.ResponseTimeout())
 
     def _rejection(self, transaction: Transaction, now: float) -> RequestError | None:
-        """Why a transaction is not sent, now that its turn has come."""
+        """Why a transaction is not sent in its turn, or None."""
         return self._scheduler.rejection(transaction, now) if transaction.is_wanted else errors.Unwanted()
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
@@ -318,8 +312,8 @@ class Line:
             self._current, self._state = None, "idle"
             transaction.fail(error)
             return
-        transaction.sent(now)
-        transaction.owed += not transaction.is_broadcast
+        transaction.count_sent(now)
+        transaction.outstanding += not transaction.is_broadcast
         if transaction.expects_answer:
             self._quiet_at = transaction.ends_at + self._gap
             write(self._receiver.begin(transaction, now))
@@ -327,60 +321,61 @@ class Line:
             self._send_unanswered(transaction, write, now)
 
     def _send_unanswered(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
-        """Send what nobody answers, and leave the devices time to act."""
+        """Send a request without a response, and give the devices time to act."""
         self._current, self._state = None, "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         self.spent.add(now, transaction.ends_at, transaction.ends_at, 0, self._quiet_at)
         overdue: list[Transaction] = []
         try:
             write(self._receiver.begin(transaction, now))
-            if transaction.owed:  # a unit that knows no listen-only mode answers all the same
+            if transaction.outstanding:  # a unit without a listen-only mode responds all the same
                 overdue = self._scheduler.await_late(transaction, now)
         finally:
-            transaction.finish_unanswered()
+            transaction.end()
             _fail_all(overdue, errors.AnswerOverdue())
 
-    def _heard_idle(self, size: int, now: float) -> None:
-        if not self._receiver.came_late:
+    def _take_idle(self, size: int, now: float) -> None:
+        if not self._receiver.late_responses:
             self.unasked_bytes += size
-        self._tell_late(now)
+        self._report_late(now)
         resting = self._scheduler.resting
         if resting:
-            self._scheduler.spoken(self._receiver.spoken(resting))
+            self._scheduler.record_frames(self._receiver.responding(resting))
         self._go_on(now)
 
-    def _tell_late(self, now: float) -> None:
-        """Tell of the answers to older requests that have come."""
-        late, self._receiver.came_late = self._receiver.came_late, []
-        for question, frame in late:
-            if isinstance(question, Transaction):
-                self._report.late_response(question, now)
-                self._scheduler.answered(question)
-                question.device.finished(question, frame)
+    def _report_late(self, now: float) -> None:
+        """Report the late responses that came."""
+        late, self._receiver.late_responses = self._receiver.late_responses, []
+        for request, frame in late:
+            if isinstance(request, Transaction):
+                self._report.late_response(request, now)
+                self._scheduler.record_response(request)
+                request.device.finished(request, frame)
 
     def _take(self, current: Transaction, outcome: Outcome, now: float) -> None:
-        """The answer has come, or one that is doubted."""
+        """The response came, or an ambiguous one."""
         if isinstance(outcome, Frame):
-            current.answered(now)
-            current.owed -= 1
-            self._scheduler.answered(current)
-        else:  # its own answer comes next: nobody speaks into it
+            current.count_response(now)
+            current.outstanding -= 1
+            self._scheduler.record_response(current)
+        else:  # the response to this request comes next
             self._quiet_at = max(self._quiet_at, current.fails_at)
         self._finish(current, outcome, now)
 
     def _give_up(self, current: Transaction, now: float) -> None:
-        """No answer has come: send the request again if that may help, else say what was heard instead.
+        """No response came: send the request again if it may be, or fail it.
 
-        After silence it may help once the late window is over, and likewise if another client waits for an answer.
+        A damaged response is repeated at once; after silence, and if it may be another client's, the late window comes
+        first.
         """
-        instead = self._instead = self._receiver.conclude()
-        self._tell_late(now)
-        current.owed -= self._receiver.has_answered_badly(now)
-        if current.owed:  # else the unit has answered, only not well
-            self._failed(current, instead.text, now)
-        at_once = instead.verdict is Verdict.BROKEN and not self._receiver.may_be_others(current)
+        diagnosis = self._diagnosis = self._receiver.diagnose()
+        self._report_late(now)
+        current.outstanding -= self._receiver.has_damaged_response(now)
+        if current.outstanding:  # else the response was damaged
+            self._record_failure(current, diagnosis.text, now)
+        at_once = diagnosis.verdict == "broken" and not self._receiver.may_be_others(current)
         if not self._may_repeat(current, now, now if at_once else self._windows.end_of(current, now)):
-            self._lose(current, now)
+            self._fail(current, now)
         elif at_once:
             current.retries += 1
             self._spend(current, 0, now)
@@ -388,15 +383,15 @@ class Line:
         else:
             self._finish(current, None, now)
 
-    def _failed(self, current: Transaction, text: bytes, now: float) -> None:
-        """No answer has come, but this was heard. If it is another unit's late answer, both may have spoken at once."""
+    def _record_failure(self, current: Transaction, text: bytes, now: float) -> None:
+        """No response came, but `text`. A late response of another unit may have collided with it."""
         if not text:
-            self._scheduler.stalled(current, now)
+            self._scheduler.record_silence(current, now)
         if not self._receiver.may_have_collided(current.unit, text, now):
-            self._scheduler.failed(current, now)
+            self._scheduler.record_failure(current, now)
 
     def _may_repeat(self, current: Transaction, now: float, at: float) -> bool:
-        """Whether the request may be sent once more, `at` the earliest."""
+        """Whether the request may be sent once more, not before `at`."""
         if current.retries >= self.settings.retries or not current.asked.only_reads:
             return False
         if self._write is None or not current.is_wanted or current.device.breaker.is_resting(now):
@@ -409,25 +404,22 @@ class Line:
         return at <= current.gives_up_at
 
     def _stop_repeating(self, current: Transaction, now: float) -> None:
-        """The line is not quiet: what comes may be the answer, so nothing is sent again, nor anything else now."""
-        current.owed = max(1, current.owed)
+        """Bytes came that may be the response: the request is not sent again, nor another one now."""
+        current.outstanding = max(1, current.outstanding)
         self._quiet_at = max(self._quiet_at, nextafter(now, inf))
-        self._lose(current, now)
+        self._fail(current, now)
 
-    def _lose(self, current: Transaction, now: float) -> None:
+    def _fail(self, current: Transaction, now: float) -> None:
         """The transaction has failed."""
-        verdict, text = self._instead
-        self._report.given_up(current, now, heard=text, is_echo=verdict is Verdict.ECHO)
+        verdict, text = self._diagnosis
+        self._report.given_up(current, now, heard=text, is_echo=verdict == "echo")
         self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
 
     def _finish(self, current: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
-        """The transaction is over; without an outcome until it is sent again.
-
-        While an answer to it may come late, who could take that for its own waits or fails.
-        """
+        """The transaction is over; without an outcome it waits to be sent again."""
         self._receiver.stop()
-        self._tell_late(now)
-        overdue = self._scheduler.await_late(current, now) if current.owed else []
+        self._report_late(now)
+        overdue = self._scheduler.await_late(current, now) if current.outstanding else []
         if outcome is None:
             self._scheduler.put_back(current.again())
         response = outcome if isinstance(outcome, Frame) else None
@@ -447,7 +439,7 @@ class Line:
             _fail_all(overdue, errors.AnswerOverdue())
 
     def _spend(self, current: Transaction, response: int, now: float) -> None:
-        """The line was given to this until `now`; the PDU of its response has so many bytes."""
+        """Account for the line's time until `now`; `response` is the size of the response PDU."""
         self.spent.add(current.sent_at, current.ends_at, now, response, self._quiet_at)
 
     def __repr__(self) -> str:
@@ -457,13 +449,13 @@ class Line:
 
 def _answer(transaction: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
     if isinstance(outcome, RequestError):
-        transaction.lose(outcome, now)
+        transaction.fail_sent(outcome, now)
     elif outcome is not None:
         transaction.respond(outcome.pdu, now)
 
 
 def _fail_waiting(transactions: list[Transaction]) -> None:
-    """The port has gone, so they are not sent; those that wait to be sent again have been."""
+    """The port was lost: repeats were sent before, other waiting requests were not."""
     for transaction in transactions:
         transaction.fail(errors.LineLost() if transaction.retries else errors.LineDown())
 

@@ -1,46 +1,26 @@
-"""When to look at a line again while an answer comes in, byte by byte, or noise.
+"""When to read a port again while a response comes in, byte by byte, or noise.
 
-Each byte that wakes the gateway costs as much as all else that is done for a transaction, and nothing can be decided
-before the answer can be complete. So nobody looks until then. Why not have the driver gather bytes (VMIN):
+Each byte that wakes the gateway costs as much as the rest of a transaction, and nothing can be decided before the
+response can be complete: until then the port is not read. Why the driver does not gather bytes (VMIN):
 docs/adr/0011-who-looks-at-each-byte.md
 """
 
 from typing import Final
 
-#: A byte may have waited in an adapter before it was handed over, so that those behind it come so many seconds sooner
-#: than it seems: a USB frame lasts a millisecond.
+#: An adapter may have delayed a byte by so many seconds, so that the next ones follow sooner: a USB frame's length.
 HELD_BACK: Final = 0.001
-#: The last bytes are read as they come: the one that was read last may be one character old.
+#: The last byte is read as it comes: the one before may be one character old.
 AS_THEY_COME: Final = 1
-#: It is worth it to look away if so many bytes come meanwhile.
+#: A pause is worth it if so many bytes come meanwhile.
 WORTH: Final = 2
-#: Nobody looks away for longer, in seconds: a port that is lost shows only to who looks.
+#: The longest pause, in seconds: a lost port is noticed only when it is read.
 LONGEST: Final = 0.05
-#: Nor for longer than this before bytes were seen to come at the line's pace: the rest may come at once.
+#: The longest pause before bytes were seen to come at the line's rate: the rest may come at once.
 LONGEST_UNPROVEN: Final = 0.002
-#: So long nobody looks at noise, in seconds: a driver keeps what comes meanwhile at any rate.
+#: The pause in noise, in seconds: at any rate, a driver can buffer what comes meanwhile.
 NOISE: Final = 0.005
-#: When a byte is read tells to half a character when it came.
+#: A byte's time of arrival is known to half a character.
 _ROUGHLY: Final = 0.5
-
-
-def is_paced(came: int, character: float, seconds: float) -> bool:
-    """Whether so many bytes may have taken so long on a line, and not less because they came from somewhere else."""
-    return seconds >= (came - _ROUGHLY) * character
-
-
-def look_at(missing: int, character: float, now: float, held_back: float, *, proven: bool) -> float | None:
-    """When to look again for an answer of which at least `missing` bytes are still to come; None: at the next byte.
-
-    It is `proven` that bytes come at the line's pace once some have.
-    """
-    away = min((missing - AS_THEY_COME) * character - held_back, LONGEST if proven else LONGEST_UNPROVEN)
-    return None if away < WORTH * character else now + away
-
-
-def look_at_noise(character: float, now: float) -> float | None:
-    """When to look again at a line that is noisy and on which nothing is asked; None: at the next byte."""
-    return None if WORTH * character > NOISE else now + NOISE
 
 
 class Pace:
@@ -51,32 +31,32 @@ class Pace:
         self._character = 0.0
         self._silence = 0.0
         self._held_back = 0.0
-        #: Of an answer: when its first bytes came, how many they were, and how many have come.
+        #: Of a response: when its first bytes came, how many they were, and how many have come.
         self._first_at = 0.0
         self._first = 0
         self._came = 0
-        #: While nothing is asked: when the last byte came, and how many since the last silence.
+        #: On the idle line: when the last byte came, and how many since the last silence.
         self._idle_at = 0.0
         self._unparted = 0
 
     def tune(self, character: float, silence: float, *, virtual: bool) -> None:
-        """A character takes so many seconds, and so many of silence part two frames. See `Receiver` for `virtual`."""
+        """Set the length of a character and of the silence between frames. A `virtual` port delays no bytes."""
         self._character = character
         self._silence = silence
         self._held_back = 0.0 if virtual else HELD_BACK
 
     def begin(self) -> None:
-        """Something is asked."""
+        """A request is sent."""
         self._first = self._came = self._unparted = 0
 
-    def came(self, size: int, now: float) -> None:
-        """So many bytes have come that may be those of the answer."""
+    def add(self, size: int, now: float) -> None:
+        """So many bytes came that may be part of the response."""
         if not self._came:
             self._first_at, self._first = now, size
         self._came += size
 
-    def came_idle(self, size: int, now: float) -> None:
-        """So many bytes have come while nothing was asked."""
+    def add_idle(self, size: int, now: float) -> None:
+        """So many bytes came on the idle line."""
         if now - self._idle_at - size * self._character > self._silence:
             self._unparted = 0
         self._idle_at = now
@@ -84,20 +64,22 @@ class Pace:
 
     @property
     def is_noisy(self) -> bool:
-        """Whether more has come without a silence than any frame has."""
+        """Whether more bytes have come without a silence than any frame has."""
         return self._unparted > self._longest
 
-    def look_at(self, missing: int, now: float) -> float | None:
-        """When to look again for an answer of which at least `missing` bytes are still to come; None: at the next byte.
+    def read_at(self, missing: int, now: float) -> float | None:
+        """When to read again if at least `missing` bytes of a response are still to come; None: at the next byte.
 
-        What came faster than the line can carry it tells nothing of when the rest comes. That counts from the first
-        byte, however long the device has thought before.
+        Bytes that came faster than the line's rate do not tell when the rest comes. Only bytes after the first ones
+        count, because the device may have taken its time before.
         """
-        came = self._came - self._first
-        if not missing or not is_paced(came, self._character, now - self._first_at):
+        came, character = self._came - self._first, self._character
+        if now - self._first_at < (came - _ROUGHLY) * character:
             return None
-        return look_at(missing, self._character, now, self._held_back, proven=came > 0)
+        pause = (missing - AS_THEY_COME) * character - self._held_back
+        pause = min(pause, LONGEST if came else LONGEST_UNPROVEN)
+        return None if pause < WORTH * character else now + pause
 
-    def look_at_idle(self, now: float) -> float | None:
-        """The same while nothing is asked: noise need not be looked at byte by byte."""
-        return look_at_noise(self._character, now) if self.is_noisy else None
+    def read_idle_at(self, now: float) -> float | None:
+        """The same on the idle line: noise need not be read byte by byte."""
+        return now + NOISE if self.is_noisy and WORTH * self._character <= NOISE else None

@@ -1,17 +1,16 @@
-"""Requests that wait for their line: fair to clients, quick with what is urgent, sent once where two ask the same.
+"""The requests that wait for a line: in turns by client, urgent ones first, equal reads only once.
 
-- **Turns by client.** Each client has its own row of waiting transactions, and clients take turns.
-- **Urgent ones first**: writes, and devices of high priority. Only what is next in a client's row counts, so priority
-  acts between clients. After `OVERTAKES` urgent ones in a row a plain one goes, if one waits.
-- **A mirror's polls last**, but one of each mirror after about `YIELDS` others, so that values do not become stale on a
-  busy line.
-- **Order.** A client's requests to one device keep their order. Its broadcasts keep theirs to all that it asks before
-  and behind them. What must not be sent yet lets others pass, but not those.
-- **When it is full** the connection that has most waiting gives up its newest request; among equal ones, that of the
-  address that has most. So who asks one thing at a time is not shut out by those who ask much.
-- **Equal reads share one transaction** as long as it waits, and as long as nothing but reads has come since. It waits
-  in the row of each of its clients and goes when the first of them has its turn: nobody waits longer for sharing. A
-  read that is on the line already is never shared: every answer is newer than its question.
+- **Turns.** Each client has a row of waiting transactions, and the rows take turns.
+- **Priority.** Writes and devices of high priority go first. Only the first one in a row counts, so priority acts
+  between clients. After `OVERTAKES` urgent transactions in a row a plain one goes. A mirror's polls go last, but one of
+  each mirror after about `YIELDS` others, so that values do not become stale on a busy line.
+- **Order.** A client's requests to one device keep their order; its broadcasts keep theirs to all its requests. A
+  transaction that must not be sent yet lets others pass, except those.
+- **Full queue.** The connection with most waiting requests loses its newest one; among equals, the one whose address
+  has most. So a client with one request at a time is not shut out.
+- **Equal reads** share one transaction while it waits, unless anything but reads has come since. It waits in the row of
+  each of its clients and goes in the first turn of any. A read on the line is not shared: every response is newer than
+  its request.
 """
 
 from collections import Counter, deque
@@ -28,7 +27,7 @@ OVERTAKES: Final = 4
 #: How many others may go while a mirror waits for its poll.
 YIELDS: Final = 16
 
-#: Up to so many clients, a row is kept for the next request when it is empty.
+#: Up to so many clients, empty rows are kept for the next request.
 _EMPTY_ROWS: Final = 256
 
 #: Whether a transaction must not be sent yet.
@@ -48,7 +47,7 @@ class _Row:
         self.ring = ring
 
     def next(self, is_held: Held | None) -> Transaction | None:
-        """The first one that may go: not held, and not behind a held one whose order it keeps."""
+        """The first one that may go: not held, and not after a held one whose order it keeps."""
         if is_held is None:
             return self.waiting[0]  # as nearly always
         held: list[Destination] = []
@@ -62,12 +61,12 @@ class _Row:
         return None
 
     def holds_back(self, transaction: Transaction) -> bool:
-        """Whether `transaction`, which waits here, would overtake something whose order it keeps."""
+        """Whether `transaction`, which waits here, must not overtake an earlier one."""
         before = takewhile(lambda each: each is not transaction, self.waiting)
         return any(older.device is transaction.device or older.is_broadcast for older in before)
 
     def replace(self, old: Transaction, new: Transaction) -> None:
-        """Let another transaction wait in the place of `old`."""
+        """Put `new` in the place of `old`."""
         self.waiting[self.waiting.index(old)] = new
 
 
@@ -86,9 +85,9 @@ class WaitingQueue:
         self._polls: deque[_Row] = deque()
         #: Every waiting request with its transaction.
         self._waiting: dict[Request, Transaction] = {}
-        #: When each request will have waited too long, oldest first; also of some that wait no more.
+        #: When each request will have waited too long, oldest first; also of some that no longer wait.
         self._expiries: deque[tuple[float, Request]] = deque()
-        #: What was sent already and waits to be sent again.
+        #: Transactions that wait to be sent again.
         self._repeats: list[Transaction] = []
         #: The reads that others may join, by device and PDU.
         self._reads: dict[tuple[Destination, bytes], Transaction] = {}
@@ -97,10 +96,7 @@ class WaitingQueue:
         return len(self._waiting)
 
     def put(self, transaction: Transaction, now: float) -> Transaction | None:
-        """Let a transaction with its one request wait from `now` on.
-
-        Returns what has to be refused for want of room: this one, or another one that waits no more.
-        """
+        """Let a transaction with one request wait. Returns the one that the full queue loses: this or another one."""
         refused = self._make_room(transaction) if len(self._waiting) >= self._size else None
         if refused is transaction:
             return refused
@@ -115,10 +111,7 @@ class WaitingQueue:
         return refused
 
     def put_back(self, transaction: Transaction) -> None:
-        """Let a transaction that was sent wait for its next sending, before all else of its clients.
-
-        It may wait until its `gives_up_at`, however long it has waited before.
-        """
+        """Let a transaction wait to be sent again, first in its clients' rows, until its `gives_up_at`."""
         requests = transaction.requests
         self._expiries = deque(each for each in self._expiries if each[1] not in requests)
         for request in requests:
@@ -127,7 +120,7 @@ class WaitingQueue:
         self._repeats.append(transaction)
 
     def take(self, is_held: Held | None = None) -> Transaction | None:
-        """The next transaction in turn; None if there is none that may be sent now."""
+        """Take out the next transaction; None if none may be sent now."""
         if not self._waiting:
             return None
         for ring in self._in_turn():
@@ -159,13 +152,13 @@ class WaitingQueue:
         return late
 
     def given_up(self, now: float) -> list[Transaction]:
-        """Remove what it is too late for at `now` to be sent again."""
+        """Remove the transactions that it is too late to send again."""
         if not self._repeats:
             return []
         return self.drop(lambda waiting: waiting.retries > 0 and waiting.gives_up_at <= now)
 
     def next_expiry(self) -> float | None:
-        """When the next request will have waited too long, or earlier: a look at `expired` then does no harm."""
+        """When the next request will have waited too long, or earlier."""
         expiry = self._expiries[0][0] if self._expiries and self._waiting else None
         if not self._repeats:
             return expiry
@@ -173,7 +166,7 @@ class WaitingQueue:
         return until if expiry is None else min(until, expiry)
 
     def drop(self, is_doomed: Held) -> list[Transaction]:
-        """Remove the transactions of which this is true."""
+        """Remove the transactions of which `is_doomed` is true."""
         waiting = dict.fromkeys(transaction for row in self._rows.values() for transaction in row.waiting)
         doomed = [transaction for transaction in waiting if is_doomed(transaction)]
         for transaction in doomed:
@@ -202,7 +195,7 @@ class WaitingQueue:
         row.waiting.append(transaction)
 
     def _put_first(self, transaction: Transaction, origin: Origin) -> None:
-        """Let a transaction wait in a client's row before all others. The row has its turn last."""
+        """Let a transaction wait first in a client's row. The row has its turn last."""
         row = self._rows.setdefault(origin.client, _Row(origin, self._plain))
         if row.waiting:
             row.ring.remove(row)
@@ -217,24 +210,21 @@ class WaitingQueue:
         return self._urgent if urgent else self._plain
 
     def _offer(self, transaction: Transaction) -> None:
-        """Let others join a read; anything else parts the reads before it from those behind it."""
+        """Let others join a read; after anything else, earlier reads are not shared any more."""
         if transaction.yields:
-            return  # whoever joined it would wait as long as it does
+            return  # a client that joined it would wait as long
         if transaction.asked.only_reads:
             self._reads[transaction.device, transaction.asked.data] = transaction
         else:
             self._reads.clear()
 
     def _join(self, transaction: Transaction, request: Request) -> Transaction | None:
-        """The waiting transaction that `request` can share. Not if it could overtake its client's older requests."""
+        """The waiting transaction that `request` shares, unless it could overtake its client's earlier requests."""
         shared = self._reads.get((transaction.device, transaction.asked.data))
         if shared is None:
             return None
-        client = transaction.client
-        row = self._rows.get(client)
-        device = transaction.device
-        older = row.waiting if row is not None else ()
-        if any(waiting.device is device or waiting.is_broadcast for waiting in older):
+        row = self._rows.get(transaction.client)
+        if row is not None and row.holds_back(transaction):
             return None
         shared.counts.coalesced += 1
         shared.requests.append(request)
@@ -242,7 +232,7 @@ class WaitingQueue:
         return shared
 
     def _part(self, transaction: Transaction) -> Transaction:
-        """A shared transaction has its turn in one row: take out the requests that would overtake nothing in theirs."""
+        """Take out of a shared transaction the requests that overtake nothing in their rows."""
         stay = [each for each in transaction.requests if self._rows[each.origin.client].holds_back(transaction)]
         if not stay:
             return transaction
@@ -257,17 +247,19 @@ class WaitingQueue:
         return part
 
     def _remove(self, transaction: Transaction) -> None:
-        """Let a transaction wait no more."""
+        """Remove a transaction."""
         for request in transaction.requests:
             self._leave_row(request.origin.client, transaction)
             del self._waiting[request]
         if self._reads:
-            self._withdraw_offer(transaction)
+            key = (transaction.device, transaction.asked.data)
+            if self._reads.get(key) is transaction:
+                del self._reads[key]
         if self._repeats and transaction in self._repeats:
             self._repeats.remove(transaction)
 
     def _leave_row(self, client: str, transaction: Transaction) -> None:
-        """Take a transaction out of one client's row, which keeps its place as long as it stays in its ring."""
+        """Take a transaction out of a client's row, which keeps its place if it stays in its ring."""
         row = self._rows[client]
         row.waiting.remove(transaction)
         ring = self._ring_for(row.waiting[0]) if row.waiting else None
@@ -280,13 +272,8 @@ class WaitingQueue:
             row.ring = ring
             ring.append(row)
 
-    def _withdraw_offer(self, transaction: Transaction) -> None:
-        key = (transaction.device, transaction.asked.data)
-        if self._reads.get(key) is transaction:
-            del self._reads[key]
-
     def _withdraw(self, request: Request) -> None:
-        """Let a request wait no more, and its transaction if that was its only one."""
+        """Remove a request, and its transaction if it has no other."""
         transaction = self._waiting[request]
         if len(transaction.requests) == 1:
             self._remove(transaction)
@@ -296,7 +283,7 @@ class WaitingQueue:
         del self._waiting[request]
 
     def _make_room(self, newcomer: Transaction) -> Transaction | None:
-        """Make room for one more: by what nobody wants any more, else by one that is refused, `newcomer` or another."""
+        """Drop requests of clients that have left. Returns the transaction that is lost if the queue is still full."""
         self._drop_unwanted()
         self._expiries = deque(each for each in self._expiries if each[1] in self._waiting)
         if len(self._waiting) < self._size:
@@ -308,13 +295,13 @@ class WaitingQueue:
         request = next(each for each in newest.requests if each.origin.client == row.client)
         self._withdraw(request)
         if request in newest.requests:
-            return newest  # it was its only one
+            return newest
         return type(newest)(request, newest.asked, newest.device)
 
     def _greediest(self, origin: Origin) -> _Row | None:
-        """The row with most waiting, by connection, then by address; None if `origin` has, with the one it asks now.
+        """The row with most requests, by connection, then by address; None if it is that of `origin`, with its new one.
 
-        What was sent already and waits to be sent again is not refused: 06 means that nothing was sent.
+        Repeats are not lost: 06 means that nothing was sent.
         """
         rows = [row for ring in (self._urgent, self._plain, self._polls) for row in ring if not row.waiting[-1].retries]
         address = _address(origin)
@@ -330,7 +317,7 @@ class WaitingQueue:
         return greediest
 
     def _drop_unwanted(self) -> None:
-        """Refuse the requests that their clients do not want any more."""
+        """Fail the requests that their clients do not want any more."""
         for request in [request for request in self._waiting if not request.origin.wants(request)]:
             self._waiting[request].counts.unwanted += 1
             self._withdraw(request)
@@ -338,5 +325,5 @@ class WaitingQueue:
 
 
 def _address(origin: Origin) -> str:
-    """What the connections of one host have in common; who has no host is alone."""
+    """The host; a client without one counts as its own."""
     return origin.host or origin.client

@@ -1,17 +1,15 @@
-"""What comes from a line: scanned once, attributed, and what that means for the request under way.
+"""Receives from a line: bytes are scanned once, each frame is attributed, and that may end the request on the line.
 
-    bytes ──`modbus.scan`──▶ frames, each with its place ──`attribution`──▶ whose each one is ──here──▶ an outcome
-
-Between `begin` and an outcome, or `conclude`, one request is under way.
+bytes ──`modbus.scan`──▶ frames, each with its place ──`attribution`──▶ their owners ──here──▶ an outcome
 """
 
-from enum import Enum, auto
-from typing import Final, NamedTuple
+from math import inf
+from typing import Final, Literal, NamedTuple
 
 from gateway.errors import AmbiguousResponse, RequestError
-from gateway.lines.attribution import Attribution, ForeignRequest, Owner
+from gateway.lines.attribution import Attribution, Owner
 from gateway.lines.echo import EchoDetector
-from gateway.lines.late import LateWindows, Question
+from gateway.lines.late import LateResponse, LateWindows
 from gateway.lines.pacing import Pace
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
@@ -25,55 +23,45 @@ from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.timing.budget import AnswerTime, Budget
 
-#: So many bytes and frames are kept to tell what was heard before an answer or instead of one.
+#: So many bytes and frames are kept to report what was received before a response or instead of one.
 _BYTES: Final = 1024
 _FRAMES: Final = 64
 
-#: What has come of a request: its answer, or one that may be another's; None as long as nothing has.
+#: The response, or that one came which may be another client's; None as long as neither has come.
 Outcome = Frame | AmbiguousResponse | None
 
 
-class Verdict(Enum):
-    """What has come instead of an answer, in one word."""
+class Diagnosis(NamedTuple):
+    """What was received instead of a response.
 
-    #: Nothing came, or only answers to older requests.
-    NOTHING = auto()
-    #: What was sent came back, and nothing else.
-    ECHO = auto()
-    #: Only whole frames came, of other units or other clients: the unit that was asked has said nothing.
-    FRAMES = auto()
-    #: There is more: it may be an answer that was damaged.
-    BROKEN = auto()
+    | verdict   | what was received                                                                     |
+    |-----------|---------------------------------------------------------------------------------------|
+    | `nothing` | nothing, or only late responses to earlier requests                                   |
+    | `echo`    | a copy of the request, and nothing else                                               |
+    | `frames`  | only whole frames, of other units or other clients: the unit has sent nothing         |
+    | `broken`  | more than that: it may be a damaged response                                          |
 
+    `text` are the bytes; empty if late or early responses explain them.
+    """
 
-class Instead(NamedTuple):
-    """What has come instead of an answer. `text` is none if that explains itself: late answers, one that came early."""
-
-    verdict: Verdict
+    verdict: Literal["nothing", "echo", "frames", "broken"]
     text: bytes
 
 
-#: What has come instead of a request that was not sent.
-NOTHING: Final = Instead(Verdict.NOTHING, b"")
-
-
-class LateResponse(NamedTuple):
-    """A response that came after its limit."""
-
-    question: Question
-    frame: Frame
+#: Of a request that was not sent.
+NOTHING: Final = Diagnosis("nothing", b"")
 
 
 class Receiver:
-    """Hears one line.
+    """Receives from one line. A request is on the line between `begin` and an outcome, or `diagnose`.
 
-    `came_late` are answers to older requests; the caller takes them out. `damaged_at` is when silence will have shown
-    that what came is the answer with a wrong check sum, None unless it looks so.
+    `late_responses` are for the caller to take out. `damaged_at` is when silence will have shown that the response came
+    with a wrong check sum; None unless it looks so. `may_be_others` and `foreign_requests` are those of Attribution.
     """
 
     def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report) -> None:
         is_ascii = settings.timing.mode == "ascii"
-        self.came_late: list[LateResponse] = []
+        self.late_responses: list[LateResponse] = []
         self.damaged_at: float | None = None
         self._windows = windows
         self._echo = echo
@@ -83,29 +71,31 @@ class Receiver:
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
         self._attribution = Attribution(windows, self._patience)
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
-        #: What is under way, and from where on it is; the first bytes that have come since, and frames that are not its
-        #: answer; or, while nothing is, the frames that came last.
+        self.may_be_others = self._attribution.may_be_others
+        self.foreign_requests = self._attribution.foreign_requests
+        #: The request on the line, the place where it began, the first bytes since then, and the frames that are not
+        #: its response. On the idle line: the last frames.
         self._current: Transaction | None = None
         self._began_at = 0
         self._text = bytearray()
-        self._heard: list[tuple[Token, Owner]] = []
+        self._frames: list[tuple[Token, Owner]] = []
 
     def tune(self, budget: Budget, silence: float, *, virtual: bool) -> None:
-        """So many seconds of silence end a frame of unknown size. A `virtual` port carries bytes at once."""
+        """Set the times of the line and the silence that ends a frame of unknown size. See Line.port_up."""
         self._budget = budget
         self._silence = self._scanner.silence = silence
         self._echo.is_virtual = virtual
         self._pace.tune(budget.line.character, silence, virtual=virtual)
 
     def begin(self, transaction: Transaction, now: float) -> bytes:
-        """The request goes on the line. Its frame."""
+        """The request is sent. Returns its frame."""
         echo, scanner = self._echo, self._scanner
         transaction.expected = Expected(transaction.answers_from, transaction.asked, scanner.position)
-        # Another client's copy takes as long as our request, and cannot begin before that has left.
+        # Another client's copy takes as long as our request, and cannot begin before that was sent.
         soon = min(self._silence, transaction.ends_at - now)
-        echo_until = 0.0 if echo.is_virtual else transaction.ends_at + soon
-        self._attribution.begin(transaction, now, scanner.position, echo_until, echoes=echo.echoes)
-        echo.heard_in_a_row(self._attribution.echoes_in_a_row, transaction)
+        echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
+        self._attribution.begin(transaction, now, scanner.position, echo_until)
+        echo.record_copies(self._attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)
         self._pace.begin()
         if transaction.expects_answer:
@@ -113,20 +103,20 @@ class Receiver:
             self._current = transaction
             self._began_at = scanner.position
             self._text.clear()
-            self._heard.clear()
+            self._frames.clear()
             self.damaged_at = None
         return sent
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> Outcome:
-        """Take bytes. Nothing that began in `early` ones is the answer: the request had not arrived."""
+        """Take bytes. The response begins after `early` ones: the unit had not received the request."""
         scanner, current = self._scanner, self._current
         self._follow_windows()
         if current is None:
-            self._pace.came_idle(len(data), now)
-            self._heard.clear()
+            self._pace.add_idle(len(data), now)
+            self._frames.clear()
             return self._attribute(scanner.received(data, now, damaged=damaged))
         if not early:
-            self._pace.came(len(data), now)
+            self._pace.add(len(data), now)
         if len(self._text) < _BYTES:
             self._text += data
         outcome = self._attribute(scanner.received(data, now, damaged=damaged, early=early))
@@ -139,156 +129,147 @@ class Receiver:
         return self._attribute(self._scanner.tick(now))
 
     def deadline(self) -> float | None:
-        """When silence ends the answer, if it is of unknown size and has begun."""
+        """When silence ends a response of unknown size that has begun."""
         return None if self._current is None else self._scanner.deadline(self._current.expected)
 
     def late_deadline(self) -> float | None:
-        """When silence ends a late answer."""
+        """When silence ends a late response."""
         deadlines = [self._scanner.deadline(expected) for expected in self._windows.expected()]
         return min((each for each in deadlines if each is not None), default=None)
 
-    def look_at(self, now: float) -> float | None:
-        """When to look at the line again: nothing that comes before decides anything. None: at the next byte."""
+    def read_at(self, now: float) -> float | None:
+        """When to read the port again: no byte before that decides anything. None: at the next byte."""
         if self._current is None:
-            return self._pace.look_at_idle(now)
-        return self._pace.look_at(self._scanner.missing, now)
+            return self._pace.read_idle_at(now)
+        return self._pace.read_at(self._scanner.missing, now)
 
-    def spoken(self, units: set[int]) -> set[int]:
-        """Those of `units` that have sent a frame, while nothing was asked, which the bytes that came last complete.
+    def responding(self, units: set[int]) -> set[int]:
+        """Those of `units` of which the last bytes on the idle line complete a response.
 
-        In lasting noise no frame of unknown size is looked for.
+        In continuous noise, frames of unknown size are not searched for.
         """
-        frames = [token.frame for token, _ in self._heard]
+        frames = [token.frame for token, _ in self._frames]
         if not self._pace.is_noisy:
             frames += self._scanner.ended_by_silence(units)
         return {frame.unit for frame in frames if frame.unit in units and _is_response(frame)}
 
-    def conclude(self) -> Instead:
-        """The answer has not come in time: find out what has come instead, and tell what follows from it."""
+    def diagnose(self) -> Diagnosis:
+        """The time limit has ended: find out what was received instead of the response."""
         current = self._current
         if current is None:
             return NOTHING
         self.stop()
-        copies = [token for token, _ in self._heard if _is_copy(token, current)]
-        others = [token for token, owner in self._heard if owner != "a late answer" and token not in copies]
+        copies = [token for token, _ in self._frames if _is_copy(token, current)]
+        others = [token for token, owner in self._frames if owner != "a late response" and token not in copies]
         text = bytes(self._text)
         if self._echo.is_configured and copies:
             echo = copies.pop(0)
             text = text[: echo.start - self._began_at] + text[echo.end - self._began_at :]
         is_early = self._came_too_early(current, copies, others)
         if is_early:
-            self._echo.answered_too_early(current)
+            self._echo.record_early_response(current)
         self._notice_echo(current)
         if self._unexplained(self._scanner.position):
-            verdict = Verdict.BROKEN
-        elif others:
-            verdict = Verdict.FRAMES
-        else:
-            verdict = Verdict.ECHO if copies else Verdict.NOTHING
-        return Instead(verdict, b"" if is_early or verdict is Verdict.NOTHING else text)
+            return Diagnosis("broken", b"" if is_early else text)
+        if not (others or copies):
+            return NOTHING
+        return Diagnosis("frames" if others else "echo", b"" if is_early else text)
 
     def stop(self) -> None:
-        """Nothing is awaited any more, but late answers."""
+        """The request is over; only late responses may come."""
         self._attribution.end(self._scanner.position)
         for token in self._scanner.end():
             self._note(token, self._attribution.owner(token))
         self._current = None
 
-    def has_answered_badly(self, now: float) -> bool:
-        """Whether what was heard is the answer, damaged: then it is not owed any more."""
+    def has_damaged_response(self, now: float) -> bool:
+        """Whether what was received is the response, damaged, so that no other one comes."""
         return self.damaged_at is not None and now >= self.damaged_at
 
-    def may_be_others(self, transaction: Transaction) -> bool:
-        """Whether another client waits for an answer of the unit that was asked."""
-        return self._attribution.may_be_others(transaction)
-
     def may_have_collided(self, unit: int, text: bytes, now: float) -> bool:
-        """Whether a late answer of another unit has come since the request, or begins in `text`."""
-        if any(owner == "a late answer" and token.frame.unit != unit for token, owner in self._heard):
+        """Whether a late response of another unit came during the request, or begins in `text`."""
+        if any(owner == "a late response" and token.frame.unit != unit for token, owner in self._frames):
             return True
         return any(self._scanner.has_begun(text, head) for head in self._windows.heads_of_others(unit, now))
 
-    def foreign_requests(self) -> list[ForeignRequest]:
-        """What other clients have asked and nobody has answered yet."""
-        return list(self._attribution.unanswered())
-
     def expected(self, unit: int | None, asked: RequestPdu) -> Expected:
-        """What an answer looks like that has not begun yet."""
+        """A response that has not begun yet."""
         return Expected(unit, asked, self._scanner.position)
 
     def _follow_windows(self) -> None:
-        """Tell the scanner which late answers may come."""
+        """Tell the scanner which late responses may come."""
         if self._windows.windows or self._scanner.late:
             self._scanner.late = self._windows.expected()
 
     def _attribute(self, tokens: list[Token]) -> Outcome:
-        """Find out whose these frames are, all of them: none can answer a request that is sent later."""
-        answer: Token | None = None
+        """Find the owners of all these frames: none can be the response to a later request."""
+        response: Token | None = None
         for token in tokens:
             owner = self._attribution.owner(token)
             if owner == "the request":
-                answer = token
+                response = token
             else:
                 self._note(token, owner)
         current = self._current
-        if current is None or not (answer or self._attribution.doubts):
+        if current is None or not (response or self._attribution.doubts):
             return None
-        return self._finish(current, answer)
+        return self._finish(current, response)
 
     def _note(self, token: Token, owner: Owner) -> None:
-        """A frame that is not the answer."""
-        if owner == "a late answer":
-            self.came_late.append(LateResponse(self._attribution.late, token.frame))
+        """Keep and report a frame that is not the response."""
+        if owner == "a late response":
+            self.late_responses.append(LateResponse(self._attribution.late, token.frame))
         elif self._current is not None and not (token.is_damaged or _is_copy(token, self._current)):
             self._report.foreign(token.frame, self._current)
-        if len(self._heard) < _FRAMES:
-            self._heard.append((token, owner))
+        if len(self._frames) < _FRAMES:
+            self._frames.append((token, owner))
 
-    def _finish(self, current: Transaction, answer: Token | None) -> Outcome:
-        """An answer has come. It is ambiguous when another client's request may have got it."""
-        self._echo.answered()
+    def _finish(self, current: Transaction, response: Token | None) -> Outcome:
+        """A response came. It is ambiguous if it may be for another client's request."""
+        self._echo.record_response()
         self.stop()
-        end = self._scanner.position if answer is None else answer.start
-        if self._heard or end > current.expected.since:
+        end = self._scanner.position if response is None else response.start
+        if self._frames or end > current.expected.since:
             current.counts.noise += self._unexplained(end) > 0
             self._notice_echo(current)
         doubts = self._attribution.doubts
-        if answer is not None and not doubts:
-            return answer.frame
+        if response is not None and not doubts:
+            return response.frame
         self._report.other_client(current, doubts[0].frame)
         return AmbiguousResponse()
 
     def _unexplained(self, end: int) -> int:
-        """How many bytes have come since the request, up to this place, that are no part of a frame."""
+        """How many bytes since the request, up to this place, are not part of a frame."""
         at, count = self._began_at, 0
-        for token in sorted((token for token, _ in self._heard if not token.is_damaged), key=_start):
+        sound = [token for token, _ in self._frames if not token.is_damaged]
+        for token in sorted(sound, key=lambda token: token.start):
             if at <= token.start < end:
                 count += token.start - at
                 at = token.end
         return count + max(0, end - at)
 
     def _is_damaged(self, current: Transaction) -> bool:
-        """Whether all that has come is, for what can be seen, the answer with a wrong check sum.
+        """Whether all that was received looks like the response with a wrong check sum.
 
-        While another answer is late, or another client awaits one, it may be that, with a damaged unit identifier.
-        While one to an earlier sending is, it may be that one.
+        It may be another response with a damaged unit identifier while a late response, another client's, or one to an
+        earlier sending may come.
         """
-        if self._windows.windows or current.owed > 1 or self._attribution.foreign or self._attribution.doubts:
+        if self._windows.windows or current.outstanding > 1 or self._attribution.foreign or self._attribution.doubts:
             return False
         begin = current.expected.since - self._began_at
         if begin and not self._echo.is_configured:
             return False  # what came early may have been another client's request
         if not self._scanner.is_damaged(bytes(self._text[begin:]), current.expected):
             return False
-        sound = [token for token, _ in self._heard if not token.is_damaged]
-        return begin == sum(token.end - token.start for token in sound if _is_copy(token, current)) and all(
-            _is_copy(token, current) for token in sound
-        )
+        sound = [token for token, _ in self._frames if not token.is_damaged]
+        if not all(_is_copy(token, current) for token in sound):
+            return False
+        return begin == sum(token.end - token.start for token in sound)
 
     def _came_too_early(self, current: Transaction, copies: list[Token], others: list[Token]) -> bool:
-        """Whether the answer has come, but began before all of the request can have left.
+        """Whether the response came, but began before all of the request can have been sent.
 
-        A copy of the request that can be its answer is taken for an echo, until the port is known to have no wire.
+        A copy of the request that could be its response counts as an echo, unless the port is known to have no wire.
         """
         since, asked = current.expected.since, current.asked
         if self._echo.is_configured or since == self._began_at:
@@ -298,28 +279,24 @@ class Receiver:
         return any(current.accepts(token.frame) for token in others)
 
     def _notice_echo(self, current: Transaction) -> None:
-        """A copy of what was sent that comes before all of it has left is the adapter's."""
+        """A copy that came before all of the request was sent is the adapter's."""
         since = current.expected.since
-        if any(token.start < since and _is_copy(token, current) for token, _ in self._heard):
-            self._echo.heard(current)
+        if any(token.start < since and _is_copy(token, current) for token, _ in self._frames):
+            self._echo.record_echo(current)
 
     def _patience(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
-        """How long after another client has asked this its answer may come: as to us."""
+        """How long after another client's request its response may come: as long as after ours."""
         limit = self._budget.limit(asked, answer_time)
         return limit + self._windows.length(limit, answer_time)
 
 
-def _start(token: Token) -> int:
-    return token.start
-
-
 def _is_copy(token: Token, sent: Transaction) -> bool:
-    """Whether it is what was sent."""
+    """Whether it is a copy of the request."""
     return token.frame == (sent.unit, sent.asked.data)
 
 
 def _is_response(frame: Frame) -> bool:
-    """Whether nobody but its unit can have sent `frame`: a request to it may look like its response."""
+    """Whether only its unit can have sent `frame`: a request may look like a response."""
     if response_size(frame.pdu) not in {0, len(frame.pdu)}:
         return False
     try:

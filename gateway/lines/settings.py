@@ -1,4 +1,4 @@
-"""How a line behaves: what the config says, and what follows from it."""
+"""The settings of a line."""
 
 from dataclasses import dataclass, field
 
@@ -8,13 +8,12 @@ from gateway.ports.wire import Wire
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """How one line behaves; all times in seconds.
+    """The settings of one line; all times in seconds.
 
-    `idle_chars` is the silence that ends an RTU frame for all its devices, in characters. `gap` is the silence before
-    each request, None for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a
-    late answer may come, None for what the device's answer times say. A read and its repeats take `retry_within` at
-    most, from its first sending on; None for twice the sum of its limit and late window. `rest` is the longest rest of
-    a unit that does not answer, None for the usual one, 0 for none. `wire` says whether bytes take their time.
+    `idle_chars` is the silence that ends an RTU frame, in characters. `gap` is the silence before each request, None
+    for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a late response may
+    come, None for what the device's answer times say. A read and its repeats take at most `retry_within`; None for
+    twice the sum of its limit and late window. `rest` is the longest rest of a unit, None for the default, 0 for none.
     """
 
     name: str
@@ -36,10 +35,10 @@ class LineSettings:
 
     @property
     def frame_end(self) -> float:
-        """The silence that ends a frame: none in ASCII, whose frames show their own ends."""
+        """The silence that ends a frame: none in ASCII, where CR LF ends it."""
         return 0.0 if self.timing.mode == "ascii" else self.timing.silence(self.idle_chars)
 
     @property
     def silence_before_request(self) -> float:
-        """How long the line is quiet before each request."""
+        """The silence before each request."""
         return self.frame_end if self.gap is None else self.gap

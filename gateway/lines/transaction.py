@@ -1,4 +1,4 @@
-"""One request on a line: what is sent to which unit, who may answer, and for how long the answer is awaited."""
+"""One request on a line: the unit it is sent to, the response it accepts, and its time limit."""
 
 from typing import Protocol
 
@@ -14,32 +14,29 @@ from gateway.timing.budget import AnswerTime, Budget
 
 
 class Destination(Protocol):
-    """Whom a transaction is for."""
+    """The device that a transaction is sent to, or all devices of a line."""
 
-    #: Its unit identifier on the wire at the moment.
+    #: Its current unit identifier on the wire.
     unit: int
     #: Its name, and where it is configured, for events.
     name: str
     source: str
-    #: Its requests go before others.
+    #: Its requests go first.
     is_urgent: bool
     answer_time: AnswerTime
     breaker: Breaker
     counts: UnitCounts
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
-        """The transaction was on the line and is over; None when no answer came. Must not call out to requests."""
+        """The transaction has ended; `response` is None if none came. Must not answer requests."""
 
 
 class Transaction:
-    """A request that has passed its device's checks, on its way over the line.
-
-    Equal reads of several clients share one: then there is more than one request.
-    """
+    """A request that has passed its device's checks. Equal reads of several clients share one transaction."""
 
     __slots__ = (
-        "asked", "client", "counts", "device", "ends_at", "expected", "expects_answer", "gives_up_at", "limit", "owed",
-        "requests", "retries", "sent_at", "times", "unit", "yields",
+        "asked", "client", "counts", "device", "ends_at", "expected", "expects_answer", "gives_up_at", "limit",
+        "outstanding", "requests", "retries", "sent_at", "times", "unit", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
@@ -56,24 +53,24 @@ class Transaction:
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
-        #: It lets the requests of clients go first: a mirror's poll.
+        #: Requests of clients go first: this is a mirror's poll.
         self.yields = False
-        #: When it is written, when its last character leaves, and how long after that it has failed.
+        #: When it is written, when its last character is sent, and its time limit from then on.
         self.sent_at = 0.0
         self.ends_at = 0.0
         self.limit = 0.0
-        #: How often it has been sent again, and when it is too late to do that once more.
+        #: How often it was sent again, and the latest time to do that once more.
         self.retries = 0
         self.gives_up_at = 0.0
-        #: How many answers to it may still come, and what they look like.
-        self.owed = 0
+        #: How many responses may still come, and what they look like.
+        self.outstanding = 0
         self.expected: Expected
 
     def start(self, budget: Budget, now: float) -> None:
-        """The request is written at `now`: its last character leaves, and its limit begins, a wire time later.
+        """The request is written at `now`.
 
         Raises:
-            RequestError: it must not be sent any more.
+            RequestError: it must not be sent.
         """
         self.unit = self.device.unit
         self.sent_at = now
@@ -81,7 +78,7 @@ class Transaction:
         self.limit = budget.limit(self.asked, self.device.answer_time)
 
     def again(self) -> "Transaction":
-        """The same, to be sent once more. A late answer may still come to this one, from where it was sent to."""
+        """A copy to send once more. This one stays as it is, because a late response to it may come."""
         again = type(self)(self.requests[0], self.asked, self.device)
         again.requests = self.requests
         again.yields = self.yields
@@ -91,28 +88,28 @@ class Transaction:
 
     @property
     def answers_from(self) -> int | None:
-        """The unit that an answer comes from; None when that is not known before."""
+        """The unit that responds; None if it is unknown."""
         return self.unit
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether `frame` is the answer: unit, function, size and echoed fields fit, or it is the unit's exception."""
+        """Whether `frame` is the response: unit, function, size and echoed fields fit, or it is an exception."""
         return frame.unit == self.unit and self.asked.accepts(frame.pdu)
 
     @property
     def is_wanted(self) -> bool:
         """Whether a client still wants the request to be sent."""
-        for request in self.requests:  # noqa: SIM110 - asked for every request: a generator costs more than all the rest
+        for request in self.requests:  # noqa: SIM110 - on the request path: a generator costs more than all the rest
             if request.origin.wants(request):
                 return True
         return False
 
     @property
     def fails_at(self) -> float:
-        """When the response must be there."""
+        """When its time limit ends."""
         return self.ends_at + self.limit
 
-    def sent(self, now: float) -> None:
-        """It goes on its way, for the first time or again."""
+    def count_sent(self, now: float) -> None:
+        """It is sent, for the first time or again."""
         self.counts.sent += 1
         if self.retries:
             self.counts.retries += 1
@@ -120,8 +117,8 @@ class Transaction:
         for request in self.requests:
             self.times.wait.add(now - request.received_at)
 
-    def answered(self, now: float) -> None:
-        """A valid answer has come in time."""
+    def count_response(self, now: float) -> None:
+        """A valid response came in time."""
         self.counts.responses += 1
         self.times.answered(now, self.ends_at, self.limit)
 
@@ -129,34 +126,33 @@ class Transaction:
         """Answer all requests."""
         if pdu[0] & EXCEPTION_BIT:
             self.counts.exception += len(self.requests)
-            self.device.counts.refused_by_unit(pdu[1], len(self.requests), now)
+            self.device.counts.count_exception(pdu[1], len(self.requests), now)
         else:
             self.counts.ok += len(self.requests)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
             request.respond(pdu)
 
-    def lose(self, error: RequestError, now: float) -> None:
-        """Fail all requests, which were sent."""
+    def fail_sent(self, error: RequestError, now: float) -> None:
+        """Fail all requests; they were sent."""
         self.times.limit = self.limit
-        self.device.counts.failed(error.result, now)
+        self.device.counts.record_error(error.result, now)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
         self.fail(error)
 
     def fail(self, error: RequestError) -> None:
         """Fail all requests."""
-        self.counts.failed(error, len(self.requests))
+        self.counts.count_error(error, len(self.requests))
         for request in self.requests:
             request.fail(error)
 
-    def finish_unanswered(self) -> None:
-        """It has been sent, and nobody answers: finish all requests."""
-        self.counts.ok += len(self.requests)
-        self.end()
-
     def end(self) -> None:
-        """Finish all requests without a response."""
+        """Finish all requests without a response: they were sent, and none comes."""
+        if self.is_broadcast:
+            self.counts.broadcast += len(self.requests)
+        else:
+            self.counts.ok += len(self.requests)
         for request in self.requests:
             request.end()
 
@@ -165,7 +161,7 @@ class Transaction:
 
 
 class BroadcastTransaction(Transaction):
-    """A request to every device of the line: all act, none responds (S 2.1)."""
+    """A request to all devices of the line: all act, none responds (S 2.1)."""
 
     __slots__ = ()
 
@@ -174,8 +170,3 @@ class BroadcastTransaction(Transaction):
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
         super().__init__(request, asked, device)
         self.expects_answer = False
-
-    def finish_unanswered(self) -> None:
-        """See Transaction."""
-        self.counts.broadcast += len(self.requests)
-        self.end()

@@ -70,5 +70,5 @@ class SerialListener:
     def _tick(self) -> None:
         """Before an answer goes out, hear what has come since: the client may not wait for it any more."""
         if self._boundary.port is not None:
-            self._boundary.port.look()
+            self._boundary.port.read_now()
         self.session.tick(self._time())

@@ -108,11 +108,11 @@ class MemoryPort:
             self._line.take(bytes(data))
 
     def pause(self) -> bool:
-        """Keep what the devices say until `look`."""
+        """Keep what the devices say until `read_now`."""
         self._is_paused = True
         return True
 
-    def look(self) -> None:
+    def read_now(self) -> None:
         """Hand over what the devices have said."""
         self._is_paused = False
         data, self._kept = self._kept, b""

@@ -26,9 +26,9 @@ class Port(Protocol):
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
 
     def pause(self) -> bool:
-        """Hand over nothing until `look`: what comes waits. False if this port hands it over all the same."""
+        """Hand over nothing until `read_now`: what comes waits. False if this port hands it over all the same."""
 
-    def look(self) -> None:
+    def read_now(self) -> None:
         """Hand over what has come up to now, at once, and from now on as it comes."""
 
     def change_baud(self, baud: int) -> None:

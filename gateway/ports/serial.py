@@ -141,11 +141,11 @@ class SerialPort(SerialTransport):
             self._buffer(data)
 
     def pause(self) -> bool:
-        """Leave what comes with the driver until `look`. A loss is noticed then, too."""
+        """Leave what comes with the driver until `read_now`. A loss is noticed then, too."""
         self._remove_reader()
         return True
 
-    def look(self) -> None:
+    def read_now(self) -> None:
         """Hand over what the driver has got, and from now on what it gets."""
         if not self._closing:
             self._ensure_reader()

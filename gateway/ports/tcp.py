@@ -114,7 +114,7 @@ class TcpPort(asyncio.BufferedProtocol):
         """Go on: a network delivers in pieces when it likes, and not byte by byte."""
         return False
 
-    def look(self) -> None:
+    def read_now(self) -> None:
         """Hand over what the system has got. That the server has closed its end, asyncio tells."""
         if self._transport.is_closing():
             return

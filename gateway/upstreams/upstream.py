@@ -87,7 +87,7 @@ class Upstream:
         for kept in (self._under_way, self._instead, self._outstanding, self._asking):
             kept.clear()
         for transaction in lost:
-            transaction.lose(errors.LineLost(), now)
+            transaction.fail_sent(errors.LineLost(), now)
         for transaction in waiting:
             transaction.fail(errors.LineDown())
 
@@ -146,7 +146,7 @@ class Upstream:
             self._go_on(now)
         finally:
             for transaction, error in failed:
-                transaction.lose(error, now)
+                transaction.fail_sent(error, now)
 
     @property
     def waiting(self) -> int:
@@ -174,7 +174,7 @@ class Upstream:
         late = self._outstanding.get(frame.transaction)
         if asked is not None and _answers(frame, asked):
             self._finish(frame.transaction, asked)
-            asked.answered(now)
+            asked.count_response(now)
             self._heard_from(asked.device)
             return asked, frame.pdu
         if late is not None and _answers(frame, late):
@@ -232,7 +232,7 @@ class Upstream:
         transaction.ends_at = now
         transaction.limit = self.settings.timeout
         identifier = self._free_identifier()
-        transaction.sent(now)
+        transaction.count_sent(now)
         if transaction.expects_answer:
             self._under_way[identifier] = transaction
             self._asking.add((transaction.client, transaction.device))
@@ -240,7 +240,7 @@ class Upstream:
             self._outstanding[identifier] = transaction
         write(encode(identifier, transaction.unit, transaction.asked.data))
         if not transaction.expects_answer:
-            transaction.finish_unanswered()
+            transaction.end()
 
     def _free_identifier(self) -> int:
         """The next one that no answer can be on its way with."""

@@ -90,7 +90,7 @@ class Table:
     def write(self, data: bytes) -> None:
         """The line."""
 
-    def look(self) -> None:
+    def read_now(self) -> None:
         """Nothing stands unread on the line."""
 
     def receive(self, room: memoryview) -> int:

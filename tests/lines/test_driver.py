@@ -25,7 +25,7 @@ class FakePort:
         self.received: Callable[[bytes], None]
         self.closed = False
 
-    def look(self) -> None:
+    def read_now(self) -> None:
         data, self.unread = self.unread, ""
         if data:
             self.received(bytes.fromhex(data))

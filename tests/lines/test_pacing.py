@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gateway.devices.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
-from gateway.lines.pacing import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, is_paced, look_at, look_at_noise
+from gateway.lines.pacing import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, Pace
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.chartime import CharacterFormat, LineTiming, Mode
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
@@ -37,26 +37,37 @@ CHARACTER_OF = {TIMING: TIMING.character, ASCII: ASCII.character}
 # --- how long ---
 
 
+def read_at(missing: int, character: float, *, proven: bool, virtual: bool = True) -> float | None:
+    """When to read again, at 5.0 s; `proven`: a second byte has come at the line's rate."""
+    pace = Pace(MAX_RTU_ADU)
+    pace.tune(character, 3.5 * character, virtual=virtual)
+    pace.begin()
+    pace.add(1, 5.0 - character)
+    if proven:
+        pace.add(1, 5.0)
+    return pace.read_at(missing, 5.0)
+
+
 def test_the_last_byte_is_read_as_it_comes() -> None:
-    assert look_at(21, 0.001, now=5.0, held_back=0.0, proven=True) == pytest.approx(5.020)
+    assert read_at(21, 0.001, proven=True) == pytest.approx(5.020)
 
 
 def test_an_adapter_may_have_held_back_what_it_handed_over() -> None:
-    assert look_at(21, 0.001, now=5.0, held_back=0.004, proven=True) == pytest.approx(5.016)
+    assert read_at(21, 0.001, proven=True, virtual=False) == pytest.approx(5.020 - HELD_BACK)
 
 
 @pytest.mark.parametrize("missing", [0, 1, 2])
 def test_it_is_not_worth_it_for_two_bytes(missing: int) -> None:
-    assert look_at(missing, 0.001, now=5.0, held_back=0.0, proven=True) is None
+    assert read_at(missing, 0.001, proven=True) is None
 
 
 def test_a_lost_port_is_noticed_in_a_long_answer() -> None:
-    assert look_at(256, 0.009, now=5.0, held_back=0.0, proven=True) == 5.0 + LONGEST
+    assert read_at(256, 0.009, proven=True) == 5.0 + LONGEST
 
 
-def test_who_has_not_seen_the_line_s_pace_does_not_look_away_for_long() -> None:
-    assert look_at(22, 0.0005, now=5.0, held_back=0.0, proven=False) == 5.0 + LONGEST_UNPROVEN
-    assert look_at(22, 0.009, now=5.0, held_back=0.0, proven=False) is None
+def test_a_pause_is_short_before_bytes_have_come_at_the_rate_of_the_line() -> None:
+    assert read_at(22, 0.0005, proven=False) == 5.0 + LONGEST_UNPROVEN
+    assert read_at(22, 0.009, proven=False) is None
 
 
 @pytest.mark.parametrize(
@@ -64,12 +75,20 @@ def test_who_has_not_seen_the_line_s_pace_does_not_look_away_for_long() -> None:
     [(0, 0.0, True), (1, 0.0006, True), (1, 0.0002, False), (9, 0.0082, False), (9, 0.0086, True), (9, 0.03, True)],
 )
 def test_bytes_are_paced_that_take_as_long_as_on_a_line(came: int, seconds: float, paced: bool) -> None:
-    assert is_paced(came, 0.001, seconds) == paced
+    pace = Pace(MAX_RTU_ADU)
+    pace.tune(0.001, 0.0035, virtual=True)
+    pace.begin()
+    pace.add(1, 0.0)
+    pace.add(came, seconds)
+    assert (pace.read_at(100, seconds) is not None) == paced
 
 
-def test_at_noise_nobody_looks_byte_by_byte_if_bytes_come_quickly() -> None:
-    assert look_at_noise(NOISE / 2, now=5.0) == 5.0 + NOISE
-    assert look_at_noise(NOISE / 1.9, now=5.0) is None
+@pytest.mark.parametrize(("character", "pauses"), [(NOISE / 2, True), (NOISE / 1.9, False)])
+def test_noise_is_not_read_byte_by_byte_if_bytes_come_quickly(character: float, pauses: bool) -> None:
+    pace = Pace(longest=1)
+    pace.tune(character, 3.5 * character, virtual=True)
+    pace.add_idle(2, 5.0)
+    assert pace.read_idle_at(5.0) == (5.0 + NOISE if pauses else None)
 
 
 # --- what a line knows ---
@@ -96,7 +115,7 @@ def hear_paced(bench: Bench, data: bytes) -> None:
 
 def away(bench: Bench) -> float | None:
     """For how many characters nobody need look."""
-    at = bench.line.look_at(bench.now)
+    at = bench.line.read_at(bench.now)
     return None if at is None else (at - bench.now) / CHARACTER
 
 
@@ -176,10 +195,10 @@ def noisy() -> Bench:
 
 
 def test_lasting_noise_is_not_looked_at_byte_by_byte(noisy: Bench) -> None:
-    assert noisy.line.look_at(noisy.now) == noisy.now + NOISE
+    assert noisy.line.read_at(noisy.now) == noisy.now + NOISE
     noisy.pass_time(NOISE)
     hear(noisy, noise(int(NOISE / CHARACTER)))
-    assert noisy.line.look_at(noisy.now) == noisy.now + NOISE
+    assert noisy.line.read_at(noisy.now) == noisy.now + NOISE
 
 
 @pytest.mark.parametrize(("timing", "longest"), [(TIMING, MAX_RTU_ADU), (ASCII, MAX_ASCII_ADU)], ids=["rtu", "ascii"])
@@ -360,7 +379,7 @@ async def test_who_has_looked_away_between_two_pieces_of_one_read_looks_again_af
         await wired.says(TEN[:1])
         await asyncio.sleep(3 * CHARACTER)
         wired.driver.received(TEN[1:4])
-        assert wired.driver._look_at > wired.loop.time() + CHARACTER
+        assert wired.driver._read_at > wired.loop.time() + CHARACTER
         wired.driver.received(TEN[4:-1])
         await asyncio.sleep(0.0001)
         await wired.says(TEN[-1:])

@@ -28,7 +28,7 @@ class FakePort:
         self.received: Callable[[bytes], None]
         self.closed = False
 
-    def look(self) -> None:
+    def read_now(self) -> None:
         data, self.unread = self.unread, b""
         if data:
             self.received(data)

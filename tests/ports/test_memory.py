@@ -53,7 +53,7 @@ async def test_a_paused_port_keeps_what_comes_until_somebody_looks(user):
     line.deliver(b"an")
     line.deliver(b"swer")
     assert user.heard == b""
-    port.look()
+    port.read_now()
     assert user.heard == b"answer"
     line.deliver(b"!")
     assert user.heard == b"answer!"

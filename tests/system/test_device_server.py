@@ -238,11 +238,11 @@ async def test_a_server_that_serves_somebody_else_is_told_apart(server, user):
 
 async def test_who_looks_hears_at_once_what_has_come(server, user):
     async with connected(server, user) as (port, far_end):
-        port.look()
+        port.read_now()
         assert (user.heard, user.losses) == (b"", [])
         far_end.send(b"answer")
         select.select([port._descriptor], [], [], PATIENCE)
-        port.look()
+        port.read_now()
         assert user.heard == b"answer"
         far_end.send(b" and more")
         await until(lambda: user.heard == b"answer and more")
@@ -277,9 +277,9 @@ async def test_who_looks_at_an_ended_connection_hears_nothing_and_it_is_lost_onc
     async with connected(server, user) as (port, far_end):
         far_end.close()
         select.select([port._descriptor], [], [], PATIENCE)
-        port.look()
+        port.read_now()
         await until(lambda: user.losses)
-        port.look()
+        port.read_now()
     assert [loss.partition(" ")[2] for loss in user.losses] == ["has closed the connection"]
     assert user.heard == b""
 
@@ -289,7 +289,7 @@ async def test_a_reset_is_noticed_by_who_looks(server, user):
         far_end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         far_end.close()
         select.select([port._descriptor], [], [], PATIENCE)
-        port.look()
+        port.read_now()
         await until(lambda: user.losses)
     assert [loss.partition(" ")[2] for loss in user.losses] == ["is gone: connection reset by peer"]
 

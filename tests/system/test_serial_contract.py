@@ -279,7 +279,7 @@ async def test_a_paused_port_hands_over_nothing_until_somebody_looks(opened, vir
         virtual.write(b"2")
         await asyncio.sleep(0.05)
         assert user.heard == b"1"
-        port.look()
+        port.read_now()
         assert user.heard == b"12"
         virtual.write(b"3")
         await until(lambda: user.heard == b"123")
@@ -290,13 +290,13 @@ async def test_who_looks_hears_all_that_has_come(opened, virtual, user):
         virtual.write(bytes(2000))
         virtual.write(bytes(1000))
         arrived(virtual, 3000)
-        port.look()
+        port.read_now()
         assert len(user.heard) == 3000
 
 
 async def test_who_looks_at_a_port_with_nothing_to_read_hears_nothing(opened, user):
     async with opened() as port:
-        port.look()
+        port.read_now()
         assert (user.heard, user.losses) == (b"", [])
 
 
@@ -304,7 +304,7 @@ async def test_an_idle_port_is_not_taken_for_one_that_hung_up(opened, virtual, u
     async with opened() as port:
         for _ in range(3):
             port.pause()
-            port.look()
+            port.read_now()
             await asyncio.sleep(0.02)
         assert user.losses == []
         virtual.write(b"still there")
@@ -346,7 +346,7 @@ async def test_unplugging_is_told_once_and_at_once(opened, virtual, user):
         await until(lambda: user.losses)
         assert time.monotonic() - unplugged_at < AT_ONCE
         port.write(b"into the void")
-        port.look()
+        port.read_now()
         port.close()
         await port.wait_closed()
     assert [str(loss) for loss in user.losses] == [f"{virtual.path} is gone: unplugged, or its driver has closed it"]
@@ -361,7 +361,7 @@ async def test_unplugging_is_told_once_to_who_is_using_the_port_and_never_inside
             if call == "write":
                 port.write(b"ask")
             else:
-                port.look()
+                port.read_now()
         await until(lambda: user.losses)
         await asyncio.sleep(0.05)
         assert (len(user.losses), user.lost_in) == (1, "")
@@ -434,7 +434,7 @@ async def test_a_port_that_is_closed_hands_over_and_sends_nothing_more(opened, v
         port.close()
         port.write(b"ask")
         virtual.write(b"answer")
-        port.look()
+        port.read_now()
         await asyncio.sleep(0.05)
     assert user.heard == b""
     assert virtual.read(1, timeout=0.05) == b""
