@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import os
+import signal
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -21,6 +22,10 @@ _REAL_TIME = frozenset({"system", "bench"})
 
 #: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.
 os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])
+
+#: A shell that starts the tests in the background has this ignored, and so have all processes behind it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 hypothesis.settings.register_profile("dev", deadline=None)
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
