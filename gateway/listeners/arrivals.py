@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.codes import MAX_RTU_ADU
 from gateway.modbus.frame import Frame
-from gateway.modbus.rtu import RequestFramer
+from gateway.modbus.rtu import RtuFramer
 
 #: The silence that ends an RTU frame of unknown size, and whatever is no frame, in seconds. Longer than a network holds
 #: back the second half of a frame (the first repetition of a lost segment comes after 200 ms).
@@ -37,7 +37,7 @@ class Arrivals:
 
     def __init__(self, scheme: str, now: float) -> None:
         """`scheme` is `rtu+tcp` or `ascii+tcp`."""
-        self._framer = AsciiFramer() if scheme == "ascii+tcp" else RequestFramer(SILENCE)
+        self._framer = AsciiFramer() if scheme == "ascii+tcp" else RtuFramer(SILENCE)
         self._buffer = memoryview(bytearray(_BUFFER))
         self._uncut = b""
         #: The pieces with the bytes that are no frame yet, and when each came.
@@ -79,7 +79,7 @@ class Arrivals:
         self._uncut = b""
         self._heard_at = now
         self.noise += len(data)
-        if isinstance(self._framer, RequestFramer):  # ASCII frames end with the piece in which they are found
+        if isinstance(self._framer, RtuFramer):  # ASCII frames end with the piece in which they are found
             self._pieces.append((data, now))
         return self._arrived(self._framer.received(data, now - self._behind))
 

@@ -31,7 +31,7 @@ from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, RequestFramer
-from gateway.modbus.rtu import RequestFramer as RtuFramer
+from gateway.modbus.rtu import RtuFramer
 from gateway.ports.wire import Wire
 from gateway.request import Request, Target
 

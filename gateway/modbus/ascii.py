@@ -1,7 +1,7 @@
 """ASCII framing (S 2.5.2): a colon, unit identifier, PDU and LRC as pairs of hexadecimal digits, CR LF.
 
-A frame shows its own ends, so requests and responses are found in the same way. A colon always starts anew, digits may
-be lower case, and a frame with a hole of more than one second is dropped.
+Requests and responses are found in the same way. A colon always begins a frame, digits may be lower case, and a frame
+with a gap of more than one second is dropped.
 """
 
 from binascii import Error as NotHexadecimal
@@ -10,16 +10,16 @@ from typing import Final
 
 from gateway.modbus.checks import lrc
 from gateway.modbus.codes import MAX_ASCII_ADU
-from gateway.modbus.frame import Frame
+from gateway.modbus.frame import Frame, RequestFramer
 
 #: Longest time between two characters of a frame, in seconds (S 2.5.2.1).
 CHARACTER_GAP: Final = 1.0
-#: Unit identifier, one byte of PDU, LRC: the least that stands between colon and CR LF, in bytes.
+#: Bytes between colon and CR LF of the shortest frame: unit identifier, function code, LRC.
 SHORTEST: Final = 3
 
 START: Final = b":"
 END: Final = b"\r\n"
-#: A device with seven data bits and parity, heard through a port with eight data bits, leaves its parity in bit 7.
+#: A port with eight data bits receives the parity of a device with seven in bit 7.
 _SEVEN_BITS: Final = bytes(range(128)) * 2
 
 
@@ -30,26 +30,26 @@ def encode(unit: int, pdu: bytes) -> bytes:
 
 
 def characters(size: int) -> int:
-    """Of the frame with so many bytes between colon and CR LF."""
+    """Characters of a frame with so many bytes between colon and CR LF."""
     return len(START) + 2 * size + len(END)
 
 
 def plain(text: bytes) -> bytes:
-    """The text with seven bits a character."""
+    """The text without the eighth bits."""
     return text.translate(_SEVEN_BITS)
 
 
 class AsciiCutter:
-    """Cuts what a line delivers at the ends of frames. `begun` is what stands behind the last one from its colon on."""
+    """Cuts received characters at the ends of frames. `begun` is the frame that is not complete, from its colon on."""
 
     def __init__(self) -> None:
         self.begun = b""
         self._last = 0.0
 
     def cut(self, data: bytes, now: float) -> list[tuple[int, bytes]]:
-        """Take bytes that became readable at `now`. The parts that end with CR LF, in order; none behind the last one.
+        """Take bytes. The texts that end with CR LF, each with the number of characters skipped before it.
 
-        Of each: how many characters were passed over before it, and its text.
+        Characters that are skipped after the last one are a part with an empty text.
         """
         before = 0
         if now - self._last > CHARACTER_GAP:
@@ -71,69 +71,50 @@ class AsciiCutter:
         return parts
 
     def drop(self) -> int:
-        """Forget what has begun; how much that was."""
+        """Drop the frame that is not complete; returns its size."""
         count, self.begun = len(self.begun), b""
         return count
 
 
-class AsciiFramer:
-    """Finds the frames on a line on which somebody else asks: see `RequestFramer`."""
-
-    encode = staticmethod(encode)
+class AsciiFramer(RequestFramer):
+    """See RequestFramer."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._cutter = AsciiCutter()
-        self._passed_over = 0
-        self.heard_noise = False
+
+    def encode(self, unit: int, pdu: bytes) -> bytes:
+        """See RequestFramer."""
+        return encode(unit, pdu)
 
     @property
     def unfinished(self) -> int:
-        """Characters of a frame that is not complete yet."""
+        """See RequestFramer."""
         return len(self._cutter.begun)
 
-    @property
-    def behind(self) -> int:
-        """Characters since the last frame."""
-        return self._passed_over + self.unfinished
-
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
-        """Take bytes that became readable at `now`; frames that are complete with them, in order.
-
-        No frame has all of `damaged` ones in it.
-        """
+        """See RequestFramer."""
         if damaged:
             return self._received_damaged(data[:-1], data[-1:], now)
         frames = []
         for before, text in self._cutter.cut(data, now):
             frame = decode(text)
-            self._pass_over(before if frame else before + len(text))
+            self._skip(before if frame else before + len(text))
             if frame is not None:
                 frames.append(frame)
-                self._passed_over = 0
+                self._skipped = 0
         return frames
 
-    def deadline(self) -> float | None:
-        """None: a hole in a frame is noticed when its next character comes."""
-        return None
-
-    def tick(self, now: float) -> list[Frame]:  # noqa: ARG002 - see deadline
-        """Silence never ends an ASCII frame."""
-        return []
-
     def _received_damaged(self, data: bytes, last: bytes, now: float) -> list[Frame]:
-        """A frame may end before the last of them, or begin behind the first."""
+        """A frame may end before the last of them, or begin after the first."""
         frames = self.received(data, now) if data else []
         if self.unfinished >= len(data):
-            self._pass_over(self._cutter.drop())
+            self._skip(self._cutter.drop())
         return frames + self.received(last if data else b"\0", now)
-
-    def _pass_over(self, count: int) -> None:
-        self._passed_over += count
-        self.heard_noise = self.heard_noise or count > 0
 
 
 def decode(text: bytes) -> Frame | None:
-    """The frame whose text this is, from its colon to CR LF; None if it is none."""
+    """The frame in this text, from its colon to CR LF, or None."""
     if not text.startswith(START) or len(text) > MAX_ASCII_ADU:
         return None
     try:

@@ -1,10 +1,10 @@
-"""What a serial line carries once framing is taken off, and what every serial framer can do."""
+"""Frames on a serial line, and what all framers of a server have in common."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 
 class Frame(NamedTuple):
-    """A unit identifier and a PDU that arrived with a fitting CRC or LRC."""
+    """Unit identifier and PDU of a frame with a correct CRC or LRC."""
 
     unit: int
     pdu: bytes
@@ -13,27 +13,45 @@ class Frame(NamedTuple):
         return f"<Frame unit={self.unit} {self.pdu.hex(' ').upper()}>"
 
 
-class RequestFramer(Protocol):
-    """Finds the frames on a line on which somebody else asks."""
+class RequestFramer:
+    """Finds the frames on a line with another client.
 
-    #: Whether something that is no frame has been heard since this was last set to False.
-    heard_noise: bool
+    `heard_noise` is set when bytes were received that are not part of a frame, until the caller resets it.
+    """
+
+    def __init__(self) -> None:
+        self.heard_noise = False
+        self._skipped = 0
+
+    def encode(self, unit: int, pdu: bytes) -> bytes:
+        """The ADU of `pdu`."""
+        raise NotImplementedError
+
+    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
+        """Take bytes; frames that are complete with them, in order.
+
+        At least one byte of `damaged` ones is not what was sent: no frame contains all of them.
+        """
+        raise NotImplementedError
+
+    def deadline(self) -> float | None:
+        """When to call `tick`, or None."""
+        return None
+
+    def tick(self, now: float) -> list[Frame]:  # noqa: ARG002 - where silence ends nothing
+        """Let time pass; frames that silence has ended."""
+        return []
+
+    @property
+    def unfinished(self) -> int:
+        """Bytes of a frame that is not complete yet."""
+        raise NotImplementedError
 
     @property
     def behind(self) -> int:
-        """Bytes since the last frame, of a frame that is not complete or of noise."""
+        """Bytes since the last frame."""
+        return self._skipped + self.unfinished
 
-    def encode(self, unit: int, pdu: bytes) -> bytes:
-        """The ADU as it goes on the line."""
-
-    def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
-        """Take bytes that became readable at `now`; frames that are complete with them, in order.
-
-        At least one of `damaged` ones is not what was sent: no frame has all of them in it.
-        """
-
-    def deadline(self) -> float | None:
-        """When `tick` wants to be called, or None."""
-
-    def tick(self, now: float) -> list[Frame]:
-        """Let time pass; frames that silence has ended."""
+    def _skip(self, count: int) -> None:
+        self._skipped += count
+        self.heard_noise = self.heard_noise or count > 0

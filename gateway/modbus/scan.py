@@ -1,7 +1,6 @@
-"""What a line delivers, cut into frames, for the one that asks on it: what a scanner is told, and what it finds.
+"""Scanners of a client: they find the frames in all bytes of a line, from every sender.
 
-A scanner sees every byte that comes from a line, once and in order, from every sender. What it finds are tokens:
-frames, each with its place in all that the line has delivered. Whose a frame is, is decided in `lines.attribution`.
+Each frame found is a token, with its place in the bytes of the line. `lines.attribution` finds the frame's owner.
 """
 
 from typing import Final
@@ -12,14 +11,14 @@ from gateway.modbus.pdu import RequestPdu
 
 #: The PDU of an exception response.
 EXCEPTION_SIZE: Final = 2
-#: Behind everything that will ever come.
+#: A place that no byte reaches.
 NEVER: Final = 1 << 60
 
 
 class Token:
-    """A frame with a fitting check sum, from `start` to before `end`, counted in bytes of the line.
+    """A frame with a correct check sum, at the places `start` to `end` of the line, whose last byte was read `at`.
 
-    `at` is when its last byte was read. One that `is_damaged` has a byte in it that is not what was sent.
+    One that `is_damaged` contains a byte that is not what was sent.
     """
 
     __slots__ = ("at", "end", "frame", "is_damaged", "start")
@@ -33,7 +32,7 @@ class Token:
 
 
 class Expected:
-    """An answer that may come: to `asked`, from `unit`, None from any. It begins at `since` or behind it."""
+    """A response to `asked` from `unit`, None for any unit. It begins at the place `since` or later."""
 
     __slots__ = ("asked", "head", "since", "skipped", "unit")
 
@@ -42,30 +41,30 @@ class Expected:
         self.unit = unit
         self.asked = asked
         self.since = since
-        #: How the response begins; so many bytes of a frame before that are not known.
+        #: How a normal response begins, after so many unknown bytes.
         self.skipped = 1 - len(known)
         self.head = known + asked.response_head
 
     @property
     def exception_head(self) -> bytes:
-        """How an exception response begins."""
+        """How an exception response begins, after `skipped` bytes."""
         return self.head[: 1 - self.skipped] + bytes((self.asked.function | EXCEPTION_BIT,))
 
     def can_be_damaged(self, pdu_size: int) -> bool:
-        """Whether a frame with a PDU of so many bytes can be the response with a wrong check sum, and no request."""
+        """Whether a frame with a wrong check sum and a PDU of this size can be the response, and no request."""
         size = self.asked.response_size
         return size is not None and (pdu_size == EXCEPTION_SIZE or pdu_size == size != len(self.asked.data))
 
     def head_of(self, pdu_size: int) -> bytes:
-        """How a response with a PDU of so many bytes begins."""
+        """How a response with a PDU of this size begins."""
         return self.head if pdu_size == self.asked.response_size else self.exception_head
 
 
 class Scanner:
-    """Finds the frames in what one line delivers, in the order of their ends.
+    """Finds the frames on one line, in the order of their ends.
 
-    `position` is how many bytes it has delivered. `late` are answers to older requests that may still come. `silence`
-    is how long the line must be quiet, in seconds, before a frame of unknown size ends.
+    `position` is the place of the next byte. `late` are late responses that may come. `silence` ends a frame of unknown
+    size, in seconds.
     """
 
     def __init__(self, silence: float = 0.0) -> None:
@@ -74,38 +73,38 @@ class Scanner:
         self.silence = silence
         self._expected: Expected | None = None
         self._sent = b""
-        #: Places of bytes of which at least one is not what was sent.
+        #: Start and end of bytes of which at least one is not what was sent.
         self._damage: list[tuple[int, int]] = []
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """The ADU as it goes on the line."""
+        """The ADU of `pdu`."""
         raise NotImplementedError
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
-        """`sent` goes on the line, and `expected` is its answer; with `echoes` it comes behind the copy of `sent`."""
+        """`sent` is sent, and `expected` is its response; with `echoes` it comes after a copy of `sent`."""
         self._expected, self._sent = expected, sent
         expected.since = NEVER if echoes else self.position
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
-        """Take bytes that became readable at `now`; what is complete with them.
+        """Take bytes; frames that are complete with them.
 
-        At least one of `damaged` ones is not what was sent: a frame that has all of them in it is damaged. The answer
-        begins behind all that came `early`.
+        At least one of `damaged` ones is not what was sent: a frame that contains all of them is damaged. The response
+        begins after `early` ones.
         """
         raise NotImplementedError
 
     def deadline(self, expected: Expected) -> float | None:  # noqa: ARG002 - where silence ends nothing
-        """When silence will show more of this answer, or None."""
+        """When silence may end this response, or None."""
         return None
 
     def tick(self, now: float) -> list[Token]:  # noqa: ARG002 - where silence ends nothing
-        """Let time pass; what silence has ended."""
+        """Let time pass; frames that silence has ended."""
         return []
 
     def end(self) -> list[Token]:
-        """The answer is not awaited any more; what was found that may have been part of it.
+        """The request is over; frames that may have been part of its response.
 
-        It may come late all the same, also where its echo was lost.
+        It may still come late, even if its echo was lost.
         """
         if self._expected is not None and self._expected.since == NEVER:
             self._expected.since = self.position
@@ -114,30 +113,29 @@ class Scanner:
 
     @property
     def missing(self) -> int:
-        """So many bytes must come before there can be the answer; 0 when nothing has begun, or that is not known."""
+        """How many bytes the response still needs at least; 0 if it has not begun, or that is unknown."""
         raise NotImplementedError
 
     def is_damaged(self, data: bytes, expected: Expected) -> bool:
-        """Whether `data` is, for all that can be seen, this answer with a wrong check sum.
+        """Whether `data` looks like this response with a wrong check sum, and not like a damaged request.
 
-        It has the right beginning and the right size, normal or exception, and neither can be those of a request that
-        was damaged.
+        It begins like the response, normal or exception, and has its size.
         """
         raise NotImplementedError
 
     def has_begun(self, data: bytes, head: bytes) -> bool:
-        """Whether `data` holds the first bytes of a frame."""
+        """Whether `data` contains the first bytes of a frame."""
         raise NotImplementedError
 
     def ended_by_silence(self, units: set[int]) -> list[Frame]:  # noqa: ARG002 - where silence ends nothing
-        """Frames of unknown size from one of `units` that reach to the end of what has come, if nothing follows."""
+        """Frames of unknown size from `units` that end with the last byte, if nothing follows."""
         return []
 
     def _has_damage(self, start: int, end: int) -> bool:
-        """Whether all of some damaged bytes stand between these places."""
+        """Whether all of some damaged bytes are between these places."""
         return any(start <= begin and behind <= end for begin, behind in self._damage)
 
     def _came_early(self) -> None:
-        """The answer begins behind all that has come, or, where an echo is awaited, behind that."""
+        """The response begins after all bytes up to now; if an echo is expected, after that."""
         if self._expected is not None and self._expected.since != NEVER:
             self._expected.since = self.position

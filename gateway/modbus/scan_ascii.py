@@ -1,4 +1,4 @@
-"""The scanner of an ASCII line: frames show their own ends (S 2.5.2), and silence ends none."""
+"""The scanner of an ASCII line: CR LF ends a frame, never silence (S 2.5.2)."""
 
 from typing import Final
 
@@ -43,7 +43,7 @@ class AsciiScanner(Scanner):
 
     @property
     def missing(self) -> int:
-        """See `Scanner`. A colon may start anew at any time, and what it starts may be an exception."""
+        """See `Scanner`. A colon may begin another frame at any time, and that may be an exception."""
         begun, expected = self._cutter.begun, self._expected
         if not begun or expected is None:
             return 0

@@ -1,17 +1,16 @@
 """The scanner of an RTU line.
 
-Silence parts RTU frames by the specification (S 2.5.1.1), but behind a USB adapter or a scheduler it cannot be
-measured: bytes of one frame arrive with holes, and two frames arrive glued. So a frame whose size can be foretold, by
-the request or by its own first bytes, ends on its last byte, and holes do not matter. Only a frame of an unknown
-function ends by silence. A CRC that fits is never a sign that a frame is complete: one frame in 256 has a prefix with
-a fitting CRC.
+By the specification, silence separates RTU frames (S 2.5.1.1). Behind a USB adapter or a busy system it cannot be
+measured: there are gaps in frames, and none between them. So a frame whose size is known, from the request or from its
+own first bytes, ends on its last byte. Only a frame of an unknown function ends by silence. A correct CRC does not show
+that a frame is complete: one frame in 256 has a shorter one at its start.
 
-Nothing says where a frame begins, and whether it is a request or a response. So each place is looked at as the
-beginning of either, once; then where a frame that may have begun there should end. What stands inside of the awaited
-answer waits for the end of that: it may be its data.
+A frame may begin anywhere, and be a request or a response. So each place is tried once as the beginning of either, and
+the CRC is checked where that frame would end. A frame inside of the expected response waits for the end of that: it may
+be data.
 
-The answer nearly always comes alone. As long as all that has come since the request can be its beginning, nobody looks
-any further.
+Nearly always only the response comes. As long as all bytes since the request can be its beginning, nothing else is
+tried.
 """
 
 import re
@@ -28,21 +27,21 @@ from gateway.modbus.scan import EXCEPTION_SIZE, NEVER, Expected, Scanner, Token
 
 #: The ADU of an exception response.
 _EXCEPTION_ADU: Final = EXCEPTION_SIZE + OVERHEAD
-#: Bytes that are parted by a longer hole, in seconds, belong to different frames if none is awaited.
+#: On the idle line, a longer gap separates frames, in seconds.
 HOLE: Final = 1.0
 #: How a frame may be read.
 _READINGS: Final = (request_size, response_size)
 _RESPONSE: Final = 1
-#: For each function code: each reading that tells its size, and what that is as far as the function tells it.
+#: For each function code: the readings in which frames tell their size, and the size that the function code tells.
 _FIRST_SIZES: Final = tuple(
     tuple((reading, size) for reading, foretell in enumerate(_READINGS) if (size := foretell(bytes((code,)))))
     for code in range(256)
 )
-#: A unit identifier, and behind it a function other than an exception whose frames tell their size.
+#: A unit identifier before a function code, no exception, whose frames tell their size.
 _BEGIN: Final = re.compile(
     b"(?s).(?=[" + re.escape(bytes(code for code in range(1, 128) if _FIRST_SIZES[code])) + b"])"
 )
-#: All of what may be an exception. Half of all noise looks like its beginning.
+#: A whole exception response: half of all noise looks like the beginning of one.
 _EXCEPTION: Final = re.compile(b"(?s).(?=[\x80-\xff]...)")
 
 
@@ -51,22 +50,22 @@ class RtuScanner(Scanner):
 
     def __init__(self, silence: float = 0.0) -> None:
         super().__init__(silence)
-        #: When the last byte was read, and whether the silence behind it is over.
+        #: When the last byte was read, and whether the silence after it is over.
         self._last = 0.0
         self._is_silent = True
-        #: The place of what was sent, and how much of it comes back before the answer.
+        #: The place of the request, and the size of its echo.
         self._sent_at = 0
         self._echo_size = 0
-        #: The size of the answer as long as nothing but its beginning can have come, else 0; that, in its pieces.
+        #: The size of the response as long as all bytes can be its beginning, else 0; those bytes, and their pieces.
         self._size = 0
         self._coming = b""
         self._pieces: list[tuple[int, float]] = []
-        #: What came last before that, and how much has come up to its end. In the order of their ends: where frames
-        #: should end, where they would have begun, and how they are read.
+        #: The last bytes before those, and the place after them. Possible frames, in the order of their ends: end, start,
+        #: reading.
         self._buffer = b""
         self._scanned = 0
         self._begun: list[tuple[int, int, int]] = []
-        #: Frames in the buffer, and those that may be data of the answer.
+        #: Frames in the buffer, and those that may be data of the response.
         self._found: list[Token] = []
         self._waiting: list[Token] = []
 
@@ -90,7 +89,7 @@ class RtuScanner(Scanner):
         if self._size and not (damaged or early):
             return self._received_alone(data, now)
         size = self._size if early else 0
-        tokens = self._look_back()
+        tokens = self._scan_again()
         if damaged:
             self._damage.append((self.position - len(data), self.position))
         if early:
@@ -99,7 +98,7 @@ class RtuScanner(Scanner):
         if early:
             self._size = size
             if self._expected is not None and self._echo_size:
-                self._sent_at, self._expected.since = self.position, NEVER  # nor was that echo ours
+                self._sent_at, self._expected.since = self.position, NEVER  # that echo was not ours either
         return tokens
 
     @property
@@ -113,7 +112,7 @@ class RtuScanner(Scanner):
         return (_EXCEPTION_ADU if is_exception else self._size) - len(come) if is_response or is_exception else 0
 
     def deadline(self, expected: Expected) -> float | None:
-        """See `Scanner`. A response that tells its own size may have begun in noise: what is behind that counts too."""
+        """See `Scanner`. A response that tells its size may have begun in noise: frames after that count too."""
         if self._is_silent or expected.asked.response_size is not None or expected.since >= self.position:
             return None
         return None if expected.asked.longest_response and not self._waiting else self._last + self.silence
@@ -124,7 +123,7 @@ class RtuScanner(Scanner):
             return []
         self._is_silent = True
         unknown = [each for each in self._awaited() if not each.asked.longest_response]
-        tokens = self._look_back() if unknown else []
+        tokens = self._scan_again() if unknown else []
         if self._expected is not None and self._expected.asked.response_size is None:
             tokens += self._release(patient=False)
         ended = {at for each in unknown for at in self._starts(each) if self._ends_here(at)}
@@ -132,7 +131,7 @@ class RtuScanner(Scanner):
 
     def end(self) -> list[Token]:
         """See `Scanner`."""
-        tokens = self._look_back() if self._coming else []
+        tokens = self._scan_again() if self._coming else []
         if self._waiting:
             tokens, self._waiting = tokens + self._waiting, []
         self._size = 0
@@ -154,13 +153,13 @@ class RtuScanner(Scanner):
         return [Frame(data[at], data[at + 1 : -2]) for at in places if self._ends_here(at)]
 
     def _received_alone(self, data: bytes, now: float) -> list[Token]:
-        """Take bytes as long as they can be the beginning of the answer, or its echo; or look at all of them."""
+        """Take bytes that can be the beginning of the response or the echo; if not, scan all of them."""
         self._coming += data
         self._pieces.append((len(data), now))
         come = self._coming
         if self._echo_size:
             if not _can_begin(come, self._sent):
-                return self._look_back()
+                return self._scan_again()
             come = come[self._echo_size :]
         expected = cast("Expected", self._expected)
         if _can_begin(come, expected.head):
@@ -168,13 +167,13 @@ class RtuScanner(Scanner):
         elif _can_begin(come, expected.exception_head):
             size = _EXCEPTION_ADU
         else:
-            return self._look_back()
+            return self._scan_again()
         if len(come) < size:
             return []
-        return self._take_alone(come, now) if len(come) == size and crc_fits(come) else self._look_back()
+        return self._take_alone(come, now) if len(come) == size and crc_fits(come) else self._scan_again()
 
-    def _look_back(self) -> list[Token]:
-        """Find the frames in what might have been the answer alone."""
+    def _scan_again(self) -> list[Token]:
+        """Scan the bytes that were not only the response."""
         self._size = 0
         coming, pieces, at = self._coming, self._pieces, 0
         self._coming, self._pieces = b"", []
@@ -185,7 +184,7 @@ class RtuScanner(Scanner):
         return tokens
 
     def _take_alone(self, adu: bytes, now: float) -> list[Token]:
-        """The answer is there, and nothing else: whatever seemed to begin before was no frame."""
+        """Only the response came: what seemed to begin before it was no frame."""
         self._restart()
         start = self.position - len(adu)
         if self._expected is not None:
@@ -193,7 +192,7 @@ class RtuScanner(Scanner):
         return [Token(start, self.position, now, Frame(adu[0], adu[1:-2]))]
 
     def _restart(self) -> None:
-        """Nothing that has come belongs to what comes."""
+        """No frame that has begun goes on."""
         self._coming, self._scanned, self._size = b"", self.position, 0
         self._pieces.clear()
         if self._buffer:
@@ -203,18 +202,18 @@ class RtuScanner(Scanner):
             self._damage.clear()
 
     def _scan(self, data: bytes, now: float) -> list[Token]:
-        """Find the frames that are complete with `data`, as if no more came at once than a frame has."""
+        """Find the frames that are complete with `data`, in pieces no larger than a frame."""
         tokens: list[Token] = []
         for at in range(0, len(data), MAX_RTU_ADU):
             tokens += self._scan_piece(data[at : at + MAX_RTU_ADU], now)
         return tokens
 
     def _scan_piece(self, data: bytes, now: float) -> list[Token]:
-        """Find the frames that are complete with so much."""
+        """Find the frames that are complete with this piece."""
         known = len(self._buffer)
         self._buffer += data
         self._scanned += len(data)
-        self._look_for_beginnings(known)
+        self._find_beginnings(known)
         ends = self._ended()
         for expected in self._awaited():
             ends |= self._exact(expected, known)
@@ -227,8 +226,8 @@ class RtuScanner(Scanner):
         self._forget()
         return tokens
 
-    def _look_for_beginnings(self, known: int) -> None:
-        """Note where frames may begin; so much of the buffer is known. Exceptions are noted once they are complete."""
+    def _find_beginnings(self, known: int) -> None:
+        """Note where frames may begin after the `known` part of the buffer; exceptions once they are complete."""
         buffer, offset = self._buffer, self._offset
         for begin in _BEGIN.finditer(buffer, max(0, known - 1)):
             at = begin.start()
@@ -240,7 +239,7 @@ class RtuScanner(Scanner):
                 heappush(self._begun, (offset + at + _EXCEPTION_ADU, offset + at, _RESPONSE))
 
     def _ended(self) -> set[tuple[int, int]]:
-        """Where frames have ended and begun in the buffer. What has told more of its size meanwhile is noted anew."""
+        """Ends and beginnings of complete frames. A frame that now tells more of its size is noted again."""
         ends = set()
         buffer, offset = self._buffer, self._offset
         while self._begun and self._begun[0][0] <= self._scanned:
@@ -254,7 +253,7 @@ class RtuScanner(Scanner):
         return ends
 
     def _exact(self, expected: Expected, known: int) -> set[tuple[int, int]]:
-        """The same of an awaited answer whose request tells the size, as its first bytes may not."""
+        """The same for an expected response whose size is known from the request."""
         if expected.asked.response_size is None:
             return set()
         size = expected.asked.response_size + OVERHEAD
@@ -262,9 +261,9 @@ class RtuScanner(Scanner):
         return {(at + size, at) for at in places if crc_fits(self._buffer[at : at + size])}
 
     def _copies(self, known: int) -> set[tuple[int, int]]:
-        """The same of a copy of what was sent. Where one is known to come, the answer comes behind the first.
+        """The same for a copy of the request. If an echo is expected, the response comes after the first one.
 
-        One that may be the beginning of an answer of unknown size is none before silence has ended it.
+        A copy may be the beginning of a response of unknown size, until silence has ended that.
         """
         expected, size = self._expected, len(self._sent)
         if expected is None:
@@ -278,21 +277,21 @@ class RtuScanner(Scanner):
         return set() if is_answer else {(at + size, at)}
 
     def _release(self, *, patient: bool) -> list[Token]:
-        """The frames that are no data of the answer. Who is patient lets those wait that may be."""
+        """The frames that are not data of the response. If `patient`, those wait that may be."""
         waiting, self._waiting = self._waiting, []
         released: list[Token] = []
-        start, end = self._find_answer(0, patient=patient) if waiting else (-1, -1)
+        start, end = self._find_response(0, patient=patient) if waiting else (-1, -1)
         while start >= 0:
             if end > self._scanned:
                 self._waiting = [each for each in waiting if each.start > start]
                 return released + [each for each in waiting if each.start <= start]
             released += [each for each in waiting if each.end <= start or (each.start, each.end) == (start, end)]
             waiting = [each for each in waiting if each.end > end]
-            start, end = self._find_answer(end, patient=patient)
+            start, end = self._find_response(end, patient=patient)
         return released + waiting
 
-    def _find_answer(self, since: int, *, patient: bool) -> tuple[int, int]:
-        """Where the first normal response begins and ends, behind `since`; -1 without one. It may be still coming."""
+    def _find_response(self, since: int, *, patient: bool) -> tuple[int, int]:
+        """Start and end of the first normal response after `since`, which may be incomplete; -1 without one."""
         expected = self._expected
         if expected is None:
             return -1, -1
@@ -309,7 +308,7 @@ class RtuScanner(Scanner):
         return -1, -1
 
     def _size_of(self, expected: Expected, at: int, *, patient: bool) -> int:
-        """Size of the response that begins at `at`, or how much of it must be there to tell; 0 if there can be none."""
+        """Size of the response that begins here, as far as its bytes tell; 0 if none can."""
         if expected.asked.response_size is not None:
             return expected.asked.response_size + OVERHEAD
         longest = expected.asked.longest_response
@@ -320,7 +319,7 @@ class RtuScanner(Scanner):
         return size + OVERHEAD if 0 < size <= longest else 0
 
     def _starts(self, expected: Expected, at: int = 0) -> list[int]:
-        """Where the awaited answer may begin in the buffer, from `at` on."""
+        """Where the expected response may begin in the buffer, from `at` on."""
         skipped = expected.skipped
         found = self._buffer.find(expected.head, max(at, expected.since - self._offset, 0) + skipped)
         starts = []
@@ -330,7 +329,7 @@ class RtuScanner(Scanner):
         return starts
 
     def _ends_here(self, at: int) -> bool:
-        """Whether all from `at` on is a frame. Its CRC would fit without a NUL at the end too: that is undecided."""
+        """Whether all from `at` on is a frame. With a NUL at the end it is undecided: the CRC fits without it too."""
         adu = self._buffer[at:]
         return len(adu) >= SHORTEST and adu[-1] > 0 and crc_fits(adu)
 
@@ -346,11 +345,11 @@ class RtuScanner(Scanner):
 
     @property
     def _offset(self) -> int:
-        """How much has come before the buffer."""
+        """The place of the first byte in the buffer."""
         return self._scanned - len(self._buffer)
 
     def _forget(self) -> None:
-        """Forget the places of what is not in the buffer any more."""
+        """Forget what is no longer in the buffer."""
         if self._found:
             self._found = [each for each in self._found if each.end > self._offset]
         if self._damage:

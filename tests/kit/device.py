@@ -119,7 +119,7 @@ class SimulatedLine:
 
     def __init__(self, mode: Literal["rtu", "ascii"], *devices: SimulatedDevice) -> None:
         self.devices = {device.unit: device for device in devices}
-        self._framer = rtu.RequestFramer(silence=0.0) if mode == "rtu" else ascii_framing.AsciiFramer()
+        self._framer = rtu.RtuFramer(silence=0.0) if mode == "rtu" else ascii_framing.AsciiFramer()
 
     def received(self, data: bytes, now: float = 0.0) -> list[Answer]:
         """Take what was written in one go (silence follows it); the answers it brings."""

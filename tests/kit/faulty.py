@@ -173,7 +173,7 @@ class FaultyLine:
         self._echo = echo
         self._latency = latency
         self._late_window = late_window
-        self._framer = ascii_framing.AsciiFramer() if self._is_ascii else rtu.RequestFramer(silence=0.0)
+        self._framer = ascii_framing.AsciiFramer() if self._is_ascii else rtu.RtuFramer(silence=0.0)
         self.encode: Callable[[int, bytes], bytes] = self._framer.encode
         #: Until when an answer of a unit, by function, may still be on its way; and one to another client.
         self._busy: dict[int, dict[int, float]] = {device.unit: {} for device in devices}

@@ -466,7 +466,7 @@ async def test_a_defect_in_judging_when_to_look_stays_in_its_line() -> None:
         def defect(now: float) -> None:
             raise ZeroDivisionError
 
-        wired.driver.line.look_at = defect  # type: ignore[method-assign]
+        wired.driver.line.read_at = defect  # type: ignore[method-assign]
         await wired.says(TEN[:1])
         assert wired.client.answers == ["83 0B"]
 

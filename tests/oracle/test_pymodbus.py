@@ -168,7 +168,7 @@ def test_rtu(unit, exchange):
         assert rtu.encode(unit, message) == its.encode(message, unit, 0)
     size, its_unit, _, its_pdu = its.decode(rtu.encode(unit, response))
     assert (size, its_unit, its_pdu) == (len(response) + 3, unit, response)
-    assert rtu.RequestFramer(0.002).received(its.encode(request, unit, 0), 0.0) == [(unit, request)]
+    assert rtu.RtuFramer(0.002).received(its.encode(request, unit, 0), 0.0) == [(unit, request)]
     framer = Asked(unit, parse_request(request))
     assert framer.received(its.encode(response, unit, 0), 0.0) == [(unit, response)]
 

@@ -184,7 +184,7 @@ def rtu_request(data: Bytes) -> tuple[bytes, Decode]:
     """What a server on a line hears, up to a silence."""
 
     def decode(chunks: Sequence[bytes]) -> Outcome:
-        framer = rtu.RequestFramer(SILENCE)
+        framer = rtu.RtuFramer(SILENCE)
         frames = [frame for chunk in chunks for frame in framer.received(chunk, 0.0)]
         return [*frames, *framer.tick(SILENCE)]
 
@@ -200,7 +200,7 @@ def rtu_shared_line(data: Bytes) -> tuple[bytes, Decode]:
         return rtu.encode(data.dice.choice(UNITS), pdu)
 
     def decode(chunks: Sequence[bytes]) -> Outcome:
-        framer = rtu.RequestFramer(SILENCE, ours=frozenset({17}))
+        framer = rtu.RtuFramer(SILENCE, ours=frozenset({17}))
         frames = [frame for chunk in chunks for frame in framer.received(chunk, 0.0)]
         return [*frames, *framer.tick(SILENCE), framer.behind, framer.heard_noise]
 

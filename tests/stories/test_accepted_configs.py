@@ -62,7 +62,7 @@ class Everybody:
         self._timing = timing
         self._echo = echo
         is_ascii = timing is not None and timing.mode == "ascii"
-        self._framer = ascii_framing.AsciiFramer() if is_ascii else rtu.RequestFramer(silence=0.0)
+        self._framer = ascii_framing.AsciiFramer() if is_ascii else rtu.RtuFramer(silence=0.0)
         self._encode = ascii_framing.encode if is_ascii else rtu.encode
 
     def received(self, data: bytes, now: float) -> list[Answer]:

@@ -19,7 +19,7 @@ from gateway.config.load import parse
 from gateway.errors import PortError
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.frame import Frame
-from gateway.modbus.rtu import RequestFramer
+from gateway.modbus.rtu import RtuFramer
 from gateway.simulator.device import Device
 from gateway.simulator.faults import Faults
 from gateway.simulator.generic import Generic
@@ -304,7 +304,7 @@ async def test_a_panel_asks_in_turn_and_collects_the_answers(port: Path, mode) -
     requests = [Frame(1, bytes.fromhex("10 0001 0001 02 1234")), Frame(1, bytes.fromhex("03 0001 0001"))]
     answers = []
     async with Panel(port, mode=mode) as panel:
-        with served(port, Generic(1), RequestFramer(silence=1.0) if mode == "rtu" else AsciiFramer()):
+        with served(port, Generic(1), RtuFramer(silence=1.0) if mode == "rtu" else AsciiFramer()):
             async for _, answer in panel.poll(requests):
                 answers.append(answer)
                 if len(answers) == 4:
@@ -315,14 +315,14 @@ async def test_a_panel_asks_in_turn_and_collects_the_answers(port: Path, mode) -
 
 async def test_a_panel_takes_the_time_of_its_requests_on_the_wire(port: Path) -> None:
     async with Panel(port) as panel:
-        with served(port, Generic(1), RequestFramer(silence=1.0), baud=1200):
+        with served(port, Generic(1), RtuFramer(silence=1.0), baud=1200):
             start = time.monotonic()
             assert await panel.ask(Frame(1, bytes.fromhex("10 0000 0014 28") + bytes(40)))
             assert time.monotonic() - start > 49 * 11 / 1200
 
 
 @contextmanager
-def served(port: Path, device: Device, framer: RequestFramer | AsciiFramer, baud: int = 9600) -> Iterator[None]:
+def served(port: Path, device: Device, framer: RtuFramer | AsciiFramer, baud: int = 9600) -> Iterator[None]:
     """A server on a port, in this event loop, that forgives holes in a frame as the gateway does."""
 
     def answer() -> None:
