@@ -19,9 +19,9 @@ from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.ranges import show_ranges
 from gateway.config.schema import PointTable, ProfileTable
 from gateway.config.values import fits_mode, parse_format
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.profiles.profile import Profile, Range
 from gateway.timing.budget import AnswerTime
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 #: How a point can be written, for people.
 _WRITING: Final[Mapping[str, str]] = {"no": "no", "yes": "yes", "only": "only, never read"}

@@ -16,7 +16,6 @@ from gateway.config.plan import DEFAULT_FORMATS
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.unitset import parse_units, show_units
 from gateway.config.values import parse_format
-from gateway.modbus.chartime import CharacterFormat
 from gateway.ports.exact_loop import run_exactly
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import Faults
@@ -24,6 +23,7 @@ from gateway.simulator.kinds import KINDS
 from gateway.simulator.line import SimulatedLine
 from gateway.simulator.paced_line import Sender, Tell, tell_nobody
 from gateway.simulator.weigher import PRINTED_WEIGHT, Weigher
+from gateway.timing.characters import CharacterFormat
 
 #: The rate of the line in the config that is shown: the one the device's document shows.
 _USUAL_BAUD: Final = {"weigher": 9600}

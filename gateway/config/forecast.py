@@ -7,7 +7,6 @@ from typing import Final
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import MAX_PDU, FunctionCode
 from gateway.modbus.functions import (
     FUNCTIONS,
@@ -20,6 +19,7 @@ from gateway.modbus.functions import (
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime, Budget
+from gateway.timing.characters import LineTiming
 
 #: Stands for all functions that are not known here.
 _UNKNOWN_FUNCTION: Final = 65

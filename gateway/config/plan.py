@@ -14,13 +14,13 @@ from gateway.images.polls import MirrorSettings, Poll
 from gateway.lines.settings import LineSettings
 from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range, covers
 from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
 from gateway.timing.budget import AnswerTime
+from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import Point as TimingPoint
 from gateway.timing.table import TimingTable
 from gateway.upstreams.upstream import UpstreamSettings

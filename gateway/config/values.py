@@ -21,10 +21,10 @@ from gateway.config.duration import (
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.ranges import parse_ranges
 from gateway.config.unitset import CLIENT_UNITS, NO_CLIENT_UNIT, parse_client_units, parse_units
-from gateway.modbus.chartime import CharacterFormat
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
+from gateway.timing.characters import CharacterFormat
 
 #: What is spoken behind a device server, by the scheme of its address. A line's port is one of these, or a path.
 DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": "rtu", "ascii+tcp": "ascii"}

@@ -435,7 +435,10 @@ class Line:
                 self.observer(current, response, now)
             self._go_on(now)
         finally:
-            _answer(current, outcome, now)
+            if response is not None:
+                current.respond(response.pdu, now)
+            elif isinstance(outcome, RequestError):
+                current.fail_sent(outcome, now)
             _fail_all(overdue, errors.AnswerOverdue())
 
     def _spend(self, current: Transaction, response: int, now: float) -> None:
@@ -445,13 +448,6 @@ class Line:
     def __repr__(self) -> str:
         current = f" {self._current!r}" if self._current else ""
         return f"<Line {self.settings.name} {self._state}{current} waiting={self.waiting}>"
-
-
-def _answer(transaction: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
-    if isinstance(outcome, RequestError):
-        transaction.fail_sent(outcome, now)
-    elif outcome is not None:
-        transaction.respond(outcome.pdu, now)
 
 
 def _fail_waiting(transactions: list[Transaction]) -> None:

@@ -263,14 +263,14 @@ class WaitingQueue:
         row = self._rows[client]
         row.waiting.remove(transaction)
         ring = self._ring_for(row.waiting[0]) if row.waiting else None
-        if ring is not row.ring:
-            row.ring.remove(row)
-        if ring is None:
-            if len(self._rows) > _EMPTY_ROWS:
-                del self._rows[client]
-        elif ring is not row.ring:
+        if ring is row.ring:
+            return
+        row.ring.remove(row)
+        if ring is not None:
             row.ring = ring
             ring.append(row)
+        elif len(self._rows) > _EMPTY_ROWS:
+            del self._rows[client]
 
     def _withdraw(self, request: Request) -> None:
         """Remove a request, and its transaction if it has no other."""
@@ -283,8 +283,11 @@ class WaitingQueue:
         del self._waiting[request]
 
     def _make_room(self, newcomer: Transaction) -> Transaction | None:
-        """Drop requests of clients that have left. Returns the transaction that is lost if the queue is still full."""
-        self._drop_unwanted()
+        """Fail unwanted requests. Returns the transaction that is lost if the queue is still full."""
+        for request in [request for request in self._waiting if not request.origin.wants(request)]:
+            self._waiting[request].counts.unwanted += 1
+            self._withdraw(request)
+            request.fail(Unwanted())
         self._expiries = deque(each for each in self._expiries if each[1] in self._waiting)
         if len(self._waiting) < self._size:
             return None
@@ -315,13 +318,6 @@ class WaitingQueue:
             if load > most and row.client != origin.client:
                 most, greediest = load, row
         return greediest
-
-    def _drop_unwanted(self) -> None:
-        """Fail the requests that their clients do not want any more."""
-        for request in [request for request in self._waiting if not request.origin.wants(request)]:
-            self._waiting[request].counts.unwanted += 1
-            self._withdraw(request)
-            request.fail(Unwanted())
 
 
 def _address(origin: Origin) -> str:

@@ -47,9 +47,8 @@ class Report:
         transaction.counts.early_responses += 1
         if proven:
             device, function = transaction.device, transaction.asked.function
-            self._emit(
-                events.AnswerTooEarly(self._line, transaction.unit, device.name, function, self._source, _NO_WIRE)
-            )
+            event = events.AnswerTooEarly(self._line, transaction.unit, device.name, function, self._source, _NO_WIRE)
+            self._emit(event)
 
     def foreign(self, frame: Frame, asked: Transaction) -> None:
         """A valid frame came that is not the response to `asked`."""

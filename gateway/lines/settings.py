@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from gateway.modbus.chartime import LineTiming
 from gateway.ports.wire import Wire
+from gateway.timing.characters import LineTiming
 
 
 @dataclass(frozen=True, slots=True)

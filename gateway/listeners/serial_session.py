@@ -28,12 +28,12 @@ from gateway import events
 from gateway.listeners.failures import OnFailure, is_kept_back
 from gateway.listeners.own_echo import OwnEcho
 from gateway.modbus.ascii import AsciiFramer
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, RequestFramer
 from gateway.modbus.rtu import RtuFramer
 from gateway.ports.wire import Wire
 from gateway.request import Request, Target
+from gateway.timing.characters import LineTiming
 
 #: So many bytes right behind a request are what switching an RS-485 line leaves; more are the next frame.
 _GLITCH: Final = 3

@@ -1,1 +1,1 @@
-"""The protocol: pure values and functions without I/O; where time matters it is an argument, in seconds."""
+"""The Modbus protocol, without I/O; time is an argument, in seconds."""

@@ -40,13 +40,13 @@ class Area(StrEnum):
 #: Set in the function code of an exception response (A 4.1).
 EXCEPTION_BIT: Final = 0x80
 
-#: Sub-functions of 08 (A 6.8.1). Of 0B-12 it is enough to know that they are counters.
+#: Sub-functions of 08 (A 6.8.1).
 RETURN_QUERY_DATA: Final = 0x00
 CLEAR_COUNTERS: Final = 0x0A
 COUNTERS: Final = range(0x0B, 0x13)
 CLEAR_OVERRUN_COUNTER: Final = 0x14
 
-#: The MEI type of function 43 that reads what a device is, and its code for one object; others are for many (A 6.21).
+#: Device identification: its MEI type of function 43, and its code for a single object (A 6.21).
 DEVICE_IDENTIFICATION: Final = 14
 ONE_OBJECT: Final = 4
 
@@ -60,5 +60,5 @@ MAX_ASCII_ADU: Final = 513
 BROADCAST_UNIT: Final = 0
 FIRST_UNIT: Final = 1
 LAST_UNIT: Final = 247
-#: What Modbus TCP clients send when they mean the server itself, not a unit behind it (T 4.4.1.2).
+#: The unit identifier for the server itself in Modbus TCP (T 4.4.1.2).
 SERVER_UNIT: Final = 255

@@ -6,13 +6,13 @@ from gateway.errors import IllegalDataAddress
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.shapes import need
 
-#: What a request says of each record: reference type, of which only 6 is defined, file, record, number of registers.
+#: Bytes before a record's registers: reference type (only 6 is defined), file, record, number of registers.
 _RECORD_HEAD: Final = 7
 _REFERENCE_TYPE: Final = 6
 
 
 def registers(pdu: bytes) -> list[int]:
-    """The registers of each record that a request names. Who writes sends them behind what it says of the record.
+    """The number of registers in each record of a request.
 
     Raises:
         IllegalDataValue: the byte count is not that of the records.
@@ -34,7 +34,7 @@ def byte_count(request: bytes) -> int:
 
 
 def are_records(request: bytes, response: bytes) -> bool:
-    """Whether each record in a response of the right size has the size that was asked for, and the reference type."""
+    """Whether each record in a response of the right size has the requested size, and the reference type."""
     at = 2
     for count in registers(request):
         if response[at : at + 2] != bytes((1 + 2 * count, _REFERENCE_TYPE)):

@@ -1,7 +1,7 @@
-"""What there is to know of each function: one table, with a row for each (Application Protocol V1.1b3, section 6).
+"""The table of functions (Application Protocol V1.1b3, section 6).
 
-Who parses a request, foretells its response, cuts a stream into frames, or asks which functions only read or may be
-broadcast, reads this table. What a function without a row means is for its device to know: it passes unchecked.
+All checks of requests and responses, the sizes of frames, and the sets of functions that only read or may be broadcast
+follow from it. A function without a row passes unchecked: only its device knows what it means.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,10 +13,10 @@ from gateway.modbus.codes import DEVICE_IDENTIFICATION, EXCEPTION_BIT, MAX_PDU, 
 from gateway.modbus.codes import FunctionCode as Code
 from gateway.modbus.shapes import Identification, Shape, any_size, counted, fixed
 
-#: What a request does. A broadcast is a write that may go to unit 0: every device acts, none responds (S 2.1).
+#: What a request does. A `broadcast` is a write that may be sent to unit 0 (S 2.1).
 Effect = Literal["read", "write", "broadcast"]
 
-#: How a request begins that reads what a device is: the one use of function 43 that is known to only read.
+#: How a request for device identification begins: the only use of function 43 that is known to only read.
 READING_IDENTIFICATION: Final = bytes((Code.ENCAPSULATED_INTERFACE, DEVICE_IDENTIFICATION))
 #: The most events in a log (A 6.10).
 MOST_EVENTS: Final = 64
@@ -26,10 +26,10 @@ ALL: Final = MAX_PDU
 
 @dataclass(frozen=True, slots=True)
 class Items:
-    """Up to `most` items of one of the four tables, which a request names.
+    """Up to `most` items of one area in a request.
 
-    Their address stands `at` this byte, and their quantity behind it if there can be more than one. From `values_at` on
-    the request has nothing but their values; 0 if it carries none.
+    Their address is `at` this byte, followed by their quantity if there can be more than one. From `values_at` on the
+    request has only their values; 0 if it has none.
     """
 
     area: Area
@@ -38,7 +38,7 @@ class Items:
     values_at: int = 0
 
     def byte_count(self, count: int) -> int:
-        """Bytes that the values of so many items take: two for a register, one for eight coils or inputs."""
+        """Bytes of the values of so many items: two for a register, one for eight coils or inputs."""
         return 2 * count if self.area in (Area.HOLDING, Area.INPUT) else (count + 7) // 8
 
 
@@ -46,11 +46,10 @@ class Items:
 class Function:
     """One row: a function, from `section` of the specification.
 
-    `request` and `response` tell the sizes of both. A normal response begins with the first bytes of the request, as
-    many as it `repeats`; with the function code and a byte count if it `reads` items; or with its own `head`.
-    A request must keep to the `rules` too, and a response must be one that `accepts(request, response)`. `registers`
-    are those in files or in a queue that a request is about. Where more than the function code decides, `parts` are
-    rows by how their requests begin, and this row is for all others.
+    A normal response begins with the bytes of the request that it `repeats`; with the function code and a byte count if
+    it `reads` items; or with its own `head`. A request must follow the `rules` too, and a response must be one that
+    `accepts(request, response)`. `registers` are those of files or a queue in a request. Where the function code is not
+    enough, `parts` are rows by the first bytes of their requests, and this row is for all others.
     """
 
     code: int
@@ -92,7 +91,7 @@ def response_size(head: bytes) -> int:
 
 
 def only_reads(pdu: bytes) -> bool:
-    """Whether a request is known to change nothing. Any other is a write."""
+    """Whether a request is known to change nothing."""
     return row_of(pdu).effect == "read"
 
 
@@ -149,17 +148,17 @@ _ROWS: Final = (
 )
 # fmt: on
 
-#: The table by function code; all that is in it is checked.
+#: The table by function code.
 FUNCTIONS: Final[Mapping[int, Function]] = {row.code: row for row in _ROWS}
 KNOWN_FUNCTIONS: Final = frozenset(FUNCTIONS)
-#: Functions that cannot change a device; those that may go to unit 0; those that read or write the four tables.
+#: Functions that only read; that may be sent to unit 0; that read or write the four areas.
 READING_FUNCTIONS: Final = frozenset(row.code for row in _ROWS if row.effect == "read")
 BROADCAST_FUNCTIONS: Final = frozenset(row.code for row in _ROWS if row.effect == "broadcast")
 TABLE_FUNCTIONS: Final = frozenset(row.code for row in _ROWS if row.reads or row.writes)
-#: The function that reads each table and does nothing else, and the most items in one request.
+#: The function that reads each area, and the most items in one request.
 READERS: Final = {row.reads.area: (row.code, row.reads.most) for row in _ROWS if row.reads and not row.writes}
 
 _UNKNOWN: Final = Function(0, "5", "write", any_size(1), any_size(1))
-#: A request cannot have such a code; a response with it is an exception response, of two bytes (A 7).
+#: An exception response, of two bytes (A 7). No request has such a code.
 _EXCEPTION: Final = Function(EXCEPTION_BIT, "7", "write", any_size(1), fixed(2))
 _BY_CODE: Final = tuple(_EXCEPTION if code & EXCEPTION_BIT else FUNCTIONS.get(code, _UNKNOWN) for code in range(256))

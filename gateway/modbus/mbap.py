@@ -36,7 +36,7 @@ def encode(transaction: int, unit: int, pdu: bytes) -> bytes:
 
 
 def decode(datagram: bytes) -> TcpFrame | None:
-    """The one ADU that `datagram` is, or None when it is anything else."""
+    """The ADU in `datagram`, or None if that is anything but one ADU."""
     if len(datagram) < _HEADER.size + 1:
         return None
     transaction, protocol, length, unit = _HEADER.unpack_from(datagram)
@@ -46,10 +46,9 @@ def decode(datagram: bytes) -> TcpFrame | None:
 
 
 class MbapFramer:
-    """Cuts ADUs out of a TCP stream that is received into the framer's own buffer.
+    """Finds the ADUs in a TCP stream, which is received into the framer's own buffer of fixed size.
 
-    Receive into `room()`, say with `filled` how much came, then take ADUs with `next` until it gives None. The buffer
-    never grows: there is room again once ADUs have been taken. With `strict`, ADUs of other protocols are an error.
+    Receive into `room()`, call `filled`, then `next` until it returns None. `strict`: other protocols are an error.
     """
 
     __slots__ = ("_buffer", "_end", "_start", "_strict", "_view")
@@ -77,10 +76,10 @@ class MbapFramer:
         self._end += count
 
     def next(self) -> TcpFrame | None:
-        """The next complete ADU, or None until more bytes come. ADUs of other protocols are passed over (T 4.4.2.2).
+        """The next complete ADU, or None. ADUs of other protocols are skipped (T 4.4.2.2).
 
         Raises:
-            NotModbus: the length field is outside 2 to 254, so no later ADU can be found; or it is strict.
+            NotModbus: the length field is outside 2 to 254, so that no later ADU can be found; or see `strict`.
         """
         while self._end - self._start >= _UNCOUNTED:
             transaction, protocol, length = _PREFIX.unpack_from(self._buffer, self._start)
@@ -97,7 +96,7 @@ class MbapFramer:
         return None
 
     def cut(self, data: bytes) -> Iterator[TcpFrame]:
-        """The complete ADUs in what has come so far and `data`; they must be taken one by one, to the end.
+        """The complete ADUs up to the end of `data`; take all of them.
 
         Raises:
             NotModbus: as `next` does.

@@ -1,8 +1,4 @@
-"""Protocol data units: what a request asks for, and which response belongs to it, by the table in `functions`.
-
-A request is read once into a `RequestPdu`. It foretells the size of the response and the bytes it must begin with:
-nearly all that is needed to find it on a line and to tell it from any other.
-"""
+"""Protocol data units: what a request asks for, and how its response looks, by the table in `functions`."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,7 +11,7 @@ from gateway.modbus.shapes import need
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """`count` items of one area from `start` on (0-based protocol addresses)."""
+    """`count` items of one area from the 0-based address `start` on."""
 
     area: Area
     start: int
@@ -23,18 +19,17 @@ class Span:
 
     @property
     def end(self) -> int:
-        """The first address behind the span."""
+        """The first address after the span."""
         return self.start + self.count
 
 
 @dataclass(frozen=True, slots=True)
 class RequestPdu:
-    """A request PDU whose structure has been checked. `row` is what the table of functions says of it.
+    """A request PDU whose structure has been checked.
 
-    `read` and `write` are the items it reads and changes, if any are known. `items` is the larger of the two
-    quantities, or the registers that it is about in files or a queue; 0 for a function that counts nothing.
-    `only_reads` says that it is known to change nothing, `is_answered` that a unit answers it.
-    A normal response begins with `response_head` and has `response_size` bytes. Where that is None, its own first bytes
+    `read` and `write` are the items it reads and changes, if known. `items` is the larger of the two quantities, or the
+    number of registers in files or a queue; 0 for other functions. A unit responds if it `is_answered`.
+    A normal response begins with `response_head` and has `response_size` bytes. If that is None, its own first bytes
     tell its size, at most `longest_response`; if that is 0, only silence ends it.
     """
 
@@ -52,12 +47,12 @@ class RequestPdu:
 
     @property
     def values(self) -> bytes:
-        """What it writes to the items of `write`, as far as it carries their values."""
+        """The values for the items of `write`; empty if the request does not carry them."""
         items = self.row.writes
         return self.data[items.values_at :] if items is not None and items.values_at else b""
 
     def accepts(self, response: bytes) -> bool:
-        """Whether `response` can be the answer: function, size and echoed fields fit, or it is an exception."""
+        """Whether `response` fits: by function, size and echoed fields, or as an exception response."""
         if len(response) == 2 and response[0] == self.function | EXCEPTION_BIT:
             return True
         if not response.startswith(self.response_head):
@@ -73,9 +68,7 @@ class RequestPdu:
 
 @lru_cache(maxsize=2048)
 def parse_request(pdu: bytes) -> RequestPdu:
-    """What the request PDU asks for. Clients poll, so the same few PDUs come again and again: results are kept.
-
-    It has its function code at least. A function without a row passes unchecked; its response is not foretold.
+    """Parse a request PDU of at least one byte. Results are cached, because clients poll with the same PDUs.
 
     Raises:
         IllegalFunction: the function code is 0 or above 127.

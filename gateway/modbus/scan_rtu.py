@@ -60,8 +60,7 @@ class RtuScanner(Scanner):
         self._size = 0
         self._coming = b""
         self._pieces: list[tuple[int, float]] = []
-        #: The last bytes before those, and the place after them. Possible frames, in the order of their ends: end, start,
-        #: reading.
+        #: The last bytes before those, and the place after them. Possible frames by their ends: end, start, reading.
         self._buffer = b""
         self._scanned = 0
         self._begun: list[tuple[int, int, int]] = []
@@ -223,7 +222,10 @@ class RtuScanner(Scanner):
         self._waiting += tokens
         tokens = self._release(patient=True)
         self._buffer = self._buffer[-MAX_RTU_ADU:]
-        self._forget()
+        if self._found:
+            self._found = [each for each in self._found if each.end > self._offset]
+        if self._damage:
+            self._damage = [each for each in self._damage if each[1] > self._offset]
         return tokens
 
     def _find_beginnings(self, known: int) -> None:
@@ -347,13 +349,6 @@ class RtuScanner(Scanner):
     def _offset(self) -> int:
         """The place of the first byte in the buffer."""
         return self._scanned - len(self._buffer)
-
-    def _forget(self) -> None:
-        """Forget what is no longer in the buffer."""
-        if self._found:
-            self._found = [each for each in self._found if each.end > self._offset]
-        if self._damage:
-            self._damage = [each for each in self._damage if each[1] > self._offset]
 
 
 def _can_begin(data: bytes, head: bytes) -> bool:

@@ -11,7 +11,7 @@ from typing import Final
 
 from serial.serialposix import TCGETS2, TIOCOUTQ
 
-from gateway.modbus.chartime import CharacterFormat
+from gateway.timing.characters import CharacterFormat
 
 #: The control flags that make up a character format.
 FORMAT_FLAGS: Final = termios.CSIZE | termios.PARENB | termios.PARODD | termios.CSTOPB

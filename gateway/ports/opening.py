@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
 from gateway.errors import PortError
-from gateway.modbus.chartime import CharacterFormat
 from gateway.ports.ioctls import (
     FORMAT_FLAGS,
     actual_baud,
@@ -28,6 +27,7 @@ from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import DriverError, why_lost, why_no_such_rate, why_not_opened
 from gateway.ports.rs485 import put_back, switch_rs485
 from gateway.ports.wire import VIRTUAL_MAJORS
+from gateway.timing.characters import CharacterFormat
 
 #: What an adapter and its driver may add to an answer, in seconds; the second where a USB adapter gathers bytes
 #: (16 ms in an FTDI chip) and its driver has no low-latency mode.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from gateway.errors import PortError
-from gateway.modbus.chartime import CharacterFormat
+from gateway.timing.characters import CharacterFormat
 
 
 class Port(Protocol):

@@ -14,13 +14,13 @@ from serial import PARITY_NONE, Serial
 from serial_asyncio import SerialTransport
 
 from gateway.errors import PortClosed, PortError
-from gateway.modbus.chartime import CharacterFormat
 from gateway.ports.ioctls import set_input_flags
 from gateway.ports.marked import MarkedInput
 from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
 from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.threads import ThreadPerCall
+from gateway.timing.characters import CharacterFormat
 
 #: As much as the system keeps of a terminal. More that came before a read is left for the next one.
 READ_SIZE: Final = 4096

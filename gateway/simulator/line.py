@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Self
 
 from gateway.config.plan import DEFAULT_FORMATS
-from gateway.modbus.chartime import CharacterFormat
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.paced_line import PacedLine, Tell, tell_nobody
 from gateway.simulator.port import VirtualPort
+from gateway.timing.characters import CharacterFormat
 
 
 class SimulatedLine:

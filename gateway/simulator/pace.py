@@ -4,7 +4,7 @@ from math import ceil
 from random import Random
 from typing import Final
 
-from gateway.modbus.chartime import LineTiming
+from gateway.timing.characters import LineTiming
 
 #: Characters shorter than this are handed over several at a time, in seconds.
 SHORTEST_STEP: Final = 0.001

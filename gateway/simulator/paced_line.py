@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterable, Sequence
 from random import Random
 from typing import Final, Literal
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.pace import Transmission
 from gateway.simulator.station import Station
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 #: Characters that may wait for the line; what is written beyond them is lost.
 BACKLOG: Final = 4096

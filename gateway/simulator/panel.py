@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final, Self
 
 from gateway.config.plan import DEFAULT_FORMATS
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
 from gateway.modbus.scan import Expected, Scanner
@@ -20,6 +19,7 @@ from gateway.modbus.scan_rtu import RtuScanner
 from gateway.simulator.device import Mode
 from gateway.simulator.pace import Transmission
 from gateway.simulator.port import VirtualPort
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 #: How long a panel waits for an answer, and between two requests, in seconds.
 PATIENCE: Final = 1.0

@@ -5,11 +5,11 @@ from random import Random
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.frame import Frame
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.ear import AsciiEar, Ear, RtuEar
 from gateway.simulator.pace import Transmission
+from gateway.timing.characters import LineTiming
 
 
 class Station:

@@ -1,1 +1,1 @@
-"""How long a device may take: its timing table, and the limit of a transaction on a line."""
+"""Times: of characters and frames on a line, of a device's responses, and the time limit of a transaction."""

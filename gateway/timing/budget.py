@@ -8,8 +8,8 @@ A device's own `timeout`, or that of its profile for a function without a row in
 
 from dataclasses import dataclass
 
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.pdu import RequestPdu
+from gateway.timing.characters import LineTiming
 from gateway.timing.table import TimingTable
 
 #: PDU of an exception response, the other answer that every request may get.

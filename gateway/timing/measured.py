@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Final
 
-from gateway.modbus.chartime import LineTiming
+from gateway.timing.characters import LineTiming
 from gateway.timing.histogram import SECONDS, SHARES, Histogram
 
 #: When an answer came while none has.

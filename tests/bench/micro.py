@@ -15,7 +15,6 @@ from gateway.config.plan import resolve
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.checks import crc16, lrc
 from gateway.modbus.pdu import parse_request
 from gateway.modbus.scan import Expected, Scanner
@@ -24,6 +23,7 @@ from gateway.modbus.scan_rtu import RtuScanner
 from gateway.service.build import build
 from gateway.service.state import Memory
 from gateway.timing.budget import AnswerTime, Budget
+from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import TimingTable
 
 REPETITIONS = 9

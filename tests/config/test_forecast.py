@@ -13,8 +13,8 @@ from gateway.config.forecast import (
 from gateway.config.load import builtin_profiles, parse
 from gateway.config.plan import profile_of, resolve
 from gateway.config.schema import ProfileTable
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.timing.budget import AnswerTime
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 RTU = LineTiming("rtu", 19200, CharacterFormat(8, "E", 1))
 CHARACTER = 11 / 19200

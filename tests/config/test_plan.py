@@ -11,12 +11,12 @@ from gateway.images.image import ImageSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import parse_request
 from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, WRITING, Row, right_to
 from gateway.timing.budget import AnswerTime
+from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.upstreams.upstream import UpstreamSettings
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\n'

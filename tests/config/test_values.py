@@ -17,7 +17,7 @@ from gateway.config.values import (
     parse_unit0,
     parse_units_or_all,
 )
-from gateway.modbus.chartime import CharacterFormat
+from gateway.timing.characters import CharacterFormat
 
 
 @pytest.mark.parametrize(

@@ -22,11 +22,11 @@ from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.checks import crc_fits, lrc
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.timing.characters import LineTiming
 from kit.chance import Chance
 from kit.device import Answer, SimulatedDevice
 from kit.noise import flipped

@@ -10,10 +10,10 @@ from gateway.lines.counts import Counts, total
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
 from gateway.modbus import ascii as ascii_framing
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.rtu import encode
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
+from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import TimingTable
 from kit.asker import Asker
 

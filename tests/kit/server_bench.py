@@ -7,8 +7,8 @@ from gateway.events import Event
 from gateway.listeners.serial_session import SerialSession, ServerSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.request import Request
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 RTU = LineTiming("rtu", 19200, CharacterFormat.parse("8E1"))
 ASCII = LineTiming("ascii", 19200, CharacterFormat.parse("7E1"))

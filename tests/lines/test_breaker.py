@@ -4,8 +4,8 @@ import pytest
 
 from gateway.events import UnitRecovered, UnitResting
 from gateway.lines.breaker import FAILURES, Breaker
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import MAX_RTU_ADU
+from gateway.timing.characters import LineTiming
 from kit.asker import Asker
 from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench, frame, is_empty
 

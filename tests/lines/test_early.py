@@ -4,7 +4,7 @@ import pytest
 
 from gateway.events import AnswerTooEarly, BadFrame, EchoHeard, RequestTimeout
 from gateway.lines.echo import EARLY_ANSWERS, ECHOES
-from gateway.modbus.chartime import LineTiming
+from gateway.timing.characters import LineTiming
 from kit.line_bench import ASCII, READ, RESPONSE, TIMING, Bench
 
 WRITE = "06 00 01 00 05"

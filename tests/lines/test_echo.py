@@ -5,7 +5,7 @@ import pytest
 from gateway.devices.quirks import AddressZeroDevice
 from gateway.events import BadFrame, EchoHeard
 from gateway.lines.echo import ECHOES
-from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
 
 WRITE = "06 00 01 00 05"

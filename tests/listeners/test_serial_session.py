@@ -7,7 +7,7 @@ import pytest
 from gateway.errors import IllegalFunction, LineDown, ResponseTimeout, WaitedTooLong
 from gateway.events import AnswerWithheld, EchoHeard
 from gateway.lines.echo import ECHOES
-from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.server_bench import ASCII, LATENCY, RTU, ServerBench
 
 READ = "03 00 00 00 02"

@@ -6,7 +6,7 @@ from itertools import product
 from typing import Final
 
 from gateway.lines.settings import LineSettings
-from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.timing.characters import CharacterFormat, LineTiming
 from model.letters import LETTERS
 from model.world import Setting
 

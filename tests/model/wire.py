@@ -19,9 +19,9 @@ from typing import Any, Final
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import parse_request
+from gateway.timing.characters import LineTiming
 from kit.noise import flipped
 
 #: How long each device may think, and what the port may add, in seconds.

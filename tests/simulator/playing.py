@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.chartime import CharacterFormat
 from gateway.simulator.device import Device
 from gateway.simulator.paced_line import PacedLine
+from gateway.timing.characters import CharacterFormat
 
 #: One character of 11 bits at 9600 baud.
 CHARACTER = 11 / 9600

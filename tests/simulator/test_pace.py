@@ -4,8 +4,8 @@ from random import Random
 
 import pytest
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.simulator.pace import Transmission
+from gateway.timing.characters import CharacterFormat, LineTiming
 from simulator.playing import FORMAT_7E1, FORMAT_8E1
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 UNITS: Final = range(1, 9)
 #: Units 7 and 8 may take so many times as long as the others.

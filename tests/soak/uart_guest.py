@@ -11,10 +11,10 @@ from array import array
 from serial.serialposix import SER_RS485_ENABLED, SER_RS485_RTS_ON_SEND, TIOCGRS485, TIOCSRS485
 
 from gateway.errors import PortError
-from gateway.modbus.chartime import CharacterFormat
 from gateway.ports.ioctls import FORMAT_FLAGS, flags_of
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import open_serial
+from gateway.timing.characters import CharacterFormat
 
 PARITY = termios.INPCK | termios.IGNPAR | termios.PARMRK | termios.BRKINT
 SPD_VHI, SPD_MASK = 0x20, 0x1030

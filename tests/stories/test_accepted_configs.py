@@ -17,7 +17,6 @@ from gateway.config.unitset import parse_units
 from gateway.errors import RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response
@@ -26,6 +25,7 @@ from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, Rights, Row
 from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
+from gateway.timing.characters import LineTiming
 from kit.configs import accepted_configs
 from kit.device import Answer
 from kit.house import Client, House

@@ -13,9 +13,9 @@ import pytest
 
 from gateway.listeners.peer import Peer
 from gateway.modbus import rtu
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
+from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import FaultyDevice, FaultyLine, word
 from kit.house import House, house
 from kit.over_tcp import OverTcpClient

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.codes import Area
+from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import Fault, FaultyDevice, FaultyLine, word
 from kit.house import house
 from soak.never_lies import CONFIG, play, run

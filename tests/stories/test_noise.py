@@ -10,7 +10,7 @@ import pytest
 
 from gateway.events import UnitRecovered, UnitResting
 from gateway.lines.breaker import FAILURES
-from gateway.modbus.chartime import LineTiming
+from gateway.timing.characters import LineTiming
 from kit import line_bench, server_bench
 from kit.line_bench import Bench
 from kit.noise import noise

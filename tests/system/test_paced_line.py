@@ -13,11 +13,11 @@ from gateway.devices.device import Device
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.rtu import encode
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.ports.serial import open_serial
+from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.asker import Asker
 from kit.line_bench import Bench
 from kit.process import PATIENCE

@@ -18,9 +18,9 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import PortClosed, PortError
-from gateway.modbus.chartime import CharacterFormat
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import open_serial
+from gateway.timing.characters import CharacterFormat
 from kit.process import PATIENCE
 from kit.pty import VirtualPort
 

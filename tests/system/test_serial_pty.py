@@ -20,7 +20,6 @@ from serial import SerialException
 
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
-from gateway.modbus.chartime import CharacterFormat
 from gateway.ports import opening
 from gateway.ports import serial as serial_module
 from gateway.ports.holders import _by_lock, holder
@@ -28,6 +27,7 @@ from gateway.ports.ioctls import divided
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.ports.serial import open_serial
+from gateway.timing.characters import CharacterFormat
 from kit.process import PATIENCE
 from kit.pty import VirtualPort
 

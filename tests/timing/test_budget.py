@@ -2,9 +2,9 @@
 
 import pytest
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.pdu import parse_request
 from gateway.timing.budget import AnswerTime, Budget
+from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import Point, TimingTable
 
 MINT = TimingTable.of(

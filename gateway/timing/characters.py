@@ -1,4 +1,4 @@
-"""Times on a serial line: one character, the silences that part frames, a whole frame. All in seconds."""
+"""Times on a serial line: a character, a frame, and the silences between frames. All in seconds."""
 
 import re
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from typing import Final, Literal, Self
 
 from gateway.modbus.codes import MAX_PDU
 
-#: Above this rate the silences are fixed, because slower computers could not follow (S 2.5.1.1).
+#: Above this rate the silences are fixed (S 2.5.1.1).
 FASTEST_SCALED_BAUD: Final = 19200
 T15_FIXED: Final = 0.000750
 T35_FIXED: Final = 0.001750
@@ -49,7 +49,7 @@ class CharacterFormat:
 
 @dataclass(frozen=True, slots=True)
 class LineTiming:
-    """What a line's mode, rate and character format make of time."""
+    """The times that follow from a line's mode, rate and character format."""
 
     mode: Mode
     baud: int
@@ -68,28 +68,25 @@ class LineTiming:
 
     @property
     def t15(self) -> float:
-        """The longest hole inside an RTU frame (S 2.5.1.1)."""
+        """The longest gap inside an RTU frame (S 2.5.1.1)."""
         return T15_FIXED if self.baud > FASTEST_SCALED_BAUD else 1.5 * self.character
 
     @property
     def t35(self) -> float:
-        """The silence that parts two RTU frames (S 2.5.1.1)."""
+        """The silence between two RTU frames (S 2.5.1.1)."""
         return self.silence(3.5)
 
     def silence(self, characters: float) -> float:
-        """A silence of so many characters: 3.5 by the specification, more where a device needs it.
-
-        Above 19200 baud, in proportion to the fixed t3.5.
-        """
+        """A silence of so many characters; above 19200 baud in proportion to the fixed t3.5."""
         if self.baud > FASTEST_SCALED_BAUD:
             return T35_FIXED * characters / 3.5
         return characters * self.character
 
     def frame(self, pdu_size: int) -> float:
-        """The frame around a PDU of so many bytes, from its first bit to its last."""
+        """A frame with a PDU of so many bytes."""
         return (self._each * pdu_size + self._around) * self.character
 
     @property
     def longest_frame(self) -> float:
-        """The frame around the longest PDU."""
+        """A frame with the longest PDU."""
         return self.frame(MAX_PDU)

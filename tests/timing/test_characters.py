@@ -1,6 +1,6 @@
 import pytest
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 
 def timing(mode: str, baud: int, text: str) -> LineTiming:
