@@ -50,6 +50,8 @@ RATE_CHANGE_PAUSE: Final = 0.1
 #: How long requests wait for a new connection, in seconds.
 RENEWAL: Final = 1.0
 
+#: Sends bytes.
+Write = Callable[[bytes], None]
 #: Called with each transaction that was on the line, its response or None, and the time.
 Observer = Callable[[Transaction, Frame | None, float], None]
 #: See the table above.
@@ -70,7 +72,7 @@ class Line:
         echo = EchoDetector(self._report, is_configured=settings.echo)
         self._receiver = Receiver(settings, self._windows, echo, self._report)
         self._scheduler = Scheduler(settings, self._windows, echo, self._report)
-        self._write: Callable[[bytes], None] | None = None
+        self._write: Write | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
         self._state: State = "down"
@@ -99,13 +101,7 @@ class Line:
         return self.spent.phases(ends_at - current.sent_at, now - ends_at)
 
     def port_up(
-        self,
-        write: Callable[[bytes], None],
-        latency: float,
-        now: float,
-        *,
-        virtual: bool = True,
-        has_arrived: HasArrived | None = None,
+        self, write: Write, latency: float, now: float, *, virtual: bool = True, has_arrived: HasArrived | None = None
     ) -> None:
         """The port is open: requests are sent with `write`.
 
@@ -304,7 +300,7 @@ class Line:
         """Why a transaction is not sent in its turn, or None."""
         return self._scheduler.rejection(transaction, now) if transaction.is_wanted else errors.Unwanted()
 
-    def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
+    def _send(self, transaction: Transaction, write: Write, now: float) -> None:
         self._current, self._state = transaction, "awaiting"
         try:
             transaction.start(self._budget, now)
@@ -320,7 +316,7 @@ class Line:
         else:
             self._send_unanswered(transaction, write, now)
 
-    def _send_unanswered(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
+    def _send_unanswered(self, transaction: Transaction, write: Write, now: float) -> None:
         """Send a request without a response, and give the devices time to act."""
         self._current, self._state = None, "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
