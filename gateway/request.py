@@ -1,4 +1,4 @@
-"""One request on its way through the gateway, who asked it, and what can take it."""
+"""A request on its way through the gateway, its origin, and its target."""
 
 from typing import Protocol
 
@@ -7,18 +7,18 @@ from gateway.modbus.pdu import exception_response
 
 
 class Origin(Protocol):
-    """Where requests come from and their responses go: a client's session."""
+    """Where a request comes from and its response goes: a client's session."""
 
     @property
     def client(self) -> str:
-        """Who it is, for events: `10.2.0.7:49152`."""
+        """Its name in events: `10.2.0.7:49152`."""
 
     @property
     def host(self) -> str:
-        """The address it asks from, `10.2.0.7`, on which its rights depend; empty when it has none."""
+        """Its address, `10.2.0.7`, on which its rights depend; empty if it has none."""
 
     def wants(self, request: "Request") -> bool:
-        """Whether a request that still waits should be sent: not for a client that has left."""
+        """Whether a waiting request should still be sent: not for a client that has disconnected."""
 
     def answer(self, request: "Request", pdu: bytes | None) -> None:
         """Take the one response to `request`; None ends it without one. Never raises."""
@@ -27,14 +27,14 @@ class Origin(Protocol):
 class Request:
     """A request PDU for a unit, with the way back to its client.
 
-    Exactly one of `respond`, `fail` and `end` is called, once, by whoever finishes the request. It may happen before
-    `submit` returns, and it never raises. `error` is what it has failed with.
+    Exactly one of `respond`, `fail` and `end` is called, once, perhaps before `submit` returns; none raises. `error` is
+    what it failed with.
     """
 
     __slots__ = ("error", "origin", "pdu", "received_at", "transaction", "unit")
 
     def __init__(self, unit: int, pdu: bytes, origin: Origin, received_at: float, transaction: int = 0) -> None:
-        """`unit` is the client's number for it; `transaction` is the origin's own mark for the response."""
+        """`unit` is the client's number for it; `transaction` is for the origin."""
         self.unit = unit
         self.pdu = pdu
         self.origin = origin
@@ -52,7 +52,7 @@ class Request:
         self.origin.answer(self, exception_response(self.pdu[0], error.code))
 
     def end(self) -> None:
-        """Finish without a response: nobody answers a broadcast, nor 08/04."""
+        """Finish without a response: a broadcast, or 08/04."""
         self.origin.answer(self, None)
 
     def __repr__(self) -> str:
@@ -60,7 +60,7 @@ class Request:
 
 
 class Target(Protocol):
-    """What can take a request: a local image, a device on a line, a broadcast."""
+    """A target of requests: a local image, a device on a line, a broadcast."""
 
     def submit(self, request: Request, now: float) -> None:
-        """Take over `request`, which arrived at `now`, and finish it sooner or later."""
+        """Take over `request`, which arrived at `now`, and finish it."""

@@ -1,1 +1,1 @@
-"""What a line offers to the router: its devices, and how some of them stray from the protocol."""
+"""The targets on a line: its devices, broadcasts, and devices that deviate from the protocol."""

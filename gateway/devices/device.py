@@ -1,4 +1,4 @@
-"""What a line offers to the router: each of its devices, and all of them at once as a broadcast."""
+"""The targets on a line: each of its devices, and all of them at once for broadcasts."""
 
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -19,7 +19,7 @@ from gateway.timing.table import TimingTable
 
 @dataclass(frozen=True, slots=True)
 class DeviceSettings:
-    """One device of a line: `unit` on the wire, `known_as` to clients. `source` is where the config names it."""
+    """One device of a line: `unit` on the wire, `known_as` to clients. `source` is its place in the config."""
 
     name: str
     unit: int
@@ -31,14 +31,14 @@ class DeviceSettings:
 
 
 class TakesTransactions(Protocol):
-    """A line, as its devices see it."""
+    """A line or an upstream, as its devices use it."""
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
 
 
 class Device:
-    """A unit on a line: a Target. Requests that its profile refuses never reach the line."""
+    """A unit on a line: a Target. Requests that its profile rejects are never sent."""
 
     def __init__(self, settings: DeviceSettings, line: TakesTransactions, emit: Emit = discard_event) -> None:
         self.settings = settings
@@ -54,10 +54,7 @@ class Device:
         self._emit = emit
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
-        """Send the request when the line is free, or refuse it with the exception that says why.
-
-        With `yields`, as a mirror's poll does it, the requests of clients go first.
-        """
+        """Send the request in its turn, or fail it. If it `yields`, requests of clients go first: a mirror's poll."""
         try:
             transaction = self._transaction(request, self._check(request.pdu))
         except RequestError as error:
@@ -69,15 +66,15 @@ class Device:
         self._line.submit(transaction, now)
 
     def is_resting(self, now: float) -> bool:
-        """Whether the device has failed too often and is left alone."""
+        """Whether the device backs off."""
         return self.breaker.is_resting(now)
 
     def report_rejection(self, request: Request, error: RequestError) -> None:
-        """The request is refused with `error`, and nothing was sent."""
+        """Log that the request was rejected with `error`, and nothing was sent."""
         self._emit(RequestRefused.of(request, error))
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        """Nothing follows from an ordinary transaction."""
+        """Do nothing: only devices with quirks need this."""
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         return Transaction(request, asked, self)
@@ -87,7 +84,7 @@ class Device:
 
 
 class EveryDevice:
-    """Unit 0 of one line: a Target that sends a broadcast and is done once it has left."""
+    """Unit 0 of one line: a Target that sends broadcasts."""
 
     unit = BROADCAST_UNIT
     name = "every device"
@@ -101,8 +98,8 @@ class EveryDevice:
         self._line = line
 
     def submit(self, request: Request, now: float) -> None:
-        """Send the request to unit 0. It must be well formed, with a function that may be broadcast."""
+        """Send the request to unit 0. It must be well formed and have a broadcast function."""
         self._line.submit(BroadcastTransaction(request, parse_request(request.pdu), self), now)
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        """Nobody answers a broadcast."""
+        """Do nothing: a broadcast has no response."""

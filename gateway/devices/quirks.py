@@ -1,4 +1,4 @@
-"""How real devices stray from the protocol. A profile names what its devices do; each quirk has its device here.
+"""Devices that deviate from the protocol. A profile names the quirks of its devices.
 
 | quirk          | what such a device does                                         | source                    |
 |----------------|-----------------------------------------------------------------|---------------------------|
@@ -31,58 +31,58 @@ ADDRESS_REGISTER: Final = 0x0100
 BAUD_REGISTER: Final = 0x0200
 
 _UNITS: Final = range(FIRST_UNIT, LAST_UNIT + 1)
-#: Rates that a line can follow to; anything else is a misunderstanding.
+#: The baud rates that a line can change to.
 BAUD_RATES: Final = range(300, 1_000_001)
 
 
 class QuirkyLine(TakesTransactions, Protocol):
-    """A line that can follow its only device to another baud rate."""
+    """A line that can change its baud rate with its only device."""
 
     def change_rate(self, baud: int) -> None:
-        """Go on at `baud`."""
+        """Change to `baud`."""
 
 
 class UnitAddresses:
-    """The unit identifiers that the devices of one line answer to, as far as they are known.
+    """The possible unit identifiers of each device on a line.
 
-    A device whose moves were not confirmed may be at several; each is held until an answer from one settles it.
+    A device has several after an address change without a response, until it responds from one of them.
     """
 
     def __init__(self) -> None:
-        self._held: dict[str, tuple[int, ...]] = {}
+        self._units: dict[str, tuple[int, ...]] = {}
 
     def place(self, device: str, *units: int) -> None:
-        """`device` answers to one of `units`."""
-        self._held[device] = units
+        """`device` has one of `units`."""
+        self._units[device] = units
 
     def is_free(self, unit: int, device: str) -> bool:
-        """Whether nobody but `device` may answer to `unit`."""
-        return not any(unit in units for name, units in self._held.items() if name != device)
+        """Whether no device but `device` may have `unit`."""
+        return not any(unit in units for name, units in self._units.items() if name != device)
 
 
 class AddressZeroTransaction(Transaction):
-    """A question to address 0 that the only device of the line answers, from its own address."""
+    """A request to address 0, which the only device of the line answers from its own address."""
 
     __slots__ = ()
 
     @property
     def answers_from(self) -> None:
-        """The unit is not known."""
+        """None: the unit is unknown."""
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether `frame` is the answer, whatever unit it comes from."""
+        """Whether `frame` is the response, from any unit."""
         return frame.unit in _UNITS and self.asked.accepts(frame.pdu)
 
 
 class AddressZeroDevice(Device):
-    """A device whose address is not known: `unit = 0`. Its profile must admit no function but 03."""
+    """A device of unknown address: `unit = 0`. Its profile must allow only function 03."""
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         return AddressZeroTransaction(request, asked, self)
 
 
-class Move(Transaction):
-    """A write that sets the device's address: the response comes from the new one, a refusal from the old one."""
+class AddressChange(Transaction):
+    """A write to the device's address: the response comes from the new address, an exception from the old one."""
 
     __slots__ = ("_addresses", "new_unit")
 
@@ -95,15 +95,15 @@ class Move(Transaction):
         """See Transaction.
 
         Raises:
-            IllegalDataValue: no device can have the new address, or another one of the line has it.
+            IllegalDataValue: the new address is invalid, or another device of the line has it.
         """
-        obstacle = self._obstacle()
-        if obstacle is not None:
-            cast("Device", self.device).report_rejection(self.requests[0], obstacle)
-            raise obstacle
+        error = self._check()
+        if error is not None:
+            cast("Device", self.device).report_rejection(self.requests[0], error)
+            raise error
         super().start(budget, now)
 
-    def _obstacle(self) -> IllegalDataValue | None:
+    def _check(self) -> IllegalDataValue | None:
         if self.new_unit not in _UNITS:
             return IllegalDataValue(f"{self.new_unit} is no address: 1 to 247 are")
         if not self._addresses.is_free(self.new_unit, self.device.name):
@@ -112,16 +112,16 @@ class Move(Transaction):
 
     @property
     def answers_from(self) -> None:
-        """The old unit or the new one."""
+        """None: the old unit or the new one."""
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether `frame` confirms the move, or refuses it."""
-        refused = frame.pdu[0] & EXCEPTION_BIT
-        return frame.unit == (self.unit if refused else self.new_unit) and self.asked.accepts(frame.pdu)
+        """Whether `frame` confirms the change, or is the exception to it."""
+        is_exception = frame.pdu[0] & EXCEPTION_BIT
+        return frame.unit == (self.unit if is_exception else self.new_unit) and self.asked.accepts(frame.pdu)
 
 
 class BaudChange(Transaction):
-    """A write that sets the device's baud rate; it answers at the old rate."""
+    """A write to the device's baud rate; the device responds at the old rate."""
 
     __slots__ = ()
 
@@ -133,10 +133,10 @@ class BaudChange(Transaction):
 
 
 class MovableDevice(Device):
-    """A device that can move to another address, or change its baud rate. Requests follow it.
+    """A device that can change its address or baud rate. Requests are sent to its current address.
 
-    `line_name` and `line_source` name its line for events. `is_alone` says that no other device shares the line, so
-    that the line can follow its rate. `remember` keeps its address for the next start.
+    `line_name` and `line_source` are for events. If it `is_alone` on its line, the line can change its rate with it.
+    `remember` stores its address for the next start.
     """
 
     def __init__(
@@ -159,51 +159,51 @@ class MovableDevice(Device):
         self._addresses = addresses
         self._is_alone = is_alone
         self._remember = remember
-        #: Where it answered last, and where else it may be: since moves that nobody confirmed, or because it rests.
+        #: The address of its last response, and other possible ones: after changes without a response, or a rest.
         self._known_at = settings.unit
         self._maybe_at: list[int] = []
         addresses.place(self.name, self.unit)
 
     def begin_at(self, unit: int) -> None:
-        """The device is known to have moved to `unit` in an earlier run."""
+        """The device changed its address to `unit` in an earlier run."""
         self.unit = self._known_at = unit
         self._addresses.place(self.name, unit)
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        """Follow the device, as far as the transaction tells where it is and how fast it speaks."""
-        if isinstance(transaction, Move) and response is None:
-            self._lose_track(transaction.new_unit)
+        """Update address and baud rate from the result of a transaction."""
+        if isinstance(transaction, AddressChange) and response is None:
+            self._doubt_change(transaction.new_unit)
         elif response is None:
-            self._look_elsewhere()
+            self._try_next_address()
         else:
-            self._found(response.unit)
+            self._confirm(response.unit)
         if isinstance(transaction, BaudChange):
-            self._rate_changed(transaction.baud, response)
+            self._change_baud(transaction.baud, response)
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         if "moves" in self._quirks and _writes(asked, ADDRESS_REGISTER):
-            return Move(request, asked, self, self._addresses)
+            return AddressChange(request, asked, self, self._addresses)
         if "changes_baud" in self._quirks and _writes(asked, BAUD_REGISTER, 2):
             return BaudChange(request, asked, self)
         return super()._transaction(request, asked)
 
-    def _lose_track(self, unit: int) -> None:
-        """It was told to move to `unit` and nobody answered: the move may have happened or not."""
+    def _doubt_change(self, unit: int) -> None:
+        """The change to `unit` got no response: it may have happened or not."""
         if unit != self._known_at and unit not in self._maybe_at:
             self._doubt(unit, "old or new: no answer came")
 
     def _doubt(self, unit: int, why: str) -> None:
-        """It may be at `unit` too: all its addresses are held until it answers from one of them."""
+        """It may have the address `unit` too. All of them are reserved until it responds from one."""
         self._maybe_at.append(unit)
         places = [self._known_at, *self._maybe_at]
         self._addresses.place(self.name, *places)
         advice = f"{why}; it is at {' or '.join(map(str, places))}, and its next answer settles it"
         self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
 
-    def _look_elsewhere(self) -> None:
-        """It did not answer where it was asked: the next request tries the next place, if there are several.
+    def _try_next_address(self) -> None:
+        """It did not respond: the next request goes to the next possible address, if there are several.
 
-        If it rests, and the config names another place, that is the other one: it may have been set back by hand.
+        If it rests, the configured address is possible too: somebody may have set it back by hand.
         """
         configured = self.settings.unit
         may_be_back = not self._maybe_at and self.breaker.failures >= FAILURES and configured != self._known_at
@@ -213,8 +213,8 @@ class MovableDevice(Device):
             places = [self._known_at, *self._maybe_at]
             self.unit = places[(places.index(self.unit) + 1) % len(places)]
 
-    def _found(self, unit: int) -> None:
-        """It has answered from `unit`."""
+    def _confirm(self, unit: int) -> None:
+        """It responded from `unit`."""
         if unit != self._known_at:
             is_configured = unit == self.settings.unit
             remedy = "as the config says" if is_configured else f"set unit = {unit} in {self.source}"
@@ -227,7 +227,7 @@ class MovableDevice(Device):
         self._maybe_at = []
         self._addresses.place(self.name, unit)
 
-    def _rate_changed(self, baud: float, response: Frame | None) -> None:
+    def _change_baud(self, baud: float, response: Frame | None) -> None:
         if response is not None and response.pdu[0] & EXCEPTION_BIT:
             return
         if response is None:
@@ -241,7 +241,7 @@ class MovableDevice(Device):
 
 
 def _writes(asked: RequestPdu, register: int, count: int = 1) -> bool:
-    """Whether the request sets these holding registers to values that it carries."""
+    """Whether the request carries values for these holding registers."""
     span = asked.write
     if span is None or span.area is not Area.HOLDING or not asked.values:
         return False

@@ -1,1 +1,1 @@
-"""Bytes: what a line is connected to, how it is opened, kept open and timed."""
+"""Serial ports and TCP connections: how they are opened, kept open and timed."""

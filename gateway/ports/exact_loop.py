@@ -1,8 +1,8 @@
-"""An event loop that runs its timers when they are due, and not up to a millisecond later.
+"""An event loop whose timers are exact to microseconds instead of a millisecond.
 
-asyncio waits in `epoll_wait`, which counts in milliseconds. A silence of t3.5 lasts 1.75 ms above 19200 baud, so that
-millisecond is a tenth of what a fast line can carry. `select` counts in microseconds, and can wait for the descriptor
-of an epoll. Why not a timer descriptor for each line: docs/adr/0009-exact-timers.md
+asyncio waits in `epoll_wait`, which counts in milliseconds. Above 19200 baud, t3.5 is 1.75 ms, so that a millisecond is
+a tenth of what a fast line can carry. `select` counts in microseconds, and can wait for the descriptor of an epoll. Why
+not a timer descriptor for each line: docs/adr/0009-exact-timers.md
 """
 
 import asyncio
@@ -15,12 +15,11 @@ from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
 
-#: A wait is exact in its last part, in seconds. Silences and frames are shorter, so that such a wait ends only once; a
-#: limit is mostly hundreds of milliseconds ahead, so that nobody need ask `select` meanwhile.
+#: `select` is used for the last part of a wait, in seconds. Silences and frames are shorter, most time limits longer.
 EXACT_PART: Final = 0.06
-#: `select` knows descriptors below this number only (select(2)).
+#: `select` supports only descriptors below this number (select(2)).
 _SELECTABLE: Final = 1024
-#: The kernel may let a thread sleep so many nanoseconds longer, 50 000 if nothing is set (proc(5)).
+#: The kernel may let a thread sleep so many nanoseconds longer, by default 50 000 (proc(5)).
 _SLACK: Final = Path("/proc/self/timerslack_ns")
 
 
@@ -32,13 +31,13 @@ def run_exactly(main: Coroutine[Any, Any, T]) -> T:
 
 def exact_loop() -> asyncio.AbstractEventLoop:
     """A new event loop with exact timers, for the main thread."""
-    with suppress(OSError):  # then timers are 50 us later
+    with suppress(OSError):  # timers are 50 us later then
         _SLACK.write_text("1")
     return asyncio.SelectorEventLoop(ExactSelector())
 
 
 class ExactSelector(selectors.EpollSelector):
-    """Waits to the microsecond, never less than asked for by more than EXACT_PART: asyncio then asks again."""
+    """Waits exactly. A longer wait may end early by EXACT_PART: asyncio then waits again."""
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """Wait for descriptors; see selectors.BaseSelector."""

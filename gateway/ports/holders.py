@@ -1,4 +1,4 @@
-"""Which programs hold a serial port, as far as this user may know."""
+"""Which program uses a serial port, as far as this user may see."""
 
 import os
 from collections.abc import Iterator
@@ -10,9 +10,9 @@ PROC: Final = Path("/proc")
 
 
 def holder(device: str) -> str | None:
-    """A program that holds the device, as `mbusd (pid 412)`; None when there is none, or none that may be seen.
+    """A program that uses the device, as `mbusd (pid 412)`; None if there is none, or none that may be seen.
 
-    Other users' descriptors are hidden from all but root. A lock is not, and most serial programs set one.
+    Only root may see other users' descriptors. Everybody may see locks, and most serial programs set one.
     """
     for pid in (*_by_lock(Path(device)), *_by_descriptor(device)):
         if pid != os.getpid():

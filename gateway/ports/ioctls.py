@@ -1,4 +1,4 @@
-"""What a serial driver can be asked and told beyond what pyserial offers. By open descriptor; all of it may block."""
+"""Requests to serial drivers that pyserial does not offer, by open descriptor. All of it may block."""
 
 import fcntl
 import os
@@ -42,25 +42,25 @@ def flags_of(format_: CharacterFormat) -> int:
 
 
 def input_flags(before: int, *, checks_parity: bool) -> int:
-    """The input flags of a port that had `before`. Who checks parity has damaged characters marked (ports/marked.py).
+    """The input flags for a port that had `before`; with parity, damaged characters are marked (ports/marked.py).
 
-    Left as they were (`stty sane`), a break could discard all that was received, and a damaged character be left out.
+    With the flags of `stty sane`, a break could discard received bytes, and damaged characters would be dropped.
     """
     flags = before & ~(termios.BRKINT | termios.IGNPAR | termios.PARMRK | termios.INPCK)
     return flags | termios.INPCK | termios.PARMRK if checks_parity else flags
 
 
 def set_input_flags(descriptor: int, *, checks_parity: bool) -> None:
-    """Set what `input_flags` says; without parity, damaged characters are taken as they come."""
+    """Set the flags of `input_flags`; without parity, damaged characters are not marked."""
     attributes = termios.tcgetattr(descriptor)
     attributes[0] = input_flags(attributes[0], checks_parity=checks_parity)
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
 def actual_baud(descriptor: int) -> int | None:
-    """The rate that the driver says it has set; None where the kernel cannot be asked.
+    """The rate that the driver reports; None if the kernel does not support that.
 
-    One that cannot do the rate tells the nearest, or the one from before, or repeats it and runs at `divided_baud`.
+    A driver that cannot set a rate reports the nearest one, or the one before, or that rate and uses `divided_baud`.
     """
     try:
         answer = fcntl.ioctl(descriptor, TCGETS2, bytes(_TERMIOS2.size))
@@ -70,9 +70,9 @@ def actual_baud(descriptor: int) -> int | None:
 
 
 def divided_baud(descriptor: int, baud: int) -> int | None:
-    """The rate at which a UART runs that is asked for `baud`, where it divides its clock by whole numbers.
+    """The actual rate for `baud` of a UART that divides its clock by whole numbers.
 
-    None for all others, and for USB adapters: their drivers may pretend to be any UART.
+    None for others, and for USB adapters, whose drivers may report any type of UART.
     """
     state = _serial_struct(descriptor)
     if state is None or state[_SERIAL_TYPE] not in _DIVIDE_BY_WHOLE_NUMBERS or is_usb(descriptor):
@@ -81,25 +81,25 @@ def divided_baud(descriptor: int, baud: int) -> int | None:
 
 
 def has_redefined_38400(descriptor: int) -> bool:
-    """Whether somebody has told the driver to run at another rate when it is asked for 38400, with `setserial`."""
+    """Whether `setserial` has assigned another rate to 38400."""
     state = _serial_struct(descriptor)
     return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_SPD_MASK)
 
 
 def divided(baud_base: int, baud: int) -> int | None:
-    """`baud_base` divided by the whole number that gets nearest to `baud`, rounded as the kernel does it."""
+    """`baud_base` divided by the whole number that comes nearest to `baud`, rounded as in the kernel."""
     return round(baud_base / max(1, (2 * baud_base + baud) // (2 * baud))) if baud_base > 0 else None
 
 
 def bytes_to_send(descriptor: int) -> int:
-    """How many bytes wait in the driver to be sent; of a connection, to be confirmed by the other end (SIOCOUTQ)."""
+    """Bytes that the driver has not sent; for a connection, that the other end has not confirmed (SIOCOUTQ)."""
     count = array("i", [0])
     fcntl.ioctl(descriptor, TIOCOUTQ, count)
     return count[0]
 
 
 def is_sending(descriptor: int) -> bool:
-    """Whether bytes that have left the driver are still in the UART, as far as it tells."""
+    """Whether bytes are still in the UART, if its driver reports that."""
     state = array("i", [0])
     try:
         fcntl.ioctl(descriptor, termios.TIOCSERGETLSR, state)
@@ -108,8 +108,8 @@ def is_sending(descriptor: int) -> bool:
     return not state[0] & _TIOCSER_TEMT
 
 
-def want_low_latency(descriptor: int) -> bool:
-    """Have the driver hand over bytes at once; False where it cannot, or says yes and does not."""
+def set_low_latency(descriptor: int) -> bool:
+    """Set the driver's low-latency mode; False if it has none."""
     state = _serial_struct(descriptor)
     if state is None:
         return False
@@ -128,7 +128,7 @@ def is_usb(descriptor: int) -> bool:
 
 
 def _serial_struct(descriptor: int) -> "array[int] | None":
-    """What TIOCGSERIAL tells; None where the driver does not know it."""
+    """The result of TIOCGSERIAL; None if the driver does not support it."""
     state = array("i", bytes(_SERIAL_STRUCT_SIZE))
     try:
         fcntl.ioctl(descriptor, termios.TIOCGSERIAL, state)

@@ -1,13 +1,13 @@
-"""Keep-alive of TCP: a peer that vanishes, with its network or its power, is noticed."""
+"""TCP keep-alive: detects a peer that has lost its network or its power."""
 
 import socket
 
 
 def notice_vanished_peers(sock: socket.socket, *, idle: int, interval: int, probes: int, user_timeout: int) -> None:
-    """Give up a peer of whom nothing came for `idle` seconds and who then answers none of so many `probes`.
+    """Close the connection to a peer that sends nothing for `idle` seconds and then answers none of the `probes`.
 
-    They are `interval` seconds apart. One that acknowledges nothing of what is sent to it is given up after
-    `user_timeout` milliseconds. Connections that a listening socket accepts inherit all that.
+    They are `interval` seconds apart. A peer that does not acknowledge what is sent to it has `user_timeout`
+    milliseconds. Connections that a listening socket accepts inherit these options.
     """
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, idle)

@@ -10,5 +10,5 @@ __all__ = ["open_blocking", "opener"]
 
 
 def opener(settings: PortSettings) -> OpenPort:
-    """What opens a port with these settings."""
+    """The function that opens a port with these settings."""
     return partial(open_tcp, settings) if isinstance(settings, TcpSettings) else partial(open_serial, settings)

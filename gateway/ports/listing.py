@@ -1,4 +1,4 @@
-"""The serial ports of this machine, and which path of each belongs in a config."""
+"""The serial ports of this machine, and the path of each for a config."""
 
 import os
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from gateway.ports.reasons import group_of
 
 TERMINALS: Final = Path("/sys/class/tty")
 DEVICES: Final = Path("/dev")
-#: Folders of links that survive a replug, the best first: by the adapter's serial number, by its socket.
+#: Folders of stable links, the best first: by the adapter's serial number, by its USB socket.
 STABLE_LINKS: Final = ("serial/by-id", "serial/by-path")
 
 State = Literal["free", "in use", "no permission"]
@@ -21,19 +21,19 @@ State = Literal["free", "in use", "no permission"]
 
 @dataclass(frozen=True, slots=True)
 class ListedPort:
-    """A serial port with hardware behind it. `path` stays the same when the adapter is plugged in again."""
+    """A serial port with hardware. `path` stays the same when the adapter is plugged in again."""
 
     path: str
     device: str
     description: str
     driver: str
     state: State
-    #: What keeps it from being used, and what to do about it; empty for a free port.
+    #: Why it cannot be used, and what to do; empty for a free port.
     remark: str
 
 
 def serial_ports() -> list[ListedPort]:
-    """All serial ports with hardware behind them; virtual ones are left out. Opens none of them."""
+    """All serial ports with hardware, not virtual ones. Opens none of them."""
     names = sorted((entry.name for entry in TERMINALS.glob("*") if _has_hardware(entry)), key=numsplit)
     devices = [DEVICES / name.replace("!", "/") for name in names]
     links = _stable_links()
@@ -41,7 +41,7 @@ def serial_ports() -> list[ListedPort]:
 
 
 def _has_hardware(terminal: Path) -> bool:
-    """Virtual terminals have no device; a UART that was not found has one, of type 0."""
+    """Virtual terminals have no device; an absent UART has one of type 0."""
     if not (terminal / "device").exists():
         return False
     return _line(terminal / "type") != "0"

@@ -1,4 +1,4 @@
-"""A line without hardware, for tests: the gateway's end is a Port, the test holds the devices' end."""
+"""A line in memory, for tests: the gateway's end is a Port, the test has the devices' end."""
 
 import asyncio
 from collections.abc import Callable
@@ -10,9 +10,9 @@ from gateway.ports.port import Port, PortUser
 class MemoryLine:
     """The devices' end of a line in memory, and the plug between the two ends.
 
-    Hand `open_port` to the gateway. What it writes is added to `written` at once, and handed to `on_write` in the
-    loop's next turn, because no device answers inside a write. Nothing here takes time, unless opening it takes
-    `opens_in` seconds: a test's clock decides. `has_arrived` makes it a connection: see Port.
+    The gateway gets `open_port`. What it writes is added to `written` at once, and passed to `on_write` in the loop's
+    next turn, because no device answers inside a write. Only opening takes time, `opens_in` seconds. `has_arrived`
+    makes it a connection: see Port.
     """
 
     def __init__(
@@ -35,14 +35,14 @@ class MemoryLine:
 
     @property
     def is_open(self) -> bool:
-        """Whether the gateway holds its end."""
+        """Whether the gateway's end is open."""
         return self._port is not None
 
     async def open_port(self, user: PortUser) -> Port:
         """Open the gateway's end.
 
         Raises:
-            PortError: the line is unplugged, or its end is held already.
+            PortError: the line is unplugged, or its end is open already.
         """
         if self.opens_in:
             await asyncio.sleep(self.opens_in)
@@ -61,15 +61,15 @@ class MemoryLine:
         return written
 
     def deliver(self, data: bytes) -> None:
-        """Devices say `data`; it has been received when this returns, if the gateway looks.
+        """Devices send `data`; unless the port is paused, it has been received when this returns.
 
-        Nobody hears it on a port that is not open.
+        Without an open port it is lost.
         """
         if self._port is not None:
             self._port.receive(data)
 
     def pull(self, reason: str = "unplugged") -> None:
-        """Unplug the line: an open port is lost before this returns, and none can be opened until `plug`."""
+        """Unplug the line: an open port is lost before this returns, and cannot be opened until `plug`."""
         self._absent = reason
         if self._port is not None:
             self._port.lose(reason)
@@ -79,13 +79,13 @@ class MemoryLine:
         self._absent = None
 
     def take(self, data: bytes) -> None:
-        """Accept what the gateway's end wrote."""
+        """Take what the gateway wrote."""
         self.written += data
         if self.on_write is not None:
             asyncio.get_running_loop().call_soon(self.on_write, data)
 
     def release(self) -> None:
-        """The gateway's end has been let go."""
+        """The gateway's end was closed."""
         self._port = None
 
 
@@ -108,19 +108,19 @@ class MemoryPort:
             self._line.take(bytes(data))
 
     def pause(self) -> bool:
-        """Keep what the devices say until `read_now`."""
+        """Buffer what the devices send until `read_now`."""
         self._is_paused = True
         return True
 
     def read_now(self) -> None:
-        """Hand over what the devices have said."""
+        """Deliver what the devices have sent."""
         self._is_paused = False
         data, self._kept = self._kept, b""
         if data:
             self.user.received(data)
 
     def receive(self, data: bytes) -> None:
-        """The devices say `data`."""
+        """The devices send `data`."""
         if self._is_paused:
             self._kept += data
         else:
@@ -132,7 +132,7 @@ class MemoryPort:
             self._line.baud = baud
 
     def close(self) -> None:
-        """Let go of the line; `lost` follows in the loop's next turn."""
+        """Close the port; `lost` follows in the loop's next turn."""
         if self._detach():
             asyncio.get_running_loop().call_soon(self.user.lost, PortClosed())
 
@@ -146,7 +146,7 @@ class MemoryPort:
             self.user.lost(PortError(reason))
 
     def _detach(self) -> bool:
-        """Part from the line; False when that has happened before."""
+        """Detach from the line; False if that has happened before."""
         if self._line is None:
             return False
         self._line.release()

@@ -21,45 +21,45 @@ from gateway.ports.ioctls import (
     has_redefined_38400,
     is_sending,
     is_usb,
-    want_low_latency,
+    set_low_latency,
 )
 from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import DriverError, why_lost, why_no_such_rate, why_not_opened
-from gateway.ports.rs485 import put_back, switch_rs485
+from gateway.ports.rs485 import restore_rs485, switch_rs485
 from gateway.ports.wire import VIRTUAL_MAJORS
 from gateway.timing.characters import CharacterFormat
 
-#: What an adapter and its driver may add to an answer, in seconds; the second where a USB adapter gathers bytes
-#: (16 ms in an FTDI chip) and its driver has no low-latency mode.
+#: What an adapter and its driver may add to a response, in seconds; the second if a USB adapter gathers bytes (16 ms in
+#: an FTDI chip) and its driver has no low-latency mode.
 LATENCY: Final = 0.005
 GATHERING_LATENCY: Final = 0.020
-#: How far the rate of the hardware may be from the one asked for. Half of what a character of 11 bits can bear.
+#: How far the actual rate may be from the configured one: half of what a character of 11 bits tolerates.
 BAUD_TOLERANCE: Final = 0.025
-#: How long a port that is closed may go on sending what was written to it, in seconds: 256 bytes at 1200 baud.
+#: How long a closed port may go on sending what was written to it, in seconds: 256 bytes at 1200 baud.
 DRAINING_DEADLINE: Final = 2.5
 
 _VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
 
 
 class Configured(Protocol):
-    """A port that a library has opened, locked and configured: all that a library is needed for."""
+    """A port that a library has opened, locked and configured. Nothing else is needed from a library."""
 
     @property
     def checks_parity(self) -> bool:
-        """Whether characters have a parity bit, which is checked: what is read is marked (ports/marked.py)."""
+        """Whether parity is checked, so that damaged characters are marked (ports/marked.py)."""
 
     def fileno(self) -> int:
         """Its descriptor."""
 
     def change_baud(self, baud: int) -> None:
-        """Go on at another rate; raises what opening raises."""
+        """Change the rate; raises what opening raises."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close it."""
 
 
 C = TypeVar("C", bound=Configured)
-#: Opens, locks and configures a port at its settings, in a format that it can do. Raises DriverError or ValueError.
+#: Opens, locks and configures a port with its settings, in this format. Raises DriverError or ValueError.
 Configure = Callable[[SerialSettings, CharacterFormat], C]
 
 
@@ -67,8 +67,8 @@ Configure = Callable[[SerialSettings, CharacterFormat], C]
 class OpenDevice(Generic[C]):
     """A serial device that is open and configured. `latency` in seconds; `virtual` carries bytes at once.
 
-    `baud` is the rate at which it runs, as far as its driver tells; `rs485` what the driver goes back to at the end.
-    What it reads is `marked` where parity is checked.
+    `baud` is its actual rate, if its driver reports it; `rs485` the driver's setting to restore when it is closed. With
+    parity, damaged characters are `marked`.
     """
 
     port: str
@@ -81,7 +81,7 @@ class OpenDevice(Generic[C]):
 
 
 def open_device(settings: SerialSettings, configure: Configure[C]) -> OpenDevice[C]:
-    """Open and configure the port; blocks as long as its driver likes.
+    """Open and configure the port; may block as long as its driver takes.
 
     Raises:
         PortError: it cannot be used, and why.
@@ -102,10 +102,10 @@ def open_device(settings: SerialSettings, configure: Configure[C]) -> OpenDevice
 
 
 def change_baud(device: OpenDevice[C], baud: int) -> None:
-    """Go on at another rate; blocks as long as the driver likes.
+    """Change the rate; may block as long as the driver takes.
 
     Raises:
-        PortError: the port cannot do it, or is gone.
+        PortError: the port does not support it, or was lost.
     """
     try:
         device.serial.change_baud(baud)
@@ -117,15 +117,15 @@ def change_baud(device: OpenDevice[C], baud: int) -> None:
 
 
 def close_device(device: OpenDevice[C], *, lost: bool) -> None:
-    """Close the port. What was written to one that is not lost is sent first, within DRAINING_DEADLINE."""
+    """Close the port. Unless it was `lost`, what was written is sent first, within DRAINING_DEADLINE."""
     descriptor = device.serial.fileno()
-    with suppress(*DriverError):  # a device that is gone has nothing to send and nothing to give back
+    with suppress(*DriverError):  # the device is gone
         if lost or not _drained(device):
             termios.tcflush(descriptor, termios.TCIOFLUSH)
         if not device.virtual:
             fcntl.ioctl(descriptor, termios.TIOCNXCL)
         if device.rs485 is not None:
-            put_back(descriptor, device.rs485)
+            restore_rs485(descriptor, device.rs485)
     device.serial.close()
 
 
@@ -140,23 +140,23 @@ def _is_virtual(settings: SerialSettings) -> bool:
 
 
 def _settled(serial: C, settings: SerialSettings, *, virtual: bool) -> OpenDevice[C]:
-    """See to what no library does: that the driver did as told, RS-485, and the least latency."""
+    """Do what no library does: check the settings in the driver, set RS-485 and low latency."""
     descriptor = serial.fileno()
     if not virtual:
         _check_format(descriptor, settings)
-    has_low_latency = want_low_latency(descriptor)
+    has_low_latency = set_low_latency(descriptor)
     latency = settings.latency
     if latency is None:
         latency = LATENCY if has_low_latency or not is_usb(descriptor) else GATHERING_LATENCY
     baud = _check_baud(descriptor, settings.port, settings.baud)
-    if not virtual:  # on a pseudo-terminal it would outlive us while a simulator holds the other end
+    if not virtual:  # a pseudo-terminal would keep it while a simulator has the other end open
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
     rs485 = _switch_rs485(descriptor, settings)
     return OpenDevice(settings.port, serial, virtual, latency, baud, rs485, serial.checks_parity)
 
 
 def _switch_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
-    """Who switches the direction of the line; what is to be put back in the end."""
+    """Set who switches the direction of the line; returns the setting to restore."""
     is_wanted = settings.rs485 == "kernel"
     try:
         return switch_rs485(descriptor, on=is_wanted)
@@ -167,13 +167,13 @@ def _switch_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
 
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:
-    """Drivers pass over what they cannot do without a word; only reading back tells."""
+    """Drivers ignore what they do not support; only reading back shows that."""
     if flags_of(settings.format) != termios.tcgetattr(descriptor)[2] & FORMAT_FLAGS:
         raise PortError(f"{settings.port} cannot do {settings.format}: its driver set another format")
 
 
 def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
-    """The rate at which the port runs, as far as it can be known; near enough to `baud`."""
+    """The actual rate of the port, if known; it must be near enough to `baud`."""
     if baud == 38400 and has_redefined_38400(descriptor):
         raise PortError(f"{port}: 38400 baud was given another meaning; setserial {port} spd_normal undoes that")
     told = actual_baud(descriptor)
@@ -188,9 +188,9 @@ def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
 
 
 def _drained(device: OpenDevice[C]) -> bool:
-    """Wait until all has been sent; False at the deadline. Not tcdrain: nothing ends that.
+    """Wait until all has been sent; False at the deadline. Not with tcdrain, which has none.
 
-    Where RS-485 is put back then, which may switch the transmitter off, the last bit must have left the UART too.
+    If RS-485 is restored then, which may switch the transmitter off, the UART must have sent the last bit too.
     """
     descriptor, deadline = device.serial.fileno(), time.monotonic() + DRAINING_DEADLINE
     while bytes_to_send(descriptor) or (device.rs485 is not None and is_sending(descriptor)):

@@ -1,4 +1,4 @@
-"""Who a file belongs to."""
+"""The owner of files."""
 
 import os
 from contextlib import suppress
@@ -6,10 +6,10 @@ from pathlib import Path
 
 
 def give_to_owner_of_folder(file: Path) -> None:
-    """Let a file that root has made belong to whom its folder belongs to, so that a service can use it afterwards.
+    """Give a file that root has created to the owner of its folder, so that a service can use it afterwards.
 
-    For others than root there is nothing to do. A link is not followed: the folder's owner may have put it there. Where
-    the system refuses, the file stays as it is.
+    Does nothing for other users, or if the system does not allow it. A link is not followed: the folder's owner may
+    have created it.
     """
     if os.geteuid() == 0:
         with suppress(OSError):

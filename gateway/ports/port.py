@@ -1,4 +1,4 @@
-"""What the rest of the gateway sees of a port, whatever stands behind it."""
+"""The interface of ports to the rest of the gateway."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -11,62 +11,62 @@ from gateway.timing.characters import CharacterFormat
 class Port(Protocol):
     """An open port. All of it is called in the event loop and nothing blocks."""
 
-    #: What adapter and driver may add to an answer, in seconds: part of every time limit on this port.
+    #: What adapter and driver may add to a response, in seconds: part of every time limit.
     latency: float
     #: It carries bytes at once instead of at the line's rate: a pseudo-terminal, a TCP connection.
     virtual: bool
-    #: The rate at which it was opened and runs, as far as its driver tells; None where the rate is set elsewhere.
+    #: Its actual rate, if its driver reports it; None if the rate is set elsewhere.
     baud: int | None
 
     @property
     def has_arrived(self) -> Callable[[], bool] | None:
-        """Tells whether all that was written has arrived at the other end. None: this port is no connection."""
+        """Whether the other end has received all that was written. None: this port is no connection."""
 
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
 
     def pause(self) -> bool:
-        """Hand over nothing until `read_now`: what comes waits. False if this port hands it over all the same."""
+        """Deliver nothing until `read_now`: received bytes wait. False if this port cannot do that."""
 
     def read_now(self) -> None:
-        """Hand over what has come up to now, at once, and from now on as it comes."""
+        """Deliver all bytes received up to now, and from now on deliver bytes as they come."""
 
     def change_baud(self, baud: int) -> None:
-        """Go on at another rate, within a few milliseconds. When the port cannot, `PortUser.lost` follows."""
+        """Change the rate, within a few milliseconds. If that fails, `PortUser.lost` follows."""
 
     def close(self) -> None:
-        """Let go of the port; `PortUser.lost` follows if it has not been called yet."""
+        """Close the port; `PortUser.lost` follows if it has not been called yet."""
 
     async def wait_closed(self) -> None:
-        """Wait until a port that was closed or lost is free again. The caller sets the deadline: a driver may hang."""
+        """Wait until a closed or lost port is free again. The caller sets the deadline: a driver may hang."""
 
 
 class Received(Protocol):
-    """Who takes bytes."""
+    """A function that takes received bytes."""
 
     def __call__(self, data: bytes, *, damaged: bool = False) -> None:
-        """These bytes became readable; `damaged`: at least one of them is not what was sent."""
+        """These bytes were received; `damaged`: at least one of them is not what was sent."""
 
 
 class PortUser(Protocol):
-    """Who is told what a port does."""
+    """The user of a port, with its callbacks."""
 
     @property
     def received(self) -> Received:
-        """Takes what became readable."""
+        """Takes received bytes."""
 
     def lost(self, error: PortError) -> None:
-        """The port is gone; nothing more comes from it. Called once for every port that was opened."""
+        """The port was closed or lost. Called once for every port that was opened."""
 
 
-#: Opens a port for a user. Raises PortError with the reason, in words an operator can act on.
-#: The user hears nothing before its opener has the port. Cancelled, it leaves nothing open.
+#: Opens a port for a user. Raises PortError with the reason and what to do. The user gets no callback before the
+#: port is returned. If cancelled, nothing stays open.
 OpenPort = Callable[[PortUser], Awaitable[Port]]
 
 
 @dataclass(frozen=True, slots=True)
 class SerialSettings:
-    """How a serial port is opened. `latency` None finds out what the driver can do."""
+    """The settings of a serial port. `latency` None: depending on the driver."""
 
     port: str
     baud: int
@@ -77,9 +77,9 @@ class SerialSettings:
 
 @dataclass(frozen=True, slots=True)
 class TcpSettings:
-    """A server to connect to: a device server, or another Modbus TCP server. `port` is what messages call it.
+    """The settings of a connection to a device server, or to another Modbus TCP server. `port` is its name in messages.
 
-    `latency` is what network and server may add to an answer, in seconds.
+    `latency` is what network and server may add to a response, in seconds.
     """
 
     port: str
@@ -88,9 +88,9 @@ class TcpSettings:
     latency: float = 0.0
 
 
-#: How any port is opened.
+#: The settings of any port.
 PortSettings = SerialSettings | TcpSettings
 
 
-#: How a port with these settings is opened: real ones in the service, memory ports in tests.
+#: The function that opens ports with these settings: real ones in the service, memory ports in tests.
 Opener = Callable[[PortSettings], OpenPort]

@@ -1,4 +1,4 @@
-"""Why a serial port cannot be used, in words an operator can act on."""
+"""Messages about serial ports that cannot be used, each with what to do."""
 
 import errno
 import grp
@@ -9,7 +9,7 @@ from typing import Final
 
 from gateway.ports.port import SerialSettings
 
-#: How a driver says no or goodbye. SerialException is an OSError, termios.error is not.
+#: The errors of drivers. SerialException is an OSError, termios.error is not.
 DriverError: Final = (OSError, termios.error)
 
 
@@ -27,7 +27,7 @@ _REASONS: Final = {
 }
 
 
-#: What gives a user the right to a port, by the port's group; that of pseudo-terminals is tty.
+#: What gives a user the right to a port, by the port's group; for pseudo-terminals that is tty.
 _PERMISSION: Final = {
     "root": "it belongs to root; give it to the group dialout with a udev rule",
     "tty": "it belongs to the group tty; for a simulated port: chgrp dialout {port}; chmod 660 {port}",
@@ -37,8 +37,8 @@ _ANOTHER_GROUP: Final = "add the user to the {group} group, the service with Sup
 
 
 def why_not_opened(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
-    """What keeps the port from being opened, and what to do about it."""
-    if isinstance(error, ValueError):  # pyserial's way to say that a custom rate could not be set
+    """Why the port cannot be opened, and what to do."""
+    if isinstance(error, ValueError):  # pyserial could not set a custom rate
         return why_no_such_rate(settings.port, settings.baud)
     number = _errno(error)
     reason = _REASONS.get(number, "{port} cannot be opened: {error}")
@@ -52,17 +52,17 @@ def why_not_opened(settings: SerialSettings, error: OSError | termios.error | Va
 
 
 def why_no_such_rate(port: str, baud: int) -> str:
-    """What keeps an odd rate from being set."""
+    """Why an odd rate cannot be set."""
     return f"{port} refuses {baud} baud: its driver knows standard rates only"
 
 
 def why_lost(port: str, error: OSError | termios.error) -> str:
-    """What happened to a port that was open."""
+    """Why an open port was lost."""
     return f"{port} is gone: {os.strerror(_errno(error))}"
 
 
 def _errno(error: BaseException) -> int:
-    """The error's number, or that of the error behind it: pyserial wraps some of them without it."""
+    """The error's number, or that of its cause: pyserial wraps some errors without it."""
     if isinstance(error, OSError) and error.errno is not None:
         return error.errno
     if isinstance(error, termios.error) and error.args and isinstance(error.args[0], int):
@@ -71,7 +71,7 @@ def _errno(error: BaseException) -> int:
 
 
 def permission_remedy(port: str) -> str:
-    """What to do when a user may not use the port."""
+    """What to do if a user may not use the port."""
     group = group_of(port)
     return _PERMISSION.get(group, _ANOTHER_GROUP).format(port=port, group=group)
 

@@ -1,6 +1,6 @@
 """RS-485 in a UART's driver: the kernel switches the transmitter by RTS. All of it may block.
 
-A driver keeps its setting when the port is closed. So it is set as a line needs it, and put back in the end.
+A driver keeps its setting when the port is closed, so the setting from before is restored then.
 """
 
 import errno
@@ -17,17 +17,17 @@ from serial.serialposix import (
     TIOCSRS485,
 )
 
-#: `struct serial_rs485`: flags, two delays, and what other transceivers need.
+#: `struct serial_rs485`: flags, two delays, and more.
 _STATE: Final = struct.Struct("=I28s")
 
 
 def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
-    """Let the driver switch the transmitter, or leave that to the adapter. Delays stay as the device tree says.
+    """Let the driver switch the transmitter, or leave that to the adapter. Delays stay unchanged.
 
-    What was set before, for `put_back`; None if that was the same, or the driver knows nothing of RS-485.
+    Returns the setting from before, for `restore_rs485`; None if it was the same, or the driver has no RS-485.
 
     Raises:
-        OSError: it is to be switched on, and the driver cannot.
+        OSError: `on`, but the driver does not support it.
     """
     try:
         found = fcntl.ioctl(descriptor, TIOCGRS485, bytes(_STATE.size))
@@ -39,23 +39,23 @@ def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
     wanted = switched(flags, on=on)
     if wanted == flags:
         return None
-    put_back(descriptor, _STATE.pack(wanted, others))
+    restore_rs485(descriptor, _STATE.pack(wanted, others))
     if on and not _STATE.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_STATE.size)))[0] & SER_RS485_ENABLED:
         raise OSError(errno.EOPNOTSUPP, "the driver passes over it")
     return found
 
 
 def switched(flags: int, *, on: bool) -> int:
-    """The flags of a driver that had `flags`: RTS is high while it sends, and it does not hear itself."""
+    """The new flags instead of `flags`: RTS is high while it sends, and it does not receive itself."""
     if not on:
         return flags & ~SER_RS485_ENABLED
     return flags & ~(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX) | SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
 
 
-def put_back(descriptor: int, found: bytes) -> None:
-    """Set what `switch_rs485` has found.
+def restore_rs485(descriptor: int, found: bytes) -> None:
+    """Restore the setting that `switch_rs485` returned.
 
     Raises:
-        OSError: the port is gone.
+        OSError: the port was lost.
     """
     fcntl.ioctl(descriptor, TIOCSRS485, found)

@@ -1,7 +1,7 @@
-"""An open serial port in the event loop: pyserial-asyncio's transport, made quick, bounded and quiet.
+"""Serial ports in the event loop: pyserial-asyncio's transport, which never blocks and has bounded buffers.
 
-The only module that knows a serial library's ports: another library takes its place with a module like this one, which
-must pass tests/system/test_serial_contract.py. See docs/adr/0015-serial-transport.md.
+The only module that uses a serial library's ports. A module for another library must pass
+tests/system/test_serial_contract.py. See docs/adr/0015-serial-transport.md.
 """
 
 import asyncio
@@ -22,24 +22,22 @@ from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.threads import ThreadPerCall
 from gateway.timing.characters import CharacterFormat
 
-#: As much as the system keeps of a terminal. More that came before a read is left for the next one.
+#: As much as the system buffers for a terminal.
 READ_SIZE: Final = 4096
-#: Bytes that may wait for a driver that takes none, beyond its own buffer. A line has one frame under way.
+#: Bytes that may wait for a driver that takes none. A line has one frame under way.
 WRITE_BOUND: Final = 16 * 1024
-#: How long a port that is closed may go on handing them over, in seconds.
+#: How long a closed port may go on passing them to the driver, in seconds.
 FLUSHING_DEADLINE: Final = 1.0
 
-#: Ports whose driver is still busy opening them, because the attempt was given up before it answered.
+#: Ports whose driver is still opening them, perhaps after the attempt was cancelled.
 _being_opened: set[str] = set()
 
 
 class ConfiguredOnce(Serial):
-    """pyserial's port, configured when it is opened and never again.
+    """pyserial's port, which is configured only when it is opened.
 
-    pyserial configures anew with every setting that is assigned, and pyserial-asyncio assigns two when it takes a port
-    over: in the event loop, where a USB adapter that hangs would stop everything for seconds.
-
-    Each time it leaves parity unchecked, which is set right here.
+    pyserial configures a port whenever a setting is assigned, and pyserial-asyncio assigns two in the event loop, where
+    a USB adapter that hangs would stop everything for seconds. It also leaves parity unchecked; this corrects it.
     """
 
     def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
@@ -53,13 +51,13 @@ class ConfiguredOnce(Serial):
         return bool(self.parity != PARITY_NONE)
 
     def change_baud(self, baud: int) -> None:
-        """Go on at another rate."""
+        """Change the rate."""
         self.baudrate = baud
         self._reconfigure_port(force_update=True)
 
 
 def configured(settings: SerialSettings, format_: CharacterFormat) -> ConfiguredOnce:
-    """Open, lock and configure a port; blocks as long as its driver likes. Raises what pyserial raises."""
+    """Open, lock and configure a port; may block as long as its driver takes. Raises what pyserial raises."""
     return ConfiguredOnce(
         port=settings.port,
         baudrate=settings.baud,
@@ -67,13 +65,13 @@ def configured(settings: SerialSettings, format_: CharacterFormat) -> Configured
         parity=format_.parity,
         stopbits=format_.stop_bits,
         exclusive=True,
-        # VMIN 1, VTIME 0: an idle port says "nothing yet" and only one that hung up says "end of file".
+        # VMIN 1, VTIME 0: reading an idle port fails with EAGAIN; only a port that hung up returns end of file.
         inter_byte_timeout=0,
     )
 
 
 async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
-    """Open a serial port for `user`; bytes from before are discarded. Cancelled, it leaves nothing open.
+    """Open a serial port for `user` and discard earlier bytes. If cancelled, nothing stays open.
 
     Raises:
         PortError: the port cannot be used; the message says why and what to do.
@@ -94,20 +92,20 @@ async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
 
 @contextmanager
 def open_blocking(settings: SerialSettings, timeout: float) -> Iterator[Serial]:
-    """A serial port without an event loop, as a library that reads and writes it by itself expects one.
+    """A serial port without an event loop, for a library that reads and writes it.
 
-    It is opened, locked and closed as for a line. `timeout` is how long a read and a write may take, in seconds.
+    It is opened, locked and closed as for a line. `timeout` is for each read and write, in seconds.
 
     Raises:
         PortError: the port cannot be used; the message says why and what to do.
     """
     device = open_device(settings, configured)
     try:
-        set_input_flags(device.serial.fileno(), checks_parity=False)  # whoever reads it knows no marked characters
+        set_input_flags(device.serial.fileno(), checks_parity=False)  # its reader does not know marked characters
         device.serial.timeout = device.serial.write_timeout = timeout
         yield device.serial
     finally:
-        if device.serial.is_open:  # the library closes a port that was lost
+        if device.serial.is_open:  # the library closes a lost port
             close_device(device, lost=False)
 
 
@@ -131,7 +129,7 @@ class SerialPort(SerialTransport):
         self._closed = asyncio.Event()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Send `data` now; what the driver does not take at once follows as soon as it does."""
+        """Send `data` now; what the driver does not take at once follows later."""
         if self._closing:
             return
         data = bytes(data)
@@ -141,31 +139,31 @@ class SerialPort(SerialTransport):
             self._buffer(data)
 
     def pause(self) -> bool:
-        """Leave what comes with the driver until `read_now`. A loss is noticed then, too."""
+        """Read nothing until `read_now`. A loss is noticed only then."""
         self._remove_reader()
         return True
 
     def read_now(self) -> None:
-        """Hand over what the driver has got, and from now on what it gets."""
+        """See Port."""
         if not self._closing:
             self._ensure_reader()
             self._read_ready()
 
     def change_baud(self, baud: int) -> None:
-        """Go on at another rate; the driver is told in a thread, because it may take its time."""
+        """Change the rate, in a thread, because the driver may block."""
         changing = self._loop.run_in_executor(
             ThreadPerCall(f"baud {self._device.port}"), change_baud, self._device, baud
         )
         changing.add_done_callback(self._baud_changed)
 
     def close(self) -> None:
-        """Let go of the port once it has taken what was written, or after FLUSHING_DEADLINE."""
+        """Close the port once the driver has taken what was written, or after FLUSHING_DEADLINE."""
         super().close()
         if self._write_buffer:
             self._loop.call_later(FLUSHING_DEADLINE, self._abort, PortError(f"{self._device.port} takes no more data"))
 
     async def wait_closed(self) -> None:
-        """Wait until the driver has let go of the port."""
+        """Wait until the driver has closed the port."""
         await self._closed.wait()
 
     def __repr__(self) -> str:
@@ -191,7 +189,7 @@ class SerialPort(SerialTransport):
             self._abort(error)
 
     def _send(self, data: bytes) -> int:
-        """Write what the driver takes; how many bytes that were."""
+        """Write what the driver takes; returns how many bytes."""
         try:
             return os.write(self._descriptor, data)
         except (BlockingIOError, InterruptedError):
@@ -219,7 +217,7 @@ class SerialPort(SerialTransport):
             self._close()
 
     def _call_connection_lost(self, exc: Exception | None) -> None:
-        """Tell the user, once, and close the port in a thread: a driver may take its time."""
+        """Call the user's `lost`, once, and close the port in a thread, because the driver may block."""
         if self._user is None:
             return
         user, self._user = self._user, None
@@ -234,7 +232,7 @@ class SerialPort(SerialTransport):
 
 
 def _close_unwanted(opening: asyncio.Future[OpenDevice[ConfiguredOnce]]) -> None:
-    """Close what was opened for somebody who no longer waits for it."""
+    """Close a port after its opening was cancelled."""
     if opening.cancelled() or opening.exception() is not None:
         return
     device = opening.result()

@@ -13,20 +13,19 @@ from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.lookup import AddressInfo, look_up
 from gateway.ports.port import Port, PortUser, TcpSettings
 
-#: How long it may take to find the server's address, in seconds. Attempts follow each other.
+#: How long it may take to look up the server's address, in seconds.
 LOOKUP_DEADLINE: Final = 1.5
-#: How long it may take to reach the server once its address is known, in seconds.
+#: How long it may take to connect to that address, in seconds.
 CONNECTING_DEADLINE: Final = 2.5
-#: How long at most nothing is believed after that, in seconds.
+#: How long at most received bytes are dropped after that, in seconds.
 LONGEST_SETTLING: Final = 0.5
-#: Much more than a line carries while nobody reads. More that came before a read is left for the next one.
+#: Much more than a line carries between two reads.
 READ_SIZE: Final = 4096
-#: Bytes that may wait for a server that takes none, beyond the system's own buffers.
+#: Bytes that may wait for a server that takes none, beyond the system's buffers.
 WRITE_BOUND: Final = 16 * 1024
-#: How long a port that is closed may go on handing them over, in seconds.
+#: How long a closed port may go on sending them, in seconds.
 FLUSHING_DEADLINE: Final = 1.0
-#: A server that has vanished is noticed within half a minute. Seconds, seconds, probes, and milliseconds while
-#: something is being sent.
+#: A vanished server is detected within half a minute. Seconds, seconds, probes; milliseconds while data is sent.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
 USER_TIMEOUT: Final = 20_000
 
@@ -49,13 +48,13 @@ _REASONS: Final = {
 
 
 async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
-    """Connect to a server for `user`. Cancelled, it leaves nothing open.
+    """Connect to a server for `user`. If cancelled, nothing stays open.
 
     What comes within the latency of the connection is dropped (LONGEST_SETTLING at most): a device server may still
-    hold answers to questions of whoever was connected before.
+    hold responses to requests from an earlier connection.
 
     Raises:
-        PortError: there is no connection; the message says why and what to do.
+        PortError: it cannot connect; the message says why and what to do.
     """
     try:
         addresses = await look_up(settings.host, settings.number, socket.SOCK_STREAM, LOOKUP_DEADLINE)
@@ -73,7 +72,7 @@ async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
 
 
 class TcpPort(asyncio.BufferedProtocol):
-    """One connection. `latency` in seconds; it carries bytes at once, so it is `virtual`."""
+    """One connection. `latency` in seconds."""
 
     virtual = True
     baud: int | None = None
@@ -87,7 +86,7 @@ class TcpPort(asyncio.BufferedProtocol):
         self._closed = asyncio.Event()
 
     async def settled(self) -> None:
-        """Let the latency of the connection pass. Nothing that comes meanwhile is heard by anybody.
+        """Wait for the latency of the connection. What comes meanwhile is dropped.
 
         Raises:
             PortError: the server has closed the connection again.
@@ -99,11 +98,11 @@ class TcpPort(asyncio.BufferedProtocol):
             raise PortError(f"{self._name} takes the connection and closes it at once: is somebody else connected?")
 
     def begin(self, user: PortUser) -> None:
-        """Hand over what comes from now on."""
+        """Deliver received bytes from now on."""
         self._user = user
 
     def write(self, data: bytes) -> None:
-        """Send `data` now; what the system does not take at once follows as soon as it does."""
+        """Send `data` now; what the system does not take at once follows later."""
         if self._transport.is_closing():
             return
         self._transport.write(data)
@@ -111,11 +110,11 @@ class TcpPort(asyncio.BufferedProtocol):
             self._abort(PortError(f"{self._name} takes no more data"))
 
     def pause(self) -> bool:
-        """Go on: a network delivers in pieces when it likes, and not byte by byte."""
+        """False: a network does not deliver byte by byte."""
         return False
 
     def read_now(self) -> None:
-        """Hand over what the system has got. That the server has closed its end, asyncio tells."""
+        """See Port. The end of the connection is left to asyncio."""
         if self._transport.is_closing():
             return
         try:
@@ -129,17 +128,17 @@ class TcpPort(asyncio.BufferedProtocol):
             self._user.received(data)
 
     def change_baud(self, baud: int) -> None:
-        """Say that this cannot be done from here: the rate of the line is a setting of the device server."""
+        """Fail: the rate of the line is a setting of the device server."""
         self._abort(PortError(f"{self._name}: the device server keeps its rate; set it to {baud} baud there"))
 
     def has_arrived(self) -> bool:
-        """Whether the server has confirmed every byte that was written, and so has got it."""
+        """Whether the server has confirmed every byte that was written."""
         if self._transport.get_write_buffer_size():
             return False
         return self._transport.is_closing() or bytes_to_send(self._descriptor) == 0
 
     def close(self) -> None:
-        """Close once everything written has left, or after FLUSHING_DEADLINE."""
+        """Close once all that was written has been sent, or after FLUSHING_DEADLINE."""
         self._transport.close()
         if self._transport.get_write_buffer_size():
             asyncio.get_running_loop().call_later(FLUSHING_DEADLINE, self._transport.abort)
@@ -149,25 +148,25 @@ class TcpPort(asyncio.BufferedProtocol):
         await self._closed.wait()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The connection is there."""
+        """The connection is open."""
         self._transport = cast("asyncio.Transport", transport)
         self._descriptor = transport.get_extra_info("socket").fileno()
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the longest frame decides
-        """Where asyncio receives into."""
+        """The buffer that asyncio receives into."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Bytes have arrived."""
+        """Bytes were received."""
         if self._user is not None:
             self._user.received(bytes(self._buffer[:nbytes]))
 
     def eof_received(self) -> None:
-        """The server has closed its end: with that the connection is lost."""
+        """The server has closed the connection."""
         self._loss = PortError(f"{self._name} has closed the connection")
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection has ended; tell the user, once."""
+        """The connection has ended; call the user's `lost`, once."""
         self._closed.set()
         if isinstance(exc, OSError):
             self._loss = self._gone(exc)
@@ -188,7 +187,7 @@ class TcpPort(asyncio.BufferedProtocol):
 
 
 async def _connected(settings: TcpSettings, addresses: list[AddressInfo]) -> TcpPort:
-    """A connection to the first of the server's addresses that takes it."""
+    """A connection to the first of the server's addresses that accepts one."""
     for address in addresses[:-1]:
         with suppress(OSError):
             async with asyncio.timeout(CONNECTING_DEADLINE / len(addresses)):
@@ -212,7 +211,7 @@ async def _connect(settings: TcpSettings, address: AddressInfo) -> TcpPort:
 
 
 def _set_options(sock: socket.socket) -> None:
-    """Send at once, and notice a server that vanishes."""
+    """Send at once, and detect a server that vanishes."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     notice_vanished_peers(
         sock, idle=KEEPALIVE_IDLE, interval=KEEPALIVE_INTERVAL, probes=KEEPALIVE_PROBES, user_timeout=USER_TIMEOUT
@@ -220,7 +219,7 @@ def _set_options(sock: socket.socket) -> None:
 
 
 def _why(settings: TcpSettings, error: OSError | UnicodeError) -> str:
-    """What keeps the server from being reached, and what to do about it."""
+    """Why the server cannot be reached, and what to do."""
     if isinstance(error, UnicodeError):
         reason = _NO_SUCH_NAME
     elif isinstance(error, TimeoutError):

@@ -1,4 +1,4 @@
-"""Threads for calls into drivers, which may take for ever."""
+"""Threads for calls into drivers, which may never return."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -13,8 +13,8 @@ T = TypeVar("T")
 class ThreadPerCall(Executor):
     """Runs each call in a new thread, named after its purpose.
 
-    Why no pool: a driver that hangs would take a worker from all other lines, and Python waits for a pool's workers
-    before it exits. These threads hold up nobody.
+    Not a pool: a driver that hangs would take a worker from other lines, and Python waits for a pool's workers before
+    it exits.
     """
 
     def __init__(self, purpose: str) -> None:

@@ -1,1 +1,1 @@
-"""The crossroads: from a unit identifier to what answers for it, and who may ask for what."""
+"""From a unit identifier to its target, and the rights of clients."""

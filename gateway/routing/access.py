@@ -1,7 +1,6 @@
-"""Who may do what: a table of rows, of which the first that means a client and a unit counts.
+"""The rights of clients: a table of rows, of which the first that applies to client and unit counts.
 
-The table is turned into look-ups: `Rights` has for each client a tuple, and in that for each unit the functions that
-the client may use there.
+`Rights` turns the table into look-ups: for each client a tuple with the allowed functions at each unit.
 """
 
 from collections.abc import Iterable
@@ -15,17 +14,17 @@ from gateway.modbus.functions import READING_FUNCTIONS, READING_IDENTIFICATION
 
 Network = IPv4Network | IPv6Network
 
-#: What may be asked of a unit: functions that are known to only read, by their number; others by how their requests
-#: begin, because it can depend on more than the function. One look-up then tells that a request is a read, and allowed.
+#: The allowed requests to a unit: functions that only read by number, others by the first bytes of their requests,
+#: because it can depend on more than the function. So one look-up shows that a request is a read, and allowed.
 Right = frozenset[int | bytes]
 
 NOTHING: Final[Right] = frozenset()
 READING: Final[Right] = READING_FUNCTIONS | {READING_IDENTIFICATION}
-#: Whatever is not known to only read.
+#: Everything that is not known to only read.
 WRITING: Final[Right] = frozenset(bytes((function,)) for function in range(256) if function not in READING_FUNCTIONS)
 EVERYTHING: Final[Right] = READING | WRITING
 
-#: Clients whose rights are remembered at a time. They come from anywhere, so there must be a bound.
+#: The rights of at most so many clients are cached.
 MOST_CLIENTS: Final = 1000
 
 
@@ -36,7 +35,7 @@ def right_to(functions: Iterable[int]) -> Right:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What clients from `networks` that come through `listeners` may do at `units`; None stands for all of them.
+    """The right of clients from `networks` at `listeners` to `units`; None means all of them.
 
     `source` is its place in the config.
     """
@@ -48,22 +47,22 @@ class Row:
     source: str = field(default="", compare=False)
 
     def applies_to(self, address: IPv4Address | IPv6Address | None) -> bool:
-        """Whether it is for a client from `address`; None is a client without one."""
+        """Whether it applies to a client from `address`, None for a client without one."""
         return self.networks is None or (address is not None and any(address in network for network in self.networks))
 
 
 LOOPBACK: Final = (ip_network("127.0.0.0/8"), ip_network("::1"))
 
-#: The table as long as nobody has written one: clients on this machine do everything, all others read.
+#: The default table: local clients can read and write, remote clients can only read.
 DEFAULT_ROWS: Final = (Row(EVERYTHING, networks=LOOPBACK), Row(READING))
 
 
 @dataclass(frozen=True, slots=True)
 class EntryPoint:
-    """Where clients come in. Their `name` for it is that of the listener, or of the line where we are a server.
+    """Where clients connect. `name` is that of the listener, or of the server line.
 
-    The address of a `datagram` can be forged. A `cable` is in the cabinet: whoever is on it has no address.
-    `unit0` is the unit that stands in for unit 0; None when all of them are meant.
+    The source address of a `datagram` can be forged. `local` clients, on a serial line or the control socket, have no
+    address. `unit0` is the unit that unit 0 stands for; None for all units.
     """
 
     name: str
@@ -71,24 +70,24 @@ class EntryPoint:
     unit0: int | None = None
 
 
-#: For each unit identifier at a entry, the units by which clients at other doors know who answers there; none if they
-#: do not. By these a row counts that names no listener. Unit 0 is there if it stands for somebody.
+#: For each unit identifier at an entry point, the unit identifiers of the same devices at other entry points. Rows that
+#: name no listener apply to these. Unit 0 has some if it stands for a unit.
 KnownAs = tuple[tuple[int, ...], ...]
 
 _ALL_UNITS: Final = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
 
-#: Every unit is known by its own number, as at all doors but those of one line. Nobody is unit 255.
+#: Every unit has the same number everywhere: all entry points but those for a single line.
 AS_NUMBERED: Final[KnownAs] = tuple((unit,) if unit in _ALL_UNITS else () for unit in range(256))
 
 
 class Rights(dict[str, tuple[Right, ...]]):
-    """The rights at one entry: by the client's address, then by unit. They are found when a client first asks.
+    """The rights at one entry point: by the client's address, then by unit. They are found at a client's first request.
 
-    "" is the address of a client that has none. An IPv4 address may look like an IPv6 one.
+    "" is the address of a client without one. An IPv4 address may be written as an IPv6 one.
 
-    Datagrams only read, except by a row that names their listener. Those on a cable do everything until a row names it.
-    A request to all units needs the right at each of them. A row that names listeners counts by the unit identifiers
-    there, any other row by what these units are `known_as`.
+    Datagrams can only read, except by a row that names their listener. Local clients can do everything until a row
+    names their entry point. A broadcast needs the right to each unit. A row with listeners applies to the unit
+    identifiers there, any other row to what these are `known_as`.
     """
 
     def __init__(self, rows: Iterable[Row], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
@@ -99,11 +98,11 @@ class Rights(dict[str, tuple[Right, ...]]):
         self._named: set[str] = set()
 
     def admits(self, host: str) -> bool:
-        """Whether a client from this address may do anything at all."""
+        """Whether a client from this address has any right."""
         return any(self[host])
 
     def names(self, host: str) -> bool:
-        """Whether a row gives rights to networks that this address is in: it is not one that anybody could have."""
+        """Whether a row gives rights to a network that this address is in."""
         return self.admits(host) and host in self._named
 
     def __missing__(self, host: str) -> tuple[Right, ...]:
@@ -128,21 +127,21 @@ def _rows_at(entry: EntryPoint, rows: tuple[Row, ...]) -> Iterable[Row]:
 
 
 def _reading_of(right: Right) -> Right:
-    """What of a right is known to change nothing. The right to all of function 43 is also one to identification."""
+    """The part of a right that only reads. The right to function 43 includes identification."""
     return (right | {READING_IDENTIFICATION} if READING_IDENTIFICATION[:1] in right else right) & READING
 
 
 @lru_cache(maxsize=256)
 def _by_unit(rows: tuple[Row, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
-    """The right at each unit identifier, 0 to 255. Clients for whom the same rows are meant share it."""
+    """The right at each unit identifier, 0 to 255. Clients with the same rows share it."""
     rights = [_right_at(identifier, units, rows) for identifier, units in enumerate(known_as)]
-    everybody = [right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at]]
-    rights[BROADCAST_UNIT] = frozenset.intersection(*everybody) if unit0 is None else rights[unit0]
+    all_units = [right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at]]
+    rights[BROADCAST_UNIT] = frozenset.intersection(*all_units) if unit0 is None else rights[unit0]
     return tuple(rights)
 
 
 def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[Row, ...]) -> Right:
-    """The right by the first row that fits. Whoever is known by several units may be asked what is allowed at each."""
+    """The right by the first row that applies. With several unit numbers, only what is allowed at each."""
     right, *others = [
         next((row.right for row in rows if _fits(row, identifier, unit)), NOTHING) for unit in known_as or (None,)
     ]
@@ -150,7 +149,7 @@ def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[Row, ...])
 
 
 def _fits(row: Row, identifier: int, unit: int | None) -> bool:
-    """Whether a row means whom clients here call `identifier` and others `unit`, or do not know at all."""
+    """Whether a row applies to unit `identifier` here, which is `unit` elsewhere, or None."""
     if row.units is None:
         return True
     if row.listeners is not None:

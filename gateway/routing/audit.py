@@ -1,4 +1,4 @@
-"""Writes are accounted for: each one is told, once it is known what became of it."""
+"""The audit log: one event for each write, with its result."""
 
 from collections.abc import Callable
 
@@ -10,10 +10,9 @@ from gateway.request import Origin, Request
 
 
 class AuditedOrigin:
-    """Stands between a write and its origin, and tells what the answer says before it is handed on.
+    """The origin of a write: logs the result, then passes the response to the client's origin.
 
-    `is_broadcast` says that it goes to all units. `clock` tells the time, in the seconds of the request's
-    `received_at`: an answer comes without one.
+    `clock` is that of `received_at`.
     """
 
     __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "_origin", "client", "host")
@@ -30,11 +29,11 @@ class AuditedOrigin:
         self._emit = emit
 
     def wants(self, request: Request) -> bool:
-        """Whether the origin still wants it to be sent."""
+        """See Origin."""
         return self._origin.wants(request)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Tell of the write, and let the origin have the answer."""
+        """Log the write, and pass the response on."""
         address, count = _written(request.pdu)
         self._emit(
             WriteAudit(
@@ -56,11 +55,11 @@ class AuditedOrigin:
             return request.error.result
         if pdu is not None:
             return "exception" if pdu[0] & EXCEPTION_BIT else "ok"
-        return "broadcast" if self._is_broadcast else "ok"  # nobody answers 08/04
+        return "broadcast" if self._is_broadcast else "ok"  # 08/04 has no response
 
 
 def _written(pdu: bytes) -> tuple[int, int] | tuple[None, None]:
-    """Address and number of what is to be written, as far as the request tells."""
+    """Address and number of the coils or registers to write, if the request names them."""
     try:
         span = parse_request(pdu).write
     except RequestError:

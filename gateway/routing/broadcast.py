@@ -1,4 +1,4 @@
-"""Requests to unit 0: they go once to every line and image, and nobody responds."""
+"""Requests to unit 0: each is sent once to every line and image, without a response."""
 
 from collections.abc import Collection
 from typing import NamedTuple
@@ -11,20 +11,20 @@ from gateway.request import Request, Target
 
 
 class Recipient(NamedTuple):
-    """Who takes broadcasts, and of which functions: a Mint controller, for one, knows only 05 and 16."""
+    """A target of broadcasts, and the functions it accepts: a Mint controller only accepts 05 and 16."""
 
     target: Target
     functions: frozenset[int] = BROADCAST_FUNCTIONS
 
 
 class Broadcast:
-    """A Target that copies a write to all recipients who know its function. It ends when they are done with it."""
+    """A Target that copies a write to all recipients that accept its function, and ends when all have finished."""
 
     def __init__(self, recipients: Collection[Recipient]) -> None:
         self._recipients = recipients
 
     def submit(self, request: Request, now: float) -> None:
-        """Spread a write; any other function is answered 01, a malformed one 03."""
+        """Copy a write to all recipients; any other function gets 01, a malformed request 03."""
         try:
             if request.pdu[0] not in BROADCAST_FUNCTIONS:
                 raise IllegalFunction(f"function {request.pdu[0]} cannot be broadcast")
@@ -40,7 +40,7 @@ class Broadcast:
 
 
 class _Copies:
-    """The origin of a broadcast's copies: waits for all of them, and for the one who hands them out."""
+    """The origin of a broadcast's copies: ends the original after all of them."""
 
     def __init__(self, original: Request, count: int) -> None:
         self._original = original
@@ -48,10 +48,10 @@ class _Copies:
         self.client = original.origin.client
         self.host = original.origin.host
 
-    def wants(self, request: Request) -> bool:  # noqa: ARG002 - all copies share the fate of the original
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - all copies are one request
         return self._original.origin.wants(self._original)
 
-    def answer(self, request: Request, pdu: bytes | None) -> None:  # noqa: ARG002 - no copy's answer reaches the client
+    def answer(self, request: Request, pdu: bytes | None) -> None:  # noqa: ARG002 - a broadcast has no response
         self.one_done()
 
     def one_done(self) -> None:

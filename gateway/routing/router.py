@@ -13,23 +13,22 @@ from gateway.routing.broadcast import Broadcast
 
 @dataclass(slots=True)
 class Counts:
-    """Requests that reached no target: without a route, without a right."""
+    """Requests without a route, and without a right."""
 
     no_route: int = 0
     denied: int = 0
 
 
 class Router:
-    """The crossroads behind one `entry`. Nobody has a route or a right until somebody sets `routes` and `rights`.
+    """Routes the requests of one entry point. `routes` and `rights` are empty at first and may be replaced at any time.
 
-    Both may be replaced at any time: every request asks for them. The policy for unit 0 is a route too: none, a
-    broadcast, or that of another unit.
+    Unit 0 has a route too: none, a broadcast, or that of another unit.
     """
 
     def __init__(
         self, entry: EntryPoint, clock: Callable[[], float], emit: events.Emit, why_no_route: str = "no such unit"
     ) -> None:
-        """`clock` tells the time of the requests. The log says `why_no_route` of a unit that is not there."""
+        """`clock` is that of the requests; `why_no_route` is for the log."""
         self.entry = entry
         self.routes: Mapping[int, Target] = {}
         self.rights = Rights((), entry)
@@ -39,7 +38,7 @@ class Router:
         self._why_no_route = why_no_route
 
     def submit(self, request: Request, now: float) -> None:
-        """Hand the request to its unit's target. Without a route it is answered 0A, without a right 01."""
+        """Pass the request to its target. Without a route it gets 0A, without a right 01."""
         unit = request.unit
         target = self.routes.get(unit)
         if target is not None and request.pdu[0] in self.rights[request.origin.host][unit]:
@@ -48,7 +47,7 @@ class Router:
             self._submit_other(request, target, now)
 
     def _submit_other(self, request: Request, target: Target | None, now: float) -> None:
-        """What is no read with a right and a route."""
+        """Submit a write, or fail a request without a route or a right."""
         pdu = request.pdu
         if not only_reads(pdu):
             is_broadcast = isinstance(target, Broadcast)

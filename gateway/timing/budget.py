@@ -1,9 +1,9 @@
-"""The limit of a transaction: how long after a request's last character its response must be there.
+"""The time limit of a transaction: from the last character of the request to the last one of the response.
 
     limit = longest expected response on the wire + margin x table(function, items) + latency
 
-A device's own `timeout`, or that of its profile for a function without a row in the table, stands in place of
-`margin x table`. A function whose response may have any size has no response time on the wire; silence ends it.
+A device's own `timeout`, or that of its profile for a function without a row in the table, replaces `margin x table`.
+A response of unknown size has no time on the wire; silence ends it.
 """
 
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from gateway.modbus.pdu import RequestPdu
 from gateway.timing.characters import LineTiming
 from gateway.timing.table import TimingTable
 
-#: PDU of an exception response, the other answer that every request may get.
+#: The PDU of an exception response, which every request may get.
 _EXCEPTION_SIZE = 2
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerTime:
-    """How long a device may think: `margin` times its table, or `timeout` for functions the table does not name.
+    """How long a device may take: `margin` times its table, or `timeout` for functions without a row.
 
-    With `fixed` that timeout holds for every function.
+    If `fixed`, the timeout is for every function.
     """
 
     table: TimingTable
@@ -35,26 +35,26 @@ class AnswerTime:
 
     @property
     def slowest(self) -> float:
-        """The longest time that anything the device is asked may take, whatever time is allowed for it."""
+        """The longest time for any request to the device."""
         return max(self.timeout, self.margin * self.table.slowest)
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a line makes of a device's answer time. `latency` is what its port may add to an answer, in seconds."""
+    """The time limits on one line. `latency` is what its port may add to a response, in seconds."""
 
     line: LineTiming
     latency: float
 
     def limit(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
-        """Seconds from the end of the request on the wire until it has failed."""
+        """Seconds from the end of the request on the wire until it fails."""
         return self.response_wire_time(asked) + answer_time.allowed(asked) + self.latency
 
     def response_wire_time(self, asked: RequestPdu) -> float:
-        """The longest expected response on the wire, 0 when it may have any size."""
+        """Seconds of the longest expected response on the wire; 0 for one of unknown size."""
         longest = asked.longest_response
         return self.line.frame(max(longest, _EXCEPTION_SIZE)) if longest else 0.0
 
     def request_wire_time(self, asked: RequestPdu) -> float:
-        """The request on the wire."""
+        """Seconds of the request on the wire."""
         return self.line.frame(len(asked.data))

@@ -1,13 +1,13 @@
-"""How often a value was how large: counts in fixed buckets, and what can be told from them."""
+"""Histograms: counts of values in fixed buckets, and quantiles of them."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
 
 
 class Scale:
-    """The upper bounds of buckets, in whole thousandths: milliseconds of seconds, say. One more bucket has no bound.
+    """The upper bounds of buckets, in whole thousandths. One more bucket has no bound.
 
-    A value on a bound counts to the bucket above it.
+    A value on a bound counts in the next bucket.
     """
 
     __slots__ = ("bounds", "places")
@@ -20,11 +20,11 @@ class Scale:
         )
 
 
-#: Of durations: 1 ms to 10 s.
+#: For durations: 1 ms to 10 s.
 SECONDS: Final = Scale(
     (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 1500, 2000, 3000, 5000, 10_000)
 )
-#: Of shares of something: steps of a twentieth.
+#: For shares: steps of a twentieth.
 SHARES: Final = Scale(tuple(range(50, 1001, 50)))
 
 
@@ -42,7 +42,7 @@ class Histogram:
         self._last = len(scale.bounds)
 
     def add(self, value: float) -> None:
-        """Count a value; one below 0 is 0."""
+        """Count a value; a negative one as 0."""
         bucket = 0
         if value > 0.0:
             self.total += value
@@ -53,7 +53,7 @@ class Histogram:
         counts[bucket] = count + 1  # with += the compiler takes it for any object
 
     def quantile(self, share: float) -> float | None:
-        """The value that this share of all values does not exceed, as far as the buckets tell; None without values."""
+        """The value that this share of all values does not exceed, as exact as the buckets; None without values."""
         rank, below = share * sum(self.counts), 0
         if not rank:
             return None
@@ -67,7 +67,7 @@ class Histogram:
 
 
 def merged(scale: Scale, histograms: Iterable[Histogram]) -> Histogram:
-    """All of `histograms`, which have this `scale`, together."""
+    """The sum of `histograms`, which all have this `scale`."""
     whole = Histogram(scale)
     for each in histograms:
         whole.counts = [one + other for one, other in zip(whole.counts, each.counts, strict=True)]

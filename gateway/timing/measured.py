@@ -1,4 +1,4 @@
-"""What was measured on a line: how long requests took, and what the line's time went into. All in seconds."""
+"""Measurements on a line: how long requests took, and how the line's time was used. All in seconds."""
 
 from dataclasses import dataclass
 from math import inf
@@ -7,16 +7,16 @@ from typing import Final
 from gateway.timing.characters import LineTiming
 from gateway.timing.histogram import SECONDS, SHARES, Histogram
 
-#: When an answer came while none has.
+#: `answered_at` before the first response.
 NEVER: Final = -inf
 
 
 class Times:
     """How long the requests of one function to one unit took.
 
-    `wait` is from a request's arrival until it was sent, `answer` from its last character until the last one of a valid
-    response, and `share` that time's share of the limit. `request` is from a request's arrival until its client was
-    answered, for all that were sent. `limit` is the last transaction's, `answered_at` when the last valid answer came.
+    `wait` is from a request's arrival until it was sent, `answer` from its last character to the last one of a valid
+    response, and `share` that time divided by the limit. `request` is from a request's arrival to its response, for all
+    that were sent. `limit` is that of the last transaction, `answered_at` the time of the last valid response.
     """
 
     __slots__ = ("answer", "answered_at", "limit", "request", "share", "wait")
@@ -30,7 +30,7 @@ class Times:
         self.answered_at = NEVER
 
     def answered(self, now: float, ends_at: float, limit: float) -> None:
-        """A valid answer has come `now` to a request whose last character left at `ends_at`."""
+        """A valid response came `now` to a request whose last character was sent at `ends_at`."""
         self.limit = limit
         self.answered_at = now
         self.answer.add(now - ends_at)
@@ -39,7 +39,7 @@ class Times:
 
 @dataclass(frozen=True, slots=True)
 class Phases:
-    """What a line's time went into: requests, waiting for responses, responses, and the silences behind all that."""
+    """How a line's time was used: requests, waiting for responses, responses, and the silences after them."""
 
     request: float
     wait: float
@@ -48,12 +48,12 @@ class Phases:
 
     @property
     def busy(self) -> float:
-        """All of it together: the time in which nothing else could be sent."""
+        """The sum: the time in which nothing else could be sent."""
         return self.request + self.wait + self.response + self.gap
 
 
 class TimeSpent:
-    """Adds up what a line's time goes into. Plain numbers: some of it is done for every transaction."""
+    """Adds up how a line's time is used. Plain numbers, because it is on the request path."""
 
     __slots__ = ("_around", "_byte", "gap", "request", "response", "wait")
 
@@ -66,14 +66,14 @@ class TimeSpent:
         self._byte = 0.0
 
     def tune(self, timing: LineTiming) -> None:
-        """Responses take their time on a line like this."""
+        """Set the times of the line, for the duration of responses."""
         self._around = timing.frame(0)
         self._byte = timing.frame(1) - timing.frame(0)
 
     def add(self, sent_at: float, ends_at: float, now: float, response: int, quiet_at: float) -> None:
-        """A transaction was sent, its last character left at `ends_at`, and it is over `now`.
+        """A transaction is over `now`; its last character was sent at `ends_at`.
 
-        The PDU of its response has so many bytes, 0 without one, and the next request may leave at `quiet_at`.
+        `response` is the size of its response PDU, 0 without one. The next request may be sent at `quiet_at`.
         """
         ends_at = min(ends_at, now)  # a port without a wire carries bytes at once
         spoken = self._around + self._byte * response if response else 0.0
@@ -85,5 +85,5 @@ class TimeSpent:
             self.gap += quiet_at - now
 
     def phases(self, asking: float = 0.0, waiting: float = 0.0) -> Phases:
-        """All of it so far, and what a transaction that is not over has taken."""
+        """All of it so far, with the times of the transaction in progress."""
         return Phases(self.request + asking, self.wait + waiting, self.response, self.gap)

@@ -1,4 +1,4 @@
-"""A device's answer times by function and item count, as its manual prints them."""
+"""A device's response times by function and item count, as in its manual."""
 
 from bisect import bisect_left
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from typing import Self
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The device answers a request for `items` items within `time` seconds."""
+    """The device responds to a request for `items` items within `time` seconds."""
 
     items: int
     time: float
@@ -17,7 +17,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class TimingTable:
-    """Answer times: for each function its points, ascending in items, joined by straight lines."""
+    """Response times: for each function its points, ascending in items, with straight lines between them."""
 
     rows: Mapping[int, tuple[Point, ...]] = field(default_factory=dict)
 
@@ -38,7 +38,7 @@ class TimingTable:
         return cls(rows)
 
     def time(self, function: int, items: int) -> float | None:
-        """Seconds the device may take, or None when the table has no row for the function.
+        """Seconds the device may take, or None if the table has no row for the function.
 
         Linear between points, flat before the first, continued with the last slope after the last.
         """
@@ -54,5 +54,5 @@ class TimingTable:
 
     @property
     def slowest(self) -> float:
-        """The longest time that any point names, 0 for an empty table."""
+        """The longest time of any point; 0 for an empty table."""
         return max((point.time for row in self.rows.values() for point in row), default=0.0)

@@ -1,14 +1,13 @@
-"""The transaction machine of an upstream: units behind another Modbus TCP server, asked without waiting for each other.
+"""The state machine of an upstream: requests to units behind another Modbus TCP server, several at a time.
 
-    down ──port_up──▶ up: waiting ──a place is free──▶ under way ──response, limit──▶ answered
-                                                          └──limit──▶ owed ──late response──▶ dropped
+    waiting ──a place is free──▶ under way ──response──▶ answered
+                                     └──limit──▶ outstanding ──late response──▶ dropped
 
-Every request gets a transaction identifier of ours (T 4.2.2). An identifier is not used again as long as its answer is
-owed, however late that is, so an answer can only ever go to its own request. Nothing is repeated.
+Every request gets a transaction identifier (T 4.2.2), which is not used again while a response to it may come, however
+late, so a response always belongs to its own request. Nothing is repeated.
 
-The machine knows no clock and no descriptor: bytes, time and requests are its arguments, and `deadline` says when it
-wants to be called again. It finishes its own state before it calls a request's origin, which may submit the next
-request at once.
+There is no I/O here: bytes, time and requests are arguments, and `deadline` is when to call `tick`. An upstream
+finishes its own state before it answers requests, because an answer may cause the next request at once.
 """
 
 from collections.abc import Callable
@@ -25,19 +24,19 @@ from gateway.modbus.codes import BROADCAST_UNIT, SERVER_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 
-#: So many late answers are awaited on one connection. Then a new one is made, on which none of them can come.
+#: After so many requests without a response, a new connection is opened, on which none of the responses can come.
 MAX_OUTSTANDING: Final = 4096
 
 _IDENTIFIERS: Final = 0x10000
-#: What servers call themselves that know only one unit, whichever was asked (T 4.4.1.2).
+#: The unit identifiers in responses of servers that have only one unit (T 4.4.1.2).
 _NO_UNIT: Final = (BROADCAST_UNIT, SERVER_UNIT)
 
 
 @dataclass(frozen=True, slots=True)
 class UpstreamSettings:
-    """How one upstream behaves; times in seconds.
+    """The settings of one upstream; times in seconds.
 
-    At most `in_flight` requests are under way and `queue` more wait, each for `max_wait` at most.
+    At most `in_flight` requests are under way and `queue` more wait, each for at most `max_wait`.
     """
 
     name: str
@@ -51,29 +50,29 @@ class UpstreamSettings:
 class Upstream:
     """One connection to another server and its transactions.
 
-    One client's requests to one unit are sent one after the other, so that none overtakes another. A unit that has
-    failed is asked one at a time until it answers, so that it does not take the places of others.
+    A client's requests to one unit are sent one at a time, so that they keep their order. So are all requests to a
+    unit that has failed, until it responds.
     """
 
     def __init__(self, settings: UpstreamSettings, emit: Emit) -> None:
         self.settings = settings
-        #: Answers that belong to nothing that was asked on their connection.
+        #: Responses without a request on their connection.
         self.unasked_frames = 0
         self._report = Report(settings.name, settings.source, emit)
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
         self._write: Callable[[bytes], None] | None = None
         self._framer = MbapFramer(strict=True)
-        #: By identifier: what is under way, the oldest first; what came instead of its answer; what may come late.
+        #: By identifier: requests under way, oldest first; bytes instead of responses; requests past their limits.
         self._under_way: dict[int, Transaction] = {}
         self._instead: dict[int, bytes] = {}
         self._outstanding: dict[int, Transaction] = {}
-        #: Whose requests are under way to whom.
+        #: The clients and devices of the requests under way.
         self._asking: set[tuple[str, Destination]] = set()
         self._failed_at: dict[Destination, float] = {}
         self._last_identifier = 0
 
     def port_up(self, write: Callable[[bytes], None]) -> None:
-        """There is a connection: requests go out through `write`."""
+        """The connection is open: requests are sent with `write`."""
         self._write = write
         self._framer = MbapFramer(strict=True)
         for device in self._failed_at:
@@ -81,7 +80,7 @@ class Upstream:
         self._failed_at.clear()
 
     def port_down(self, now: float) -> None:
-        """The connection has gone: what was under way may have been acted on (0B), what waited was not sent (0A)."""
+        """The connection was lost: units may have acted on requests under way (0B); others were not sent (0A)."""
         self._write = None
         lost, waiting = list(self._under_way.values()), self._queue.clear()
         for kept in (self._under_way, self._instead, self._outstanding, self._asking):
@@ -92,13 +91,13 @@ class Upstream:
             transaction.fail(errors.LineDown())
 
     def finish(self) -> None:
-        """Take no more requests: what waits is not sent any more (0A), what is under way may be answered."""
+        """Accept no more requests: waiting ones are not sent (0A), those under way may be answered."""
         self._write = None
         for transaction in self._queue.clear():
             transaction.fail(errors.LineDown())
 
     def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction: it is sent when there is a place for it, or it fails."""
+        """Take over a transaction: it is sent in its turn, or fails."""
         if self._write is None:
             transaction.fail(errors.LineDown())
         elif transaction.device.breaker.is_resting(now):
@@ -112,11 +111,11 @@ class Upstream:
                 self._go_on(now)
 
     def received(self, data: bytes, now: float) -> None:
-        """Take bytes that came at `now`.
+        """Take bytes.
 
         Raises:
-            NotModbus: the server does not speak Modbus TCP, so that the connection cannot be used any more. What was
-                answered before that is answered.
+            NotModbus: the server does not speak Modbus TCP, so the connection cannot be used any more. Responses before
+                that count.
         """
         answers: list[tuple[Transaction, bytes]] = []
         try:
@@ -130,13 +129,13 @@ class Upstream:
                 transaction.respond(pdu, now)
 
     def deadline(self) -> float | None:
-        """When `tick` wants to be called, or None while there is nothing to wait for."""
+        """When to call `tick`, or None."""
         oldest = next(iter(self._under_way.values()), None)
         deadlines = (None if oldest is None else oldest.fails_at, self._queue.next_expiry())
         return min((one for one in deadlines if one is not None), default=None)
 
     def tick(self, now: float) -> None:
-        """Let time pass: limits may have run out."""
+        """Let time pass: time limits may have ended."""
         failed: list[tuple[Transaction, RequestError]] = []
         for identifier, transaction in list(self._under_way.items()):
             if now < transaction.fails_at:
@@ -155,32 +154,32 @@ class Upstream:
 
     @property
     def under_way(self) -> int:
-        """How many requests have been sent and may still be answered in time."""
+        """How many requests were sent and are within their limits."""
         return len(self._under_way)
 
     @property
     def overdue(self) -> int:
-        """How many answers may still come too late."""
+        """How many late responses may come."""
         return len(self._outstanding)
 
     @property
     def is_spent(self) -> bool:
-        """Whether it waits for a new connection, because too many answers are owed on this one."""
+        """Whether a new connection is needed: too many late responses may come on this one."""
         return len(self._outstanding) >= MAX_OUTSTANDING and not self._under_way
 
     def _answer_in(self, frame: TcpFrame, now: float) -> tuple[Transaction, bytes] | None:
-        """The transaction that `frame` answers in time, and its response; None when it is dropped."""
+        """The transaction that `frame` answers in time, and its response; None if it is dropped."""
         asked = self._under_way.get(frame.transaction)
         late = self._outstanding.get(frame.transaction)
         if asked is not None and _answers(frame, asked):
             self._finish(frame.transaction, asked)
             asked.count_response(now)
-            self._heard_from(asked.device)
+            self._recover(asked.device)
             return asked, frame.pdu
         if late is not None and _answers(frame, late):
             del self._outstanding[frame.transaction]
             self._report.late_response(late, now)
-            self._heard_from(late.device)
+            self._recover(late.device)
             return None
         expected = asked or late
         if expected is None:
@@ -192,7 +191,7 @@ class Upstream:
         return None
 
     def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError:
-        """The limit has run out. Failures of requests that were under way together count as one."""
+        """The time limit has ended. Failures of requests that were under way together count as one."""
         instead = self._finish(identifier, transaction)
         self._outstanding[identifier] = transaction
         self._report.given_up(transaction, now, heard=instead)
@@ -204,7 +203,7 @@ class Upstream:
         return errors.BrokenResponse() if instead else errors.ResponseTimeout()
 
     def _go_on(self, now: float) -> None:
-        """Send what there is a place for, and refuse what has waited too long."""
+        """Send requests while there is a place, and fail those that have waited too long."""
         late = self._queue.expired(now)
         try:
             while self._write is not None and len(self._under_way) < self.settings.in_flight:
@@ -236,14 +235,14 @@ class Upstream:
         if transaction.expects_answer:
             self._under_way[identifier] = transaction
             self._asking.add((transaction.client, transaction.device))
-        else:  # the server may answer all the same
+        else:  # the server may respond all the same
             self._outstanding[identifier] = transaction
         write(encode(identifier, transaction.unit, transaction.asked.data))
         if not transaction.expects_answer:
             transaction.end()
 
     def _free_identifier(self) -> int:
-        """The next one that no answer can be on its way with."""
+        """The next identifier with which no response may come."""
         identifier = self._last_identifier
         while True:
             identifier = (identifier + 1) % _IDENTIFIERS
@@ -252,12 +251,12 @@ class Upstream:
                 return identifier
 
     def _finish(self, identifier: int, transaction: Transaction) -> bytes:
-        """It is under way no more; what came that was not its answer."""
+        """Remove a request under way; returns the bytes that came instead of its response."""
         del self._under_way[identifier]
         self._asking.remove((transaction.client, transaction.device))
         return self._instead.pop(identifier, b"")
 
-    def _heard_from(self, device: Destination) -> None:
+    def _recover(self, device: Destination) -> None:
         self._failed_at.pop(device, None)
         if device.breaker.failures and device.breaker.record_success():
             self._report.recovered(device)
@@ -268,5 +267,5 @@ class Upstream:
 
 
 def _answers(frame: TcpFrame, asked: Transaction) -> bool:
-    """Whether `frame`, which has the identifier of `asked`, is its answer."""
+    """Whether `frame`, which has the identifier of `asked`, is its response."""
     return (frame.unit == asked.unit or frame.unit in _NO_UNIT) and asked.asked.accepts(frame.pdu)

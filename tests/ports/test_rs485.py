@@ -15,7 +15,7 @@ from serial.serialposix import (
 )
 
 from gateway.ports import rs485
-from gateway.ports.rs485 import put_back, switch_rs485
+from gateway.ports.rs485 import restore_rs485, switch_rs485
 
 ON = SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
 DELAYS = struct.pack("=7I", 1, 2, 0, 0, 0, 0, 0)
@@ -64,7 +64,7 @@ def test_it_is_switched_on_and_put_back(driver, found):
     driver = driver(found)
     before = switch_rs485(3, on=True)
     assert (driver.flags, driver.state[4:]) == (ON, DELAYS)
-    put_back(3, before)
+    restore_rs485(3, before)
     assert (driver.flags, driver.state[4:]) == (found, DELAYS)
 
 
@@ -72,7 +72,7 @@ def test_it_is_switched_off_and_put_back(driver):
     driver = driver(ON)
     before = switch_rs485(3, on=False)
     assert not driver.flags & SER_RS485_ENABLED
-    put_back(3, before)
+    restore_rs485(3, before)
     assert driver.flags == ON
 
 

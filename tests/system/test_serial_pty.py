@@ -194,18 +194,18 @@ async def test_a_rate_with_another_meaning(virtual, user, monkeypatch):
         pass
 
 
-async def test_what_a_driver_did_before_is_put_back_in_the_end(virtual, user, monkeypatch):
-    put_back = []
+async def test_what_a_driver_did_before_is_restored_in_the_end(virtual, user, monkeypatch):
+    restored = []
     monkeypatch.setattr(opening, "switch_rs485", lambda descriptor, *, on: b"found" if on else None)
-    monkeypatch.setattr(opening, "put_back", lambda descriptor, found: put_back.append(found))
+    monkeypatch.setattr(opening, "restore_rs485", lambda descriptor, found: restored.append(found))
     async with opened(virtual.path, user):
         pass
-    assert put_back == []
+    assert restored == []
     sending = iter((True, True, False))
     monkeypatch.setattr(opening, "is_sending", lambda descriptor: next(sending))
     async with opened(virtual.path, user, rs485="kernel"):
-        assert put_back == []
-    assert put_back == [b"found"]
+        assert restored == []
+    assert restored == [b"found"]
     assert list(sending) == []
 
 
