@@ -21,7 +21,7 @@ GatewayError
 │       ├── AnswerOverdue        0B  not sent: a late response to an earlier request could be taken for its response
 │       ├── UnitResting          0B  not sent: the unit backs off after failures
 │       ├── EchoSuspected        0B  not sent: the adapter echoes, so a copy of the request proves nothing
-│       ├── AmbiguousResponse    0B  another client was heard, so the response may be for it
+│       ├── AmbiguousResponse    0B  another client was received, so the response may be for it
 │       └── StaleValue           0B  not sent: the values of a mirror are stale
 ├── NotModbus                    a client's bytes are not Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or was lost

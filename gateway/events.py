@@ -113,7 +113,7 @@ class WebUp(Event):
 
 @dataclass(frozen=True)
 class WebClosed(Event):
-    """Nobody can read metrics over HTTP. All else works."""
+    """Metrics cannot be read over HTTP. All else works."""
 
     level = Level.WARNING
     address: str
@@ -233,7 +233,7 @@ class RequestRefused(Event):
 
     @classmethod
     def of(cls, request: Request, error: RequestError) -> Self:
-        """The refusal of `request` with `error`."""
+        """The rejection of `request` with `error`."""
         return cls(request.origin.client, request.unit, request.pdu[0], f"{error.code:02X}", str(error))
 
 
@@ -254,7 +254,7 @@ class WriteAudit(Event):
 
     `address` and `count` are the coils or registers to write; None for functions without them, and for malformed
     requests. `result` is `ok` (also for 08/04, which has no response), `exception` (from the unit), `broadcast` (no
-    response), `unwanted` (the client disconnected before it was sent), or why the gateway refused it or got no
+    response), `unwanted` (the client disconnected before it was sent), or why the gateway rejected it or got no
     response, as in the counts of a unit. `code` is the exception that the client got, if any.
     """
 

@@ -236,7 +236,7 @@ class MovableDevice(Device):
             self._change_rate(int(baud))
             advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
         else:
-            advice = "the line stays at its rate, so this device is not heard until both agree again"
+            advice = "the line stays at its rate, so this device cannot be reached until both are the same again"
         self._emit(BaudChanged(self._line_name, self.name, baud, advice))
 
 

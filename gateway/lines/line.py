@@ -408,7 +408,7 @@ class Line:
     def _fail(self, current: Transaction, now: float) -> None:
         """The transaction has failed."""
         verdict, text = self._diagnosis
-        self._report.given_up(current, now, heard=text, is_echo=verdict == "echo")
+        self._report.given_up(current, now, received=text, is_echo=verdict == "echo")
         self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
 
     def _finish(self, current: Transaction, outcome: Frame | RequestError | None, now: float) -> None:

@@ -97,9 +97,9 @@ class WaitingQueue:
 
     def put(self, transaction: Transaction, now: float) -> Transaction | None:
         """Let a transaction with one request wait. Returns the one that the full queue loses: this or another one."""
-        refused = self._make_room(transaction) if len(self._waiting) >= self._size else None
-        if refused is transaction:
-            return refused
+        lost = self._make_room(transaction) if len(self._waiting) >= self._size else None
+        if lost is transaction:
+            return lost
         request = transaction.requests[0]
         shared = self._join(transaction, request) if self._reads else None
         if shared is None:
@@ -108,7 +108,7 @@ class WaitingQueue:
                 self._offer(transaction)
         self._waiting[request] = shared or transaction
         self._expiries.append((now + self._max_wait, request))
-        return refused
+        return lost
 
     def put_back(self, transaction: Transaction) -> None:
         """Let a transaction wait to be sent again, first in its clients' rows, until its `gives_up_at`."""

@@ -28,12 +28,12 @@ class Report:
         device = transaction.device
         self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
-    def given_up(self, transaction: Transaction, now: float, *, heard: bytes, is_echo: bool = False) -> None:
-        """No valid response came; `heard` was received instead, `is_echo` if that is the request."""
-        if heard:
+    def given_up(self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool = False) -> None:
+        """No valid response came; `received` came instead, `is_echo` if that is the request."""
+        if received:
             hint = f"this is the request itself: {_echo_hint(transaction)}"
             reason = hint if is_echo else _NO_ANSWER if transaction.outstanding else _DAMAGED
-            self._log(partial(events.BadFrame, heard=heard[:64].hex(" ").upper(), reason=reason), transaction, now)
+            self._log(partial(events.BadFrame, heard=received[:64].hex(" ").upper(), reason=reason), transaction, now)
         else:
             self._log(events.RequestTimeout, transaction, now)
 

@@ -49,14 +49,14 @@ class Scheduler:
             return rejection
         if self._windows.windows and self._is_overdue(transaction, now):
             return errors.AnswerOverdue()
-        refused = self._queue.put(transaction, now)
-        if refused is not None:
-            self._report.queue_full(refused)
-        if refused is transaction:
+        lost = self._queue.put(transaction, now)
+        if lost is not None:
+            self._report.queue_full(lost)
+        if lost is transaction:
             return errors.QueueFull()
         self._held_until = 0.0
-        if refused is not None:
-            refused.fail(errors.QueueFull())
+        if lost is not None:
+            lost.fail(errors.QueueFull())
         return None
 
     def next(self, now: float) -> Transaction | None:

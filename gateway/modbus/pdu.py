@@ -77,7 +77,7 @@ def parse_request(pdu: bytes) -> RequestPdu:
     """
     code = pdu[0]
     if not 0 < code < EXCEPTION_BIT:
-        raise IllegalFunction(f"function {code} cannot be asked for")
+        raise IllegalFunction(f"function {code} is not a request")
     row = row_of(pdu)
     need(row.request.fits(pdu), pdu, row.request.rule)
     for rule, keeps_to in row.rules.items():
@@ -88,8 +88,8 @@ def parse_request(pdu: bytes) -> RequestPdu:
     head = pdu[: row.repeats] if row.head is None else row.head(pdu)
     if row.reads is not None and read is not None:
         head = bytes((code, row.reads.byte_count(read.count)))
-    told = row.response.size(head) if len(head) >= row.response.told_by else 0
-    size = len(pdu) if row.repeats == ALL else told or None
+    known = row.response.size(head) if len(head) >= row.response.told_by else 0
+    size = len(pdu) if row.repeats == ALL else known or None
     longest = size or row.response.longest
     return RequestPdu(pdu, code, row, read, write, items, row.effect == "read", row.is_answered, head, size, longest)
 

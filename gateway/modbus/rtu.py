@@ -114,13 +114,13 @@ class RtuFramer(RequestFramer):
         """
         pdu = bytes(data[1 : MAX_PDU + 1])
         for pdu_size in self._readings(data):
-            foretold = pdu_size(pdu)
-            size = foretold + OVERHEAD
+            known = pdu_size(pdu)
+            size = known + OVERHEAD
             is_complete = SHORTEST <= size <= min(len(data), MAX_RTU_ADU)
             if is_complete and crc_fits(bytes(data[:size])):
                 self._asked_unit = data[0] if pdu_size is request_size else None
                 return size
-            if not is_complete and not has_ended and foretold:
+            if not is_complete and not has_ended and known:
                 return 0
         return 0
 

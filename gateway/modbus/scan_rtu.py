@@ -34,7 +34,7 @@ _READINGS: Final = (request_size, response_size)
 _RESPONSE: Final = 1
 #: For each function code: the readings in which frames tell their size, and the size that the function code tells.
 _FIRST_SIZES: Final = tuple(
-    tuple((reading, size) for reading, foretell in enumerate(_READINGS) if (size := foretell(bytes((code,)))))
+    tuple((reading, size) for reading, pdu_size in enumerate(_READINGS) if (size := pdu_size(bytes((code,)))))
     for code in range(256)
 )
 #: A unit identifier before a function code, no exception, whose frames tell their size.

@@ -55,7 +55,7 @@ def counted(at: int, counts: range = range(MAX_PDU), *, width: int = 1) -> Shape
     """A PDU with a byte count `at` this place, of `width` bytes, which is one of `counts`."""
     head = at + width
     sizes = range(head + counts.start, min(head + counts.stop, MAX_PDU + 1), counts.step)
-    rule = f"the byte count must be {counts.start} to {sizes[-1] - head}, and that of the bytes behind it"
+    rule = f"the byte count must be {counts.start} to {sizes[-1] - head}, and that of the bytes after it"
     return Shape(head, sizes, rule, longest=sizes[-1], count_at=at)
 
 

@@ -16,14 +16,14 @@ DriverError: Final = (OSError, termios.error)
 _REASONS: Final = {
     errno.ENOENT: "{port} does not exist: is the adapter plugged in?",
     errno.EACCES: "no permission for {port}: {permission}",
-    errno.EPERM: "{port} is kept from this service: allow it with DeviceAllow= in its unit",
+    errno.EPERM: "{port} is not allowed for this service: allow it with DeviceAllow= in its unit",
     errno.EBUSY: "{port} is held by another program",
     errno.EAGAIN: "{port} is held by another program",
     errno.ENXIO: "{port} has no hardware behind it",
     errno.ENODEV: "{port} has no hardware behind it",
     errno.EIO: "{port} has no hardware behind it",
     errno.ENOTTY: "{port} is not a serial port",
-    errno.EINVAL: "{port} refuses {format} at {baud} baud",
+    errno.EINVAL: "{port} does not support {format} at {baud} baud",
 }
 
 
@@ -53,7 +53,7 @@ def why_not_opened(settings: SerialSettings, error: OSError | termios.error | Va
 
 def why_no_such_rate(port: str, baud: int) -> str:
     """Why an odd rate cannot be set."""
-    return f"{port} refuses {baud} baud: its driver knows standard rates only"
+    return f"{port} does not support {baud} baud: its driver knows standard rates only"
 
 
 def why_lost(port: str, error: OSError | termios.error) -> str:

@@ -41,7 +41,7 @@ def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
         return None
     restore_rs485(descriptor, _STATE.pack(wanted, others))
     if on and not _STATE.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_STATE.size)))[0] & SER_RS485_ENABLED:
-        raise OSError(errno.EOPNOTSUPP, "the driver passes over it")
+        raise OSError(errno.EOPNOTSUPP, "the driver ignores it")
     return found
 
 

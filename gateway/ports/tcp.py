@@ -30,15 +30,15 @@ KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
 USER_TIMEOUT: Final = 20_000
 
 _NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
-_NO_WAY: Final = "{port} cannot be reached: no way leads there from this network"
-_NO_SUCH_NAME: Final = "{port}: nobody knows the name {host}"
+_NO_ROUTE: Final = "{port} cannot be reached: there is no route to it"
+_NO_SUCH_NAME: Final = "{port}: unknown host name {host}"
 _NO_NAME_SERVER: Final = "{port}: no name server answers, so {host} cannot be found"
 
 _REASONS: Final = {
     errno.ECONNREFUSED: "{port} refuses the connection: does the server run, and is the port number right?",
     errno.ETIMEDOUT: _NO_ANSWER,
-    errno.EHOSTUNREACH: _NO_WAY,
-    errno.ENETUNREACH: _NO_WAY,
+    errno.EHOSTUNREACH: _NO_ROUTE,
+    errno.ENETUNREACH: _NO_ROUTE,
     errno.EACCES: "{port}: this service may not connect to it",
     errno.EPERM: "{port}: this service may not connect to it, or a firewall of this machine forbids it",
     socket.EAI_NONAME: _NO_SUCH_NAME,

@@ -1,8 +1,8 @@
-"""Coils and inputs as messages carry them: eight in a byte."""
+"""Coils and inputs in PDUs: eight in a byte."""
 
 
 def pack_bits(bits: bytes) -> bytes:
-    """Coils or inputs, one 0 or 1 each, as a response carries them: eight a byte, the first one lowest (A 6.1)."""
+    """Coils or inputs, one byte of 0 or 1 each, packed eight in a byte, the first one lowest (A 6.1)."""
     size = (len(bits) + 7) // 8
     return int(bits[::-1].translate(_AS_DIGIT) or b"0", 2).to_bytes(size, "little")
 

@@ -1,4 +1,4 @@
-"""How registers carry values: the protocol has only words of 16 bits (A 4.3); the rest is convention.
+"""Data types: how registers carry values. The protocol only has words of 16 bits (A 4.3); the rest is convention.
 
 A value takes as many registers as its type needs. Without a swap the first register has the highest word, and the high
 byte of each register comes first, as in the specification's own encoding (A 4.2).
@@ -17,7 +17,7 @@ from typing import Final, Literal, get_args
 
 DataType = Literal["uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64", "bit", "string"]
 Swap = Literal["none", "words", "bytes", "both"]
-#: What a type can hold: a whole number, a floating-point number, or text.
+#: A whole number, a floating-point number, or text.
 Value = int | float | str
 
 DATA_TYPES: Final[tuple[str, ...]] = get_args(DataType)
@@ -33,7 +33,7 @@ _FORMATS: Final[Mapping[str, Struct]] = {
     "float32": Struct(">f"),
     "float64": Struct(">d"),
 }
-#: The most significant digits that a float32 can need, to be told from its neighbours.
+#: The most significant digits that distinguish a float32 from its neighbours.
 _DIGITS_OF_FLOAT32: Final = 9
 _REGISTER: Final = 2
 
@@ -98,7 +98,7 @@ def encode(value: Value, data_type: str, swap: str = "none", length: int = 1) ->
 
 
 def swapped(data: bytes, swap: str) -> bytes:
-    """The bytes of some registers in the other order; done twice, it is the first one again."""
+    """The bytes of registers in the swapped order, or back."""
     words = [data[at : at + _REGISTER] for at in range(0, len(data), _REGISTER)]
     if swap in ("words", "both"):
         words.reverse()
@@ -118,7 +118,7 @@ def _encode_text(text: str, length: int) -> bytes:
 
 
 def _shortest(value: float) -> float:
-    """The number with the fewest digits that the same float32 stands for."""
+    """The number with the fewest digits that gives the same float32."""
     layout = _FORMATS["float32"]
     data = layout.pack(value)
     for digits in range(6, _DIGITS_OF_FLOAT32):

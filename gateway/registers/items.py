@@ -1,6 +1,6 @@
-"""Request PDUs that read and write items, and the items in the responses.
+"""Request PDUs that read and write items, and the items in responses.
 
-Items are bytes: two for a register, as a response carries them, and one for a coil or an input, which is 0 or 1.
+Items are bytes: two for a register, as in a response, and one for a coil or an input, 0 or 1.
 """
 
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ def read_request(span: Span) -> bytes:
 
 
 def items_read(span: Span, response: bytes) -> bytes:
-    """The items in a normal response to the request that reads `span`.
+    """The items in a normal response to a read of `span`.
 
     Raises:
         ValueError: the response is not that long.
@@ -56,7 +56,7 @@ def items_read(span: Span, response: bytes) -> bytes:
 def write_request(area: Area, start: int, items: bytes, *, multiple: bool = False) -> bytes:
     """The request PDU that writes items from `start` on: to coils or holding registers.
 
-    One item is written with function 05 or 06, several with 15 or 16; with `multiple` also one.
+    A single item is written with function 05 or 06, unless `multiple`; several with 15 or 16.
     """
     single_function, multiple_function, _ = WRITERS[area]
     count = len(items) if has_bits(area) else len(items) // 2

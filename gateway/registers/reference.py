@@ -1,11 +1,11 @@
-"""Reference numbers: how the manuals of many devices name coils and registers, counted from 1 behind a digit."""
+"""Reference numbers of coils and registers in manuals: a digit for the area, then a number from 1."""
 
 from collections.abc import Mapping
 from typing import Final
 
 from gateway.modbus.codes import Area
 
-#: The digit that stands for each area.
+#: The digit of each area.
 DIGITS: Final[Mapping[Area, str]] = {Area.COILS: "0", Area.DISCRETE: "1", Area.INPUT: "3", Area.HOLDING: "4"}
 
 

@@ -103,11 +103,11 @@ class Upstream:
         elif transaction.device.breaker.is_resting(now):
             transaction.fail(errors.UnitResting())
         else:
-            refused = self._queue.put(transaction, now)
-            if refused is not None:
-                self._report.queue_full(refused)
-                refused.fail(errors.QueueFull())
-            if refused is not transaction:
+            lost = self._queue.put(transaction, now)
+            if lost is not None:
+                self._report.queue_full(lost)
+                lost.fail(errors.QueueFull())
+            if lost is not transaction:
                 self._go_on(now)
 
     def received(self, data: bytes, now: float) -> None:
@@ -194,7 +194,7 @@ class Upstream:
         """The time limit has ended. Failures of requests that were under way together count as one."""
         instead = self._finish(identifier, transaction)
         self._outstanding[identifier] = transaction
-        self._report.given_up(transaction, now, heard=instead)
+        self._report.given_up(transaction, now, received=instead)
         device = transaction.device
         if transaction.ends_at >= self._failed_at.get(device, 0.0):
             self._failed_at[device] = now

@@ -178,7 +178,7 @@ async def test_every_address_of_a_name_is_tried(server, user, monkeypatch):
 @pytest.mark.parametrize(
     ("code", "said"),
     [
-        (socket.EAI_NONAME, "nobody knows the name nport.example"),
+        (socket.EAI_NONAME, "unknown host name nport.example"),
         (socket.EAI_AGAIN, "no name server answers, so nport.example cannot be found"),
         (socket.EAI_FAIL, "cannot be reached: the server is odd"),
     ],

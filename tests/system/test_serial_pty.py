@@ -139,8 +139,8 @@ async def test_a_port_with_parity_checks_it_at_every_rate(virtual, user, monkeyp
         (PermissionError(errno.EPERM, "no"), "allow it with DeviceAllow= in its unit"),
         (OSError(errno.EBUSY, "busy"), "is held by another program"),
         (OSError(errno.EIO, "io"), "has no hardware behind it"),
-        (termios.error(errno.EINVAL, "invalid"), "refuses 8E1 at 19200 baud"),
-        (ValueError("Failed to set custom baud rate"), "refuses 19200 baud"),
+        (termios.error(errno.EINVAL, "invalid"), "does not support 8E1 at 19200 baud"),
+        (ValueError("Failed to set custom baud rate"), "does not support 19200 baud"),
         (OSError(errno.EMFILE, "many"), "cannot be opened: Too many open files"),
     ],
 )
@@ -171,7 +171,7 @@ async def test_a_rate_that_the_driver_refuses_later_is_a_loss_that_says_so(virtu
         monkeypatch.setattr(serial_module.ConfiguredOnce, "change_baud", refuse)
         port.change_baud(14400)
         await until(lambda: user.losses)
-    assert user.losses == [f"{virtual.path} refuses 14400 baud: its driver knows standard rates only"]
+    assert user.losses == [f"{virtual.path} does not support 14400 baud: its driver knows standard rates only"]
 
 
 async def test_a_uart_that_divides_its_clock_by_whole_numbers(virtual, user, monkeypatch):

@@ -289,7 +289,7 @@ def test_the_journal_finds_what_is_about_one_machine(system: BootedSystem) -> No
 @pytest.mark.parametrize(
     ("major", "reason"),
     [
-        (60, "/dev/ttyTEST is kept from this service: allow it with DeviceAllow= in its unit"),
+        (60, "/dev/ttyTEST is not allowed for this service: allow it with DeviceAllow= in its unit"),
         (188, "/dev/ttyTEST has no hardware behind it"),
     ],
 )
