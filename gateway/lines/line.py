@@ -6,8 +6,7 @@
 | idle      | a request can be sent                   | awaiting  | it is written                                     |
 | idle      | a broadcast can be sent                 | idle      | it is written; the turnaround silence begins      |
 | awaiting  | the response                            | idle      | the client gets it                                |
-| awaiting  | the limit, a damaged or an ambiguous    | idle      | 0B, or a read waits to be sent again; a late      |
-|           | response                                |           | window opens                                      |
+| awaiting  | the limit, a damaged/ambiguous response | idle      | 0B, or a read waits for its repeat; a late window |
 | awaiting  | the same, if it can be sent at once     | repeating |                                                   |
 | repeating | the line is quiet                       | awaiting  | the request is written again                      |
 | repeating | bytes come: they may be the response    | idle      | 0B                                                |

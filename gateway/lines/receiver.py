@@ -144,10 +144,7 @@ class Receiver:
         return self._pace.read_at(self._scanner.missing, now)
 
     def responding(self, units: set[int]) -> set[int]:
-        """Those of `units` of which the last bytes on the idle line complete a response.
-
-        In continuous noise, frames of unknown size are not searched for.
-        """
+        """Those of `units` whose responses the last bytes on the idle line complete; in noise, only of known size."""
         frames = [token.frame for token, _ in self._frames]
         if not self._pace.is_noisy:
             frames += self._scanner.ended_by_silence(units)

@@ -20,7 +20,7 @@ from gateway.modbus.scan import Expected
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `expired`, `given_up`, `put_back`, `next_expiry` and `clear` are those of its queue.
+    `expired`, `given_up`, `put_back` and `clear` are those of its queue.
     """
 
     def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report) -> None:
@@ -35,7 +35,6 @@ class Scheduler:
         self.expired = self._queue.expired
         self.given_up = self._queue.given_up
         self.put_back = self._queue.put_back
-        self.next_expiry = self._queue.next_expiry
         self.clear = self._queue.clear
 
     def __len__(self) -> int:
@@ -82,6 +81,10 @@ class Scheduler:
         """When the next request can be sent, on a line that is free at `sends_at`, or has waited too long."""
         deadline = earliest(self._queue.next_expiry(), self._stall.ends_at)
         return earliest(max(sends_at, self._held_until), deadline) if len(self._queue) else deadline
+
+    def next_expiry(self) -> float | None:
+        """When the next request will have waited too long, or earlier."""
+        return self._queue.next_expiry()
 
     def await_late(self, transaction: Transaction, now: float) -> list[Transaction]:
         """Open the late window of `transaction`.
