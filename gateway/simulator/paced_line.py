@@ -84,7 +84,7 @@ class PacedLine:
     def _begin(self, sender: Sender, sent: Transmission, hearers: Sequence[Station], *, disturbed: bool) -> None:
         self._tell(sender, sent.data)
         for station in hearers:
-            station.hear(sent)
+            station.receive(sent)
         if disturbed:
             for station in self._stations:
                 station.disturb()

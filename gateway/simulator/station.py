@@ -1,4 +1,4 @@
-"""One device's place on a line: its ear, and the one answer that it prepares or sends."""
+"""One device's place on a line: its framer, and the one answer that it prepares or sends."""
 
 from collections.abc import Callable
 from random import Random
@@ -7,7 +7,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.frame import Frame
 from gateway.simulator.device import Device, Mode
-from gateway.simulator.ear import AsciiEar, Ear, RtuEar
+from gateway.simulator.framer import AsciiFramer, Framer, RtuFramer
 from gateway.simulator.pace import Transmission
 from gateway.timing.characters import LineTiming
 
@@ -20,30 +20,30 @@ class Station:
 
     def __init__(self, device: Device, mode: Mode, dice: Random) -> None:
         self._device = device
-        self._ear: Ear = RtuEar() if mode == "rtu" else AsciiEar()
+        self._framer: Framer = RtuFramer() if mode == "rtu" else AsciiFramer()
         self._encode: Callable[[int, bytes], bytes] = rtu.encode if mode == "rtu" else ascii_framing.encode
         self._dice = dice
         self._timing: LineTiming | None = None
         self._answer: Transmission | None = None
         self._sends = False
 
-    def hear(self, sent: Transmission) -> None:
+    def receive(self, sent: Transmission) -> None:
         """Somebody else sends. At another rate than the device's own that is nothing but rubbish."""
         timing = sent.timing
         if self._device.baud not in {None, timing.baud}:
-            self._ear.spoil()
+            self._framer.spoil()
             return
         self._timing = timing
-        self._ear.hear(sent.data, sent.start, timing.character, timing.silence(self._device.profile.idle_chars))
+        self._framer.receive(sent.data, sent.start, timing.character, timing.silence(self._device.profile.idle_chars))
 
     def deadline(self) -> float | None:
         """When something happens here by itself, or None."""
-        own, ear = self._next_of_answer(), self._ear.deadline()
-        return ear if own is None else own if ear is None else min(own, ear)
+        own, frame = self._next_of_answer(), self._framer.deadline()
+        return frame if own is None else own if frame is None else min(own, frame)
 
     def listen(self, now: float) -> None:
         """Take what was heard to its end by `now`, and prepare the answer."""
-        for frame in self._ear.take(now):
+        for frame in self._framer.take(now):
             if self._answer is None and self._timing is not None:
                 self._answer = self._prepared(frame, now, self._timing)
 
@@ -69,7 +69,7 @@ class Station:
 
     def disturb(self) -> None:
         """Two send at once: what it hears is no frame, and what it sends is rubbish."""
-        self._ear.spoil()
+        self._framer.spoil()
         if self._answer is not None and self._sends:
             self._answer.garble(self._dice)
 

@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from kit.house import PATIENCE, Client, House
+from kit.gateway_bench import PATIENCE, Client, GatewayBench
 
 _STEP = re.compile(r"(\w+)\s+(>>|<<|silent)?\s*(.*)")
 
@@ -39,10 +39,10 @@ def conversations(file: Path) -> list[Conversation]:
 
 
 class Stage:
-    """Plays conversations in a house. Lines are known by their port's name."""
+    """Plays conversations on a gateway bench. Lines are known by their port's name."""
 
-    def __init__(self, home: House) -> None:
-        self._home = home
+    def __init__(self, bench: GatewayBench) -> None:
+        self._home = bench
         self._clients: dict[str, Client] = {}
 
     async def play(self, conversation: Conversation) -> None:

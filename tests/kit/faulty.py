@@ -191,7 +191,7 @@ class FaultyLine:
         limit = longest + device.timeout + self._latency
         return limit, 2 * limit if self._late_window is None else self._late_window
 
-    def will_answer_stranger(self, unit: int, function: int, at: float) -> None:
+    def will_answer_other_client(self, unit: int, function: int, at: float) -> None:
         """Another client has been heard to ask `unit`, which answers at `at`."""
         self._strange_until[unit] = max(self._strange_until.get(unit, 0.0), at + _MARGIN)
         self._busy[unit][function] = max(self._busy[unit].get(function, 0.0), at + _MARGIN)

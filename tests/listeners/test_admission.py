@@ -263,7 +263,7 @@ def test_of_many_who_have_left_only_some_are_remembered(lobby: Lobby) -> None:
 # --- places that are kept ---
 
 
-def test_strangers_leave_the_reserve_to_those_whom_rows_name() -> None:
+def test_unknown_clients_leave_the_reserve_to_those_whom_rows_name() -> None:
     lobby = Lobby(places=4, reserve=2, rights=NAMED)
     first = lobby.comes("A")
     lobby.comes("B")

@@ -285,7 +285,7 @@ def test_a_count_of_refused_writes_hides_no_other_reason_behind_the_same_address
     ]  # fmt: skip
 
 
-def test_strangers_however_many_are_sent_away_hide_no_refused_write(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_clients_however_many_are_sent_away_hide_no_refused_write(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.observe.limiter.MOST_SUBJECTS", 20)
     stream = io.StringIO()
     with open_log("info", "json", stream) as emit:

@@ -7,7 +7,7 @@ from gateway.events import Event, WriteAudit
 from gateway.request import Request
 from gateway.routing.broadcast import Broadcast, Recipient
 from kit.asker import Asker
-from kit.crossroads import router
+from kit.router import router
 
 WRITE = "06 00 10 00 05"
 CLIENT = "10.0.0.9:49152"

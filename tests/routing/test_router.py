@@ -7,7 +7,7 @@ from gateway.request import Request
 from gateway.routing.access import NOTHING, READING, EntryPoint, Rights, Row
 from gateway.routing.router import Counts
 from kit.asker import Asker
-from kit.crossroads import router
+from kit.router import router
 
 #: Under the rights that nobody has written.
 WRITER, READER = "127.0.0.1", "10.0.0.9"
@@ -71,17 +71,17 @@ def test_a_reader_may_use_nothing_that_could_write(function: int) -> None:
 
 
 def test_what_reaches_no_target_is_counted() -> None:
-    crossroads, reader = router({7: Echo()}), Asker(host=READER)
+    made, reader = router({7: Echo()}), Asker(host=READER)
     for unit, pdu in ((7, "03 00 00 00 01"), (7, "06 00 00 00 01"), (8, "03 00 00 00 01"), (8, "06 00 00 00 01")):
-        crossroads.submit(reader.ask(pdu, unit=unit), 0.0)
-    assert crossroads.counts == Counts(no_route=2, denied=1)
+        made.submit(reader.ask(pdu, unit=unit), 0.0)
+    assert made.counts == Counts(no_route=2, denied=1)
 
 
 def test_other_rights_hold_from_the_next_request_on() -> None:
-    crossroads, client = router({7: Echo()}), Asker(host=WRITER)
+    made, client = router({7: Echo()}), Asker(host=WRITER)
     for right in (READING, NOTHING):
-        crossroads.submit(client.ask("06 00 00 00 01", unit=7), 0.0)
-        crossroads.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
-        crossroads.rights = Rights([Row(right)], EntryPoint("scada"))
-    crossroads.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
+        made.submit(client.ask("06 00 00 00 01", unit=7), 0.0)
+        made.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
+        made.rights = Rights([Row(right)], EntryPoint("scada"))
+    made.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
     assert client.answers == ["06 00 00 00 01", "03 00 00 00 01", "86 01", "03 00 00 00 01", "83 01"]

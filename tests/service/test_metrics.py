@@ -8,7 +8,7 @@ import pytest
 from gateway.observe.metrics import Family, Spread
 from gateway.service.metrics import read
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
 [[listen]]
@@ -36,35 +36,35 @@ read = [{ coils = "0-7", every = "10 s" }]
 READ = "03 00 00 00 01"
 
 
-def scrape(home: House) -> dict[str, Family]:
-    running = SimpleNamespace(gateway=home.gateway, recent=home.recent, reload_succeeded=True)
+def scrape(bench: GatewayBench) -> dict[str, Family]:
+    running = SimpleNamespace(gateway=bench.gateway, recent=bench.recent, reload_succeeded=True)
     return {family.name: family for family in read(running, asyncio.get_running_loop().time())}
 
 
-def values(home: House, name: str) -> dict[tuple[str, ...], float | Spread]:
+def values(bench: GatewayBench, name: str) -> dict[tuple[str, ...], float | Spread]:
     """Those that are not 0."""
-    return {labels: value for labels, value in scrape(home)[name].values if value}
+    return {labels: value for labels, value in scrape(bench)[name].values if value}
 
 
-def attach(home: House) -> SimulatedDevice:
+def attach(bench: GatewayBench) -> SimulatedDevice:
     device = SimulatedDevice(1)
-    home.attach("hall-a", SimulatedLine("rtu", device))
+    bench.attach("hall-a", SimulatedLine("rtu", device))
     return device
 
 
 async def test_requests_by_what_became_of_them() -> None:
-    async with house(CONFIG) as home:
-        device, client = attach(home), home.client()
+    async with gateway_bench(CONFIG) as bench:
+        device, client = attach(bench), bench.client()
         await client.asks(41, READ)
         device.refuses[6] = 2
         await client.asks(41, "06 00 01 00 05")
         await client.asks(41, "65")
         await client.asks(6, READ)
         await client.asks(99, READ)
-        await home.client(host="10.0.0.9").asks(41, "06 00 01 00 05")
+        await bench.client(host="10.0.0.9").asks(41, "06 00 01 00 05")
         client.ask(0, "06 00 01 00 05")
         await asyncio.sleep(1.0)
-        requests = values(home, "requests")
+        requests = values(bench, "requests")
         assert requests["hall-a", "41", "3", "ok"] == 1
         assert requests["hall-a", "41", "6", "exception"] == 1
         assert requests["hall-a", "6", "3", "timeout"] == 1
@@ -72,24 +72,24 @@ async def test_requests_by_what_became_of_them() -> None:
         assert {labels[2] for labels in requests} >= {"other", "1"}
         assert requests["", "", "", "no_route"] == 1
         assert requests["", "", "", "denied"] == 1
-        assert values(home, "exceptions")["hall-a", "41", "02"] == 1
+        assert values(bench, "exceptions")["hall-a", "41", "02"] == 1
 
 
 async def test_results_that_may_come_are_there_from_the_first_request_on() -> None:
-    async with house(CONFIG) as home:
-        attach(home)
-        await home.client().asks(41, READ)
-        told = {labels[3] for labels, _ in scrape(home)["requests"].values if labels[:3] == ("hall-a", "41", "3")}
+    async with gateway_bench(CONFIG) as bench:
+        attach(bench)
+        await bench.client().asks(41, READ)
+        told = {labels[3] for labels, _ in scrape(bench)["requests"].values if labels[:3] == ("hall-a", "41", "3")}
         assert told == {"ok", "exception", "timeout", "bad_frame"}
 
 
 async def test_histograms_count_up_to_each_bound() -> None:
-    async with house(CONFIG) as home:
-        attach(home)
+    async with gateway_bench(CONFIG) as bench:
+        attach(bench)
         for _ in range(5):
-            await home.client().asks(41, READ)
+            await bench.client().asks(41, READ)
         for name in ("request_duration_seconds", "device_response_seconds", "queue_wait_seconds", "budget_used_ratio"):
-            spread = values(home, name)["hall-a", "41", "3"]
+            spread = values(bench, name)["hall-a", "41", "3"]
             counts = [count for _, count in spread.buckets]
             assert counts == sorted(counts)
             assert (counts[-1], spread.count) == (5, 5)
@@ -97,46 +97,46 @@ async def test_histograms_count_up_to_each_bound() -> None:
 
 
 async def test_lines_units_and_upstreams() -> None:
-    async with house(CONFIG) as home:
-        attach(home)
+    async with gateway_bench(CONFIG) as bench:
+        attach(bench)
         await asyncio.sleep(10.0)
-        client = home.client()
+        client = bench.client()
         await client.asks(41, READ)
         await client.asks(6, READ)
-        assert values(home, "line_up") == {("hall-a",): 1}
-        assert set(values(home, "line_busy_seconds")) == {
+        assert values(bench, "line_up") == {("hall-a",): 1}
+        assert set(values(bench, "line_busy_seconds")) == {
             ("hall-a", each) for each in ("request", "wait", "response", "gap")
         }
-        assert values(home, "unit_up") == {("hall-a", "41"): 1}
-        assert values(home, "unit_timeout_limit_seconds")["hall-a", "41"] == pytest.approx(0.2, abs=0.05)
-        assert values(home, "upstream_up") == {("plant-1",): 1}
-        assert 0 < values(home, "image_age_seconds")["241",] <= 10
-        assert values(home, "config_last_reload_successful") == {(): 1}
-        home.lines["hall-a"].pull("it was pulled")
+        assert values(bench, "unit_up") == {("hall-a", "41"): 1}
+        assert values(bench, "unit_timeout_limit_seconds")["hall-a", "41"] == pytest.approx(0.2, abs=0.05)
+        assert values(bench, "upstream_up") == {("plant-1",): 1}
+        assert 0 < values(bench, "image_age_seconds")["241",] <= 10
+        assert values(bench, "config_last_reload_successful") == {(): 1}
+        bench.lines["hall-a"].pull("it was pulled")
         await asyncio.sleep(1.0)
-        assert values(home, "line_up") == {}
-        home.lines["hall-a"].plug()
+        assert values(bench, "line_up") == {}
+        bench.lines["hall-a"].plug()
         await asyncio.sleep(5.0)
-        assert values(home, "line_reopens") == {("hall-a",): 1}
+        assert values(bench, "line_reopens") == {("hall-a",): 1}
 
 
 async def test_a_mirror_without_values_has_no_age() -> None:
-    async with house(CONFIG) as home:
-        assert values(home, "image_age_seconds") == {}
+    async with gateway_bench(CONFIG) as bench:
+        assert values(bench, "image_age_seconds") == {}
 
 
 async def test_no_label_holds_who_asks_or_what_he_asks() -> None:
     """Whatever clients send, the number of series has a bound: the functions of units that are configured."""
-    async with house(CONFIG) as home:
-        attach(home)
+    async with gateway_bench(CONFIG) as bench:
+        attach(bench)
         for number in range(1, 128):
-            client = home.client(f"10.0.0.{number}:1000", host="127.0.0.1")
+            client = bench.client(f"10.0.0.{number}:1000", host="127.0.0.1")
             client.ask(41, f"{number:02X} 00 {number:02X} 00 01")
             client.ask(number + 100, READ)
             await asyncio.sleep(0.1)
-        labels = {labels for family in scrape(home).values() for labels, _ in family.values}
+        labels = {labels for family in scrape(bench).values() for labels, _ in family.values}
         assert not any("10.0.0" in label for each in labels for label in each)
-        functions = {labels[2] for labels, _ in scrape(home)["request_duration_seconds"].values}
+        functions = {labels[2] for labels, _ in scrape(bench)["request_duration_seconds"].values}
         assert len(functions) <= 21
-        units = {labels[1] for labels, _ in scrape(home)["requests"].values}
+        units = {labels[1] for labels, _ in scrape(bench)["requests"].values}
         assert units <= {"", "0", "6", "37", "41"}

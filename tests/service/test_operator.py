@@ -7,7 +7,7 @@ import pytest
 from gateway.errors import WrongQuestion
 from gateway.service.operator import ask, picture
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 
 CONFIG = """
 [[line]]
@@ -33,34 +33,34 @@ units = [{ as = 37, unit = 1 }]
 """
 
 
-async def asked(home, unit, pdu, *, is_there=lambda: True):
-    return await ask(home.gateway, {"unit": unit, "pdu": pdu}, is_there)
+async def asked(bench, unit, pdu, *, is_there=lambda: True):
+    return await ask(bench.gateway, {"unit": unit, "pdu": pdu}, is_there)
 
 
 async def test_a_device_answers_by_number_and_by_name():
-    async with house(CONFIG) as home:
-        home.attach("hall", SimulatedLine("rtu", SimulatedDevice(6)))
-        answer = await asked(home, 6, "03 00 00 00 01")
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(6)))
+        answer = await asked(bench, 6, "03 00 00 00 01")
         assert (answer["unit"], answer["pdu"]) == (6, "03 02 00 00")
         assert 0 < answer["elapsed_ms"] < 100
-        assert (await asked(home, "press", "030000 0001"))["pdu"] == "03 02 00 00"
-        assert (await asked(home, "shift", "0300000001"))["pdu"] == "03 02 00 07"
+        assert (await asked(bench, "press", "030000 0001"))["pdu"] == "03 02 00 00"
+        assert (await asked(bench, "shift", "0300000001"))["pdu"] == "03 02 00 07"
 
 
 async def test_why_there_is_no_response_is_told():
-    async with house(CONFIG) as home:
-        answer = await asked(home, "press", "03 00 00 00 01")
+    async with gateway_bench(CONFIG) as bench:
+        answer = await asked(bench, "press", "03 00 00 00 01")
         assert (answer["pdu"], answer["result"]) == ("83 0B", "timeout")
-        answer = await asked(home, 99, "03 00 00 00 01")
+        answer = await asked(bench, 99, "03 00 00 00 01")
         assert (answer["pdu"], answer["result"], answer["reason"]) == ("83 0A", "no_route", "no such unit")
-        answer = await asked(home, "silo-1", "04 00 00 00 01")
+        answer = await asked(bench, "silo-1", "04 00 00 00 01")
         assert (answer["pdu"], answer["reason"]) == ("84 01", "profile weigher has no function 4")
 
 
 async def test_a_write_is_audited_as_that_of_the_client_control():
-    async with house(CONFIG) as home:
-        assert (await asked(home, 200, "06 00 01 00 05"))["pdu"] == "06 00 01 00 05"
-        (audit,) = [event for event in home.events if event.name == "write_audit"]
+    async with gateway_bench(CONFIG) as bench:
+        assert (await asked(bench, 200, "06 00 01 00 05"))["pdu"] == "06 00 01 00 05"
+        (audit,) = [event for event in bench.events if event.name == "write_audit"]
         assert (audit.client, audit.listener, audit.unit, audit.result) == ("control", "control", 200, "ok")
 
 
@@ -73,21 +73,21 @@ async def test_a_write_is_audited_as_that_of_the_client_control():
     ],
 )
 async def test_the_operator_keeps_all_rights_until_a_row_names_control(rows, may_write):
-    async with house(CONFIG + rows) as home:
-        answer = await asked(home, 200, "06 00 01 00 05")
+    async with gateway_bench(CONFIG + rows) as bench:
+        answer = await asked(bench, 200, "06 00 01 00 05")
         assert (answer["pdu"] == "06 00 01 00 05") is may_write
         assert (answer.get("result") == "denied") is not may_write
-        assert (await asked(home, 200, "03 00 00 00 01"))["pdu"] == "03 02 00 07"
+        assert (await asked(bench, 200, "03 00 00 00 01"))["pdu"] == "03 02 00 07"
 
 
 async def test_what_waits_of_an_operator_who_has_left_is_dropped_if_it_is_a_write():
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         sent = []
-        home.lines["hall"].on_write = sent.append
-        first = asyncio.create_task(asked(home, 6, "03 00 00 00 01"))
+        bench.lines["hall"].on_write = sent.append
+        first = asyncio.create_task(asked(bench, 6, "03 00 00 00 01"))
         await asyncio.sleep(0)
-        write = asyncio.create_task(asked(home, 6, "06 00 00 00 01", is_there=lambda: False))
-        read = asyncio.create_task(asked(home, 6, "04 00 00 00 01", is_there=lambda: False))
+        write = asyncio.create_task(asked(bench, 6, "06 00 00 00 01", is_there=lambda: False))
+        read = asyncio.create_task(asked(bench, 6, "04 00 00 00 01", is_there=lambda: False))
         assert (await write)["pdu"] == "86 06"
         await first
         await read
@@ -95,12 +95,12 @@ async def test_what_waits_of_an_operator_who_has_left_is_dropped_if_it_is_a_writ
 
 
 async def test_the_operator_who_is_cancelled_wants_nothing_more():
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         sent = []
-        home.lines["hall"].on_write = sent.append
-        first = asyncio.create_task(asked(home, 6, "03 00 00 00 01"))
+        bench.lines["hall"].on_write = sent.append
+        first = asyncio.create_task(asked(bench, 6, "03 00 00 00 01"))
         await asyncio.sleep(0)
-        second = asyncio.create_task(asked(home, 6, "04 00 00 00 02"))
+        second = asyncio.create_task(asked(bench, 6, "04 00 00 00 02"))
         await asyncio.sleep(0)
         second.cancel()
         await first
@@ -122,20 +122,20 @@ async def test_the_operator_who_is_cancelled_wants_nothing_more():
     ],
 )
 async def test_a_wrong_question_is_refused_in_plain_words(unit, pdu, reason):
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         with pytest.raises(WrongQuestion, match=reason):
-            await asked(home, unit, pdu)
+            await asked(bench, unit, pdu)
 
 
 async def test_a_unit_is_shown_with_what_it_accepts_and_its_points():
-    async with house(CONFIG) as home:
-        silo = picture(home.gateway, "silo-1")
+    async with gateway_bench(CONFIG) as bench:
+        silo = picture(bench.gateway, "silo-1")
         assert (silo.unit, silo.kind, silo.profile, silo.functions) == (41, "device", "weigher", (3, 16))
         assert [point.name for point in silo.points][:3] == ["weight", "baud", "address"]
         assert silo.longest_wait_ms > 3000
-        assert picture(home.gateway, 6).functions is None
-        assert (picture(home.gateway, 200).kind, picture(home.gateway, 200).longest_wait_ms) == ("image", 0.0)
-        assert picture(home.gateway, "image-241").points[0].name == "weight"
-        assert picture(home.gateway, 37).kind == "upstream"
+        assert picture(bench.gateway, 6).functions is None
+        assert (picture(bench.gateway, 200).kind, picture(bench.gateway, 200).longest_wait_ms) == ("image", 0.0)
+        assert picture(bench.gateway, "image-241").points[0].name == "weight"
+        assert picture(bench.gateway, 37).kind == "upstream"
         with pytest.raises(WrongQuestion, match="there is no unit 99; modbus-gateway check shows"):
-            picture(home.gateway, 99)
+            picture(bench.gateway, 99)

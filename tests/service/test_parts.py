@@ -2,7 +2,7 @@
 
 import pytest
 
-from kit.house import House
+from kit.gateway_bench import GatewayBench
 
 LINE = """
 [[line]]
@@ -14,8 +14,8 @@ devices = [{ unit = 1, timeout = "500 ms" }, { unit = 2, timeout = "800 ms" }]
 
 
 async def test_an_answer_may_come_until_the_late_window_of_the_slowest_device_ends() -> None:
-    (by_itself,) = House(LINE).gateway.parts
-    (given,) = House(LINE + 'late_window = "10 s"').gateway.parts
+    (by_itself,) = GatewayBench(LINE).gateway.parts
+    (given,) = GatewayBench(LINE + 'late_window = "10 s"').gateway.parts
     limit = given.longest_wait[2] - 3.0
     assert limit > 0.8
     assert by_itself.patience == pytest.approx(3 * limit)

@@ -19,7 +19,7 @@ from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
 from images.disk import MemoryDatabase
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House
+from kit.gateway_bench import GatewayBench
 
 LISTEN = """
 [[listen]]
@@ -95,9 +95,9 @@ class Service:
         monkeypatch.setattr("gateway.service.build._listener", self._doors)
         monkeypatch.setattr("gateway.service.reload.load", self._load)
         self.file = file
-        self.home = House(file.read_text())
-        self.events = self.home.events
-        self.running = Running(self.home.gateway, self.events.append)
+        self.bench = GatewayBench(file.read_text())
+        self.events = self.bench.events
+        self.running = Running(self.bench.gateway, self.events.append)
         self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}), self._prepare)
         self.stop = Stop()
         self.store = None
@@ -105,8 +105,8 @@ class Service:
             self.attach(port, number)
 
     def attach(self, port: str, number: int) -> None:
-        self.home._open(type("Settings", (), {"port": f"/dev/{port}", "latency": 0.0})())
-        self.home.attach(port, SimulatedLine("rtu", SimulatedDevice(number, delay=0.01)))
+        self.bench._open(type("Settings", (), {"port": f"/dev/{port}", "latency": 0.0})())
+        self.bench.attach(port, SimulatedLine("rtu", SimulatedDevice(number, delay=0.01)))
 
     async def reload(self, config: str) -> Outcome:
         self.file.write_text(config)
@@ -116,15 +116,15 @@ class Service:
         return next(part for part in self.running.gateway.parts if part.name == name)
 
     def client(self):
-        self.home.gateway = self.running.gateway
-        return self.home.client()
+        self.bench.gateway = self.running.gateway
+        return self.bench.client()
 
     def _doors(self, settings, loop, emit):
         return Doors(self._make_listener(settings, loop, emit))
 
     def _rebuild(self, plan, gateway):
         loop = asyncio.get_running_loop()
-        return build(plan, loop, self.home._open, self.home.memory, self.events.append, self.store, gateway)
+        return build(plan, loop, self.bench._open, self.bench.memory, self.events.append, self.store, gateway)
 
     def _prepare(self, plan):
         if self.store is not None:
@@ -230,7 +230,7 @@ async def test_a_line_that_goes_finishes_what_is_on_the_wire_and_refuses_what_wa
         outcome = await service.reload(LISTEN + HALL_A)
         assert outcome == Outcome(removed=("line hall-b",))
         assert [await client.answer(), await client.answer()] == ["84 0A", "03 02 00 00"]
-        assert not service.home.lines["hall-b"].is_open
+        assert not service.bench.lines["hall-b"].is_open
 
 
 @pytest.mark.parametrize(
@@ -454,7 +454,7 @@ async def test_a_mirror_follows_its_device_to_the_new_line(serving):
 def answered_late(service: Service, unit: int, first: float, later: float) -> None:
     """The line's device answers the first request after `first` seconds, others after `later`; values are addresses."""
     loop = asyncio.get_running_loop()
-    line = service.home.lines["hall-a"]
+    line = service.bench.lines["hall-a"]
     delays = [first]
 
     def answer(data: bytes) -> None:
@@ -493,7 +493,7 @@ async def test_a_late_answer_is_awaited_when_the_port_gets_another_name(serving,
     link = tmp_path / "by-id"
     link.symlink_to("/dev/hall-a")
     async with serving(LISTEN + HALL_A) as service:
-        service.home.lines[str(link)] = service.home.lines["hall-a"]
+        service.bench.lines[str(link)] = service.bench.lines["hall-a"]
         renamed = LISTEN + HALL_A.replace("/dev/hall-a", str(link)).replace("hall-a", "hall-x", 1)
         assert await asks_9_while_7_is_overdue(service, renamed) == ["83 0B", "03 02 00 09"]
         assert not [event for event in service.events if isinstance(event, LineLost)]
@@ -504,8 +504,8 @@ async def test_a_late_answer_is_awaited_when_a_device_server_is_written_otherwis
     line = HALL_A.replace('port = "/dev/hall-a"\n', server)
     renamed = LISTEN + line.replace("rtu+tcp://moxa", "rtu+tcp://MOXA").replace('"hall-a"', '"hall-x"')
     async with serving(LISTEN + line) as service:
-        behind = service.home.lines["rtu+tcp://moxa:4001"]
-        service.home.lines |= {"rtu+tcp://MOXA:4001": behind, "hall-a": behind}
+        behind = service.bench.lines["rtu+tcp://moxa:4001"]
+        service.bench.lines |= {"rtu+tcp://MOXA:4001": behind, "hall-a": behind}
         assert await asks_9_while_7_is_overdue(service, renamed) == ["83 0B", "03 02 00 09"]
 
 
@@ -517,7 +517,7 @@ async def test_a_late_answer_is_awaited_by_a_line_that_went_and_comes_again(serv
 
 async def test_lines_that_exchange_their_ports_wait_for_one_another(serving):
     async with serving(LISTEN + HALL_A + HALL_B) as service:
-        service.home.lines["hall-a"].on_write = service.home.lines["hall-b"].on_write = lambda data: None
+        service.bench.lines["hall-a"].on_write = service.bench.lines["hall-b"].on_write = lambda data: None
         client = service.client()
         client.ask(41, READ)
         client.ask(2, READ)
@@ -526,7 +526,7 @@ async def test_lines_that_exchange_their_ports_wait_for_one_another(serving):
         assert (await service.reload(LISTEN + exchanged.replace('"x"', '"/dev/hall-b"'))).problems == ()
         await asyncio.sleep(1.0)
         assert not [event for event in service.events if isinstance(event, LineLost)]
-        assert {line.openings for line in service.home.lines.values()} == {2}
+        assert {line.openings for line in service.bench.lines.values()} == {2}
 
 
 async def test_upstreams_to_the_same_server_come_and_go_together(serving):
@@ -585,7 +585,7 @@ async def test_a_line_that_passes_units_through_is_not_touched_by_an_image_that_
 
 async def test_a_line_that_has_to_finish_holds_up_no_other(serving):
     async with serving(LISTEN + HALL_A + HALL_B) as service:
-        service.home.lines["hall-b"].on_write = lambda data: None
+        service.bench.lines["hall-b"].on_write = lambda data: None
         client = service.client()
         client.ask(2, READ)
         await asyncio.sleep(0.01)
@@ -613,7 +613,7 @@ async def test_an_order_to_stop_ends_a_reload_and_what_is_under_way_is_answered(
         assert await client.answer() == "03 02 00 00"
         await asyncio.sleep(5.0)
         assert reload.cancelled()
-        assert not service.home.lines["hall-a"].is_open
+        assert not service.bench.lines["hall-a"].is_open
 
 
 async def test_a_defect_in_a_reload_is_told_and_the_old_config_serves_on(serving, monkeypatch):
@@ -641,7 +641,7 @@ async def test_a_line_that_a_defect_has_kept_from_starting_can_be_taken_out(serv
     async with serving(LISTEN + HALL_A + HALL_B) as service:
         service.part("hall-a").driver.finish = lambda: 1 / 0
         client = service.client()
-        service.home.lines["hall-b"].on_write = lambda data: None
+        service.bench.lines["hall-b"].on_write = lambda data: None
         client.ask(2, READ)
         await asyncio.sleep(0.1)
         assert (await service.reload(LISTEN + HALL_B.replace("500", "400"))).defect
@@ -651,7 +651,7 @@ async def test_a_line_that_a_defect_has_kept_from_starting_can_be_taken_out(serv
 
 async def test_a_line_that_goes_repeats_nothing(serving):
     async with serving(LISTEN + HALL_A + HALL_B.replace("devices", "retries = 1\ndevices")) as service:
-        line, loop = service.home.lines["hall-b"], asyncio.get_running_loop()
+        line, loop = service.bench.lines["hall-b"], asyncio.get_running_loop()
         asked = []
 
         def break_off(data: bytes) -> None:

@@ -11,7 +11,7 @@ from gateway.events import Event, LineLost, LineUp, PartFailed, Ready
 from gateway.service.running import Running
 from gateway.service.supervisor import Stop, serve
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House
+from kit.gateway_bench import GatewayBench
 
 CONFIG = """
 [[line]]
@@ -81,13 +81,13 @@ class Service:
     """A gateway that is served, with listeners in the test's hands."""
 
     def __init__(self, *doors: FakeListener) -> None:
-        self.home = House(CONFIG)
-        self.events: list[Event] = self.home.events
+        self.bench = GatewayBench(CONFIG)
+        self.events: list[Event] = self.bench.events
         self.doors = doors or (FakeListener(),)
-        self.client = self.home.client()
-        plan = self.home.gateway.plan
+        self.client = self.bench.client()
+        plan = self.bench.gateway.plan
         plan = replace(plan, listeners=plan.listeners * len(self.doors))
-        self.gateway = replace(self.home.gateway, listeners=self.doors, plan=plan)
+        self.gateway = replace(self.bench.gateway, listeners=self.doors, plan=plan)
         self.stop = Stop()
         self.serving = asyncio.create_task(serve(Running(self.gateway, self.events.append), self.stop), name="serve")
 
@@ -156,7 +156,7 @@ async def test_a_defect_in_opening_a_port_does_not_keep_the_others_from_being_se
 
     service.open_with("hall-a", defect)
     await asyncio.sleep(1)
-    service.home.attach("hall-b", SimulatedLine("rtu", SimulatedDevice(2)))
+    service.bench.attach("hall-b", SimulatedLine("rtu", SimulatedDevice(2)))
     assert service.told(Ready) == [Ready(("tcp://127.0.0.1:502",), lines_up=1, lines_down=1)]
     assert service.told(PartFailed)[0].part == "line hall-a"
     assert "nobody foresaw this" in service.told(LineLost)[0].reason
@@ -207,9 +207,9 @@ async def test_a_second_order_waits_for_no_client() -> None:
 async def test_with_clients_and_a_driver_that_both_hang_a_stop_takes_less_than_five_seconds() -> None:
     service = Service(FakeListener(drains_in=NEVER))
     await asyncio.sleep(1)
-    service.home.lines["hall-a"]._port.wait_closed = asyncio.Event().wait
+    service.bench.lines["hall-a"]._port.wait_closed = asyncio.Event().wait
     assert await service.stops_within() < 4.8
-    assert not service.home.lines["hall-b"].is_open
+    assert not service.bench.lines["hall-b"].is_open
 
 
 async def test_a_stop_does_not_wait_for_a_port_that_hangs_at_the_start() -> None:
@@ -226,4 +226,4 @@ async def test_an_address_that_is_taken_only_now_ends_the_start_and_closes_all()
     with pytest.raises(ListenError, match="taken"):
         await service.serving
     assert [doors.told[-1] for doors in service.doors] == ["close", "close"]
-    assert not service.home.lines["hall-a"].is_open
+    assert not service.bench.lines["hall-a"].is_open

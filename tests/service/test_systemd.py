@@ -10,7 +10,7 @@ import pytest
 
 from gateway.service.systemd import Notifier, inherited_sockets
 from gateway.service.watchdog import stuck, summary, watch
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
 [[listen]]
@@ -117,51 +117,51 @@ class Watched:
 
 @pytest.mark.interpreted
 async def test_a_loop_that_is_late_and_a_line_that_is_stuck_give_no_sign_of_life(systemd: socket.socket) -> None:
-    async with house(CONFIG) as home:
-        watching = asyncio.create_task(watch(Watched(home.gateway), notifier(systemd, WATCHDOG_USEC="3000000")))
+    async with gateway_bench(CONFIG) as bench:
+        watching = asyncio.create_task(watch(Watched(bench.gateway), notifier(systemd, WATCHDOG_USEC="3000000")))
         await asyncio.sleep(3.5)
         assert [text for text in told(systemd) if text == "WATCHDOG=1"] == ["WATCHDOG=1"] * 3
-        home.gateway.lines[0].driver.overdue = lambda now: 1.5
+        bench.gateway.lines[0].driver.overdue = lambda now: 1.5
         await asyncio.sleep(3.0)
         assert "WATCHDOG=1" not in told(systemd)
         watching.cancel()
 
 
 async def test_a_line_is_stuck_when_nobody_wakes_it() -> None:
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         loop = asyncio.get_running_loop()
-        home.client().ask(1, "03 00 00 00 01")
-        home.gateway.lines[0].driver.close()  # its alarm
-        assert stuck(home.gateway, loop.time()) == []
+        bench.client().ask(1, "03 00 00 00 01")
+        bench.gateway.lines[0].driver.close()  # its alarm
+        assert stuck(bench.gateway, loop.time()) == []
         await asyncio.sleep(10.0)
-        assert stuck(home.gateway, loop.time()) == ["hall-a"]
+        assert stuck(bench.gateway, loop.time()) == ["hall-a"]
 
 
 async def test_the_status_text_says_which_line_is_down() -> None:
-    async with house(CONFIG) as home:
-        assert summary(home.gateway) == "1 of 1 lines up, 0 clients"
-        home.lines["hall-a"].pull()
+    async with gateway_bench(CONFIG) as bench:
+        assert summary(bench.gateway) == "1 of 1 lines up, 0 clients"
+        bench.lines["hall-a"].pull()
         await asyncio.sleep(0.01)
-        assert summary(home.gateway).startswith("0 of 1 lines up, 0 clients; hall-a: ")
+        assert summary(bench.gateway).startswith("0 of 1 lines up, 0 clients; hall-a: ")
 
 
 @pytest.mark.parametrize("period", ["0", "10000000"])
 async def test_the_status_text_follows_within_a_second(systemd: socket.socket, period: str) -> None:
-    async with house(CONFIG) as home:
-        watching = asyncio.create_task(watch(Watched(home.gateway), notifier(systemd, WATCHDOG_USEC=period)))
-        home.lines["hall-a"].pull()
+    async with gateway_bench(CONFIG) as bench:
+        watching = asyncio.create_task(watch(Watched(bench.gateway), notifier(systemd, WATCHDOG_USEC=period)))
+        bench.lines["hall-a"].pull()
         await asyncio.sleep(1.1)
         assert told(systemd)[-1].startswith("STATUS=0 of 1 lines up")
         watching.cancel()
 
 
 async def test_a_line_that_was_not_tried_is_not_up() -> None:
-    assert summary(House(CONFIG).gateway) == "0 of 1 lines up, 0 clients; hall-a: not tried yet"
+    assert summary(GatewayBench(CONFIG).gateway) == "0 of 1 lines up, 0 clients; hall-a: not tried yet"
 
 
 async def test_the_status_text_of_many_lines_is_short_enough_for_systemd() -> None:
     line = '[[line]]\nport = "/dev/serial/by-id/{0}-{1}"\ndevices = [{{ unit = {1} }}]\n'
-    gateway = House("".join(line.format("x" * 80, unit) for unit in range(1, 101))).gateway
+    gateway = GatewayBench("".join(line.format("x" * 80, unit) for unit in range(1, 101))).gateway
     text = summary(gateway)
     assert text.startswith(f"0 of 100 lines up, 0 clients; {'x' * 80}-1: not tried yet; ")
     shown = text.count("not tried yet")

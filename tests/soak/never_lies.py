@@ -33,15 +33,15 @@ from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from kit.faulty import FaultyDevice, FaultyLine
-from kit.house import House
-from kit.stranger import Adapter, Stranger
+from kit.gateway_bench import GatewayBench
+from kit.other_client import Adapter, OtherClient
 from kit.virtual_time import VirtualTimeLoop
 from soak.kinds_of_lines import CONFIG, LINES, NUMBERS, SLOW, UNITS, LineKind
 from soak.questions import CLIENTS, Question, Questions, Values
 from soak.tally import Tally
 
 #: Another client asks on each line, on average after so many seconds of quiet.
-STRANGERS_PAUSE: Final = 0.3
+OTHER_CLIENT_PAUSE: Final = 0.3
 #: No request takes longer in virtual seconds: `max_wait`, then twice the longest limit and late window of a line.
 PATIENCE: Final = 9.0
 
@@ -67,7 +67,7 @@ class _RealLine(MemoryLine):
         return port
 
 
-class _House(House):
+class _Bench(GatewayBench):
     def _open(self, settings: SerialSettings) -> OpenPort:
         name = settings.port.removeprefix("/dev/")
         kind = next(line for line in LINES if line.name == name)
@@ -78,8 +78,8 @@ class _House(House):
 class World:
     """Everything that the clients share: devices as they can be, and the tally."""
 
-    def __init__(self, home: House, seed: int, share: float, goal: int) -> None:
-        self.home = home
+    def __init__(self, bench: GatewayBench, seed: int, share: float, goal: int) -> None:
+        self.bench = bench
         self.loop = asyncio.get_running_loop()
         self.tally = Tally()
         self.goal = goal
@@ -87,11 +87,11 @@ class World:
         self.values = Values()
         self.clients: dict[str, Client] = {}
         self.lines: list[FaultyLine] = []
-        self.strangers: list[Stranger] = []
+        self.other_clients: list[OtherClient] = []
         self.adapters: dict[str, Adapter] = {}
         #: What passed on each line lately: when, `>>` sent or `<<` received, and the fault that was injected.
-        self.passed: dict[str, deque[tuple[float, str, bytes, str]]] = {name: deque(maxlen=24) for name in home.lines}
-        self._pulls: dict[str, int] = dict.fromkeys(home.lines, 0)
+        self.passed: dict[str, deque[tuple[float, str, bytes, str]]] = {name: deque(maxlen=24) for name in bench.lines}
+        self._pulls: dict[str, int] = dict.fromkeys(bench.lines, 0)
         for at, kind in enumerate(LINES):
             self._attach(at, kind, seed, share)
 
@@ -109,7 +109,7 @@ class World:
             kind.timing, *devices, share=share, seed=100 * seed + at, echo=kind.echo, late_window=kind.late_window
         )
         self.lines.append(faulty)
-        line, name, passed = self.home.lines[kind.name], kind.name, self.passed[kind.name]
+        line, name, passed = self.bench.lines[kind.name], kind.name, self.passed[kind.name]
 
         deliver = self._plug_in(at, kind, faulty, seed)
 
@@ -133,11 +133,11 @@ class World:
                     question.fault, question.codes, question.tries = faulty.last.fault, codes, tries
 
         line.on_write = answer
-        self.home.gateway.lines[at].driver.line.observer = observe
+        self.bench.gateway.lines[at].driver.line.observer = observe
 
     def _plug_in(self, at: int, kind: LineKind, faulty: FaultyLine, seed: int) -> Callable[[int, bytes], None]:
         """Let a line be heard through its adapter, another client on it included; for what comes while it is there."""
-        line, name = self.home.lines[kind.name], kind.name
+        line, name = self.bench.lines[kind.name], kind.name
 
         def hand_over(data: bytes) -> None:
             data = faulty.chance.spoil(data)
@@ -152,34 +152,34 @@ class World:
                 faulty.chance.sent(data)
                 adapter.take(data, at_once=faulty.heard_at < faulty.spurious_until)
 
-        stranger = Stranger(faulty, seed=100 * seed + at)
-        self.strangers.append(stranger)
+        other_client = OtherClient(faulty, seed=100 * seed + at)
+        self.other_clients.append(other_client)
 
-        def strangers_turn() -> None:
+        def let_other_client_ask() -> None:
             now = self.loop.time()
-            wait = 0.1 if self._pulls[name] % 2 else stranger.may_ask_at - now
+            wait = 0.1 if self._pulls[name] % 2 else other_client.may_ask_at - now
             if self.is_over:
                 return
             if wait > 0.0:
-                self.loop.call_later(wait + self.dice.uniform(0.0, 0.001), strangers_turn)
+                self.loop.call_later(wait + self.dice.uniform(0.0, 0.001), let_other_client_ask)
                 return
-            for delay, data in stranger.asks(now):
+            for delay, data in other_client.asks(now):
                 self.loop.call_later(delay, deliver, self._pulls[name], data)
-            self.loop.call_later(self.dice.expovariate(1 / STRANGERS_PAUSE), strangers_turn)
+            self.loop.call_later(self.dice.expovariate(1 / OTHER_CLIENT_PAUSE), let_other_client_ask)
 
-        self.loop.call_later(self.dice.uniform(0.0, STRANGERS_PAUSE), strangers_turn)
+        self.loop.call_later(self.dice.uniform(0.0, OTHER_CLIENT_PAUSE), let_other_client_ask)
         return deliver
 
     async def pull_adapters(self) -> None:
         """Now and then one line has no adapter for a while; what was under way to it is lost."""
         while not self.is_over:
             await asyncio.sleep(self.dice.uniform(5.0, 40.0))
-            name = self.dice.choice(list(self.home.lines))
+            name = self.dice.choice(list(self.bench.lines))
             self._pulls[name] += 1
             self.adapters[name].drop()
-            self.home.lines[name].pull()
+            self.bench.lines[name].pull()
             await asyncio.sleep(self.dice.uniform(0.001, 2.0))
-            self.home.lines[name].plug()
+            self.bench.lines[name].plug()
             await asyncio.sleep(2.0)  # until it is open again
             self._pulls[name] += 1
 
@@ -193,11 +193,11 @@ class World:
 
     def take_events(self) -> None:
         """Count the events so far."""
-        for event in self.home.events:
+        for event in self.bench.events:
             self.tally.events[event.name] += 1
             if isinstance(event, PartFailed):
                 self.tally.complain(f"a defect: {event.error}\n{event.traceback}")
-        self.home.events.clear()
+        self.bench.events.clear()
 
 
 class Client:
@@ -217,7 +217,7 @@ class Client:
 
     def _connect(self) -> None:
         self._connections += 1
-        listener = self._world.home.gateway.listeners[0]
+        listener = self._world.bench.gateway.listeners[0]
         name = f"10.0.0.{self._number}:{self._connections}"
         self._session = MbapSession(
             name,
@@ -336,10 +336,10 @@ class Client:
 
 async def play(transactions: int, share: float, seed: int, config: str = CONFIG) -> Tally:
     """One run; the running loop is in virtual time."""
-    home = _House(config)
-    async with keep_lines_open(home.gateway, home.events.append):
+    bench = _Bench(config)
+    async with keep_lines_open(bench.gateway, bench.events.append):
         await asyncio.sleep(1.0)
-        world = World(home, seed, share, transactions)
+        world = World(bench, seed, share, transactions)
         clients = [Client(world, number) for number in range(CLIENTS)]
         adapters = asyncio.create_task(world.pull_adapters())
         while not world.is_over:
@@ -354,11 +354,11 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
             tally.complain(f"no answer to {question.unit}: {question.pdu.hex(' ').upper()}")
     if tally.slowest > PATIENCE:
         tally.complain(f"an answer took {tally.slowest:.3f} s")
-    for line, of_gateway in zip(world.lines, status(home.gateway, world.loop.time()).lines, strict=True):
+    for line, of_gateway in zip(world.lines, status(bench.gateway, world.loop.time()).lines, strict=True):
         tally.injected.update({fault.value: count for fault, count in line.injected.items()})
         tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
     tally.broadcasts = sum(client.questions.broadcasts for client in clients)
-    tally.strangers = sum(stranger.asked for stranger in world.strangers)
+    tally.other_clients = sum(other_client.asked for other_client in world.other_clients)
     tally.virtual_seconds = world.loop.time()
     return tally
 

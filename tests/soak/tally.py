@@ -16,7 +16,7 @@ class Tally:
     broadcasts: int = 0
     abandoned: int = 0
     #: What other clients have asked on the lines.
-    strangers: int = 0
+    other_clients: int = 0
     injected: Counter[str] = field(default_factory=Counter)
     #: Fault and outcome of every answered question.
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -34,7 +34,7 @@ class Tally:
             "questions",
             "broadcasts",
             "abandoned",
-            "strangers",
+            "other_clients",
             "wrong_count",
             "virtual_seconds",
         ):
@@ -69,7 +69,7 @@ class Tally:
             "",
             f"{self.questions} requests of clients, {self.abandoned} of which they left; {self.broadcasts} broadcasts",
             f"{self.transactions} transactions on lines, {faults} of them with a fault",
-            f"{self.strangers} of other clients; {self._share_answered:.1%} of ours without a fault were answered",
+            f"{self.other_clients} of other clients; {self._share_answered:.1%} of ours without a fault were answered",
             "lines: " + ", ".join(f"{name} {count}" for name, count in sorted(self.counts.items()) if count),
             "events: " + ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())),
             f"{self.virtual_seconds:.0f} s of the lines' time; slowest answer {1000 * self.slowest:.0f} ms",

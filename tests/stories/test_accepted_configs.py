@@ -28,7 +28,7 @@ from gateway.service.supervisor import keep_lines_open
 from gateway.timing.characters import LineTiming
 from kit.configs import accepted_configs
 from kit.device import Answer
-from kit.house import Client, House
+from kit.gateway_bench import Client, GatewayBench
 from kit.virtual_time import VirtualTimeLoop
 
 NO_ROUTE, BUSY, STALE = 0x0A, 0x06, 0x0B
@@ -140,23 +140,23 @@ class Printed:
 class Scene:
     """A running gateway, everybody on its wires, and what was printed of it."""
 
-    def __init__(self, home: House, printed: Printed) -> None:
-        self.home = home
+    def __init__(self, bench: GatewayBench, printed: Printed) -> None:
+        self.bench = bench
         self.printed = printed
         self.enter(0)
         self.everybody: dict[str, Everybody] = {}
-        plan = home.gateway.plan
+        plan = bench.gateway.plan
         wires = [(one.port.port, one.line.timing, one.line.echo) for one in plan.lines]
         wires += [(one.port.port, None, False) for one in plan.upstreams]
         for number, (port, timing, echo) in enumerate(wires, start=1):
             self.everybody[port] = Everybody(number, timing, echo=echo)
             name = port.removeprefix("/dev/")
-            home.lines.setdefault(name, MemoryLine(port, latency=0.005))
-            home.attach(name, self.everybody[port])
+            bench.lines.setdefault(name, MemoryLine(port, latency=0.005))
+            bench.attach(name, self.everybody[port])
         for server in plan.servers:
             port = server.port.port
             line = MemoryLine(port, latency=0.005)
-            line = home.lines.setdefault(port.removeprefix("/dev/"), line)
+            line = bench.lines.setdefault(port.removeprefix("/dev/"), line)
             line.on_write = line.deliver if server.line.echo else None
         behind = [device for line in plan.lines for device in line.shared]
         behind += [device for upstream in plan.upstreams for device in upstream.devices]
@@ -172,7 +172,7 @@ class Scene:
         self._unit0 = unit
 
     def allow_everything(self) -> None:
-        for each in (*self.home.gateway.listeners, *self.home.gateway.servers):
+        for each in (*self.bench.gateway.listeners, *self.bench.gateway.servers):
             row = Row(EVERYTHING, listeners=frozenset({each.router.entry.name}))
             each.router.rights = Rights((row,), each.router.entry)
 
@@ -203,7 +203,7 @@ class Scene:
         if pdu is None:
             return
         encode = ascii_framing.encode if server["mode"] == "ascii" else rtu.encode
-        line = self.home.lines[server["port"].removeprefix("/dev/")]
+        line = self.bench.lines[server["port"].removeprefix("/dev/")]
         line.deliver(encode(unit, pdu))
         await asyncio.sleep(PATIENCE)
         right = self.everybody[place.port].says(place.unit, pdu)
@@ -216,7 +216,7 @@ class Scene:
         """The response, which comes within the longest wait that was printed for `place`, or at once."""
         for one in self.everybody.values():
             one.heard.clear()
-        client = Client(self.home.gateway, listener=self._listener)
+        client = Client(self.bench.gateway, listener=self._listener)
         client.ask(0 if unit == self._unit0 else unit, pdu.hex())
         is_silent = self.printed.picture["listeners"][self._listener]["on_failure"] == "silent"
         wait = min(self.printed.waits.get(place, 0.0), PATIENCE if is_silent else LONG) + MORE
@@ -246,7 +246,7 @@ class Scene:
             assert heard == {place}
 
     async def _check_mirror(self, unit: int, place: Place) -> None:
-        (mirror,) = (one for one in self.home.gateway.plan.mirrors if one.unit == unit)
+        (mirror,) = (one for one in self.bench.gateway.plan.mirrors if one.unit == unit)
         area, ranges = next((area, ranges) for area, ranges in mirror.areas.items() if ranges)
         function = next(function for function, each in READS.items() if each is area)
         items = 16 if area in {Area.COILS, Area.DISCRETE} else 1
@@ -261,7 +261,7 @@ class Scene:
         assert self._requests_of(name) == before + 1
 
     def _requests_of(self, name: str) -> int:
-        (image,) = (one for one in status(self.home.gateway, 0.0).images if one.name == name)
+        (image,) = (one for one in status(self.bench.gateway, 0.0).images if one.name == name)
         return image.requests
 
 
@@ -308,9 +308,9 @@ async def check_listener(scene: Scene, listener: dict[str, Any]) -> None:
 
 
 async def run(text: str, printed: Printed, folder: Path) -> None:
-    home = House(text, state=folder)
-    scene = Scene(home, printed)
-    async with keep_lines_open(home.gateway, home.events.append):
+    bench = GatewayBench(text, state=folder)
+    scene = Scene(bench, printed)
+    async with keep_lines_open(bench.gateway, bench.events.append):
         await asyncio.sleep(1.0)
         scene.allow_everything()
         for number, listener in enumerate(printed.picture["listeners"]):

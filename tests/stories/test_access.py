@@ -9,7 +9,7 @@ from gateway.events import WriteAudit
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from kit.conversation import Conversation, Stage
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
 [[listen]]
@@ -76,23 +76,23 @@ WHOLE = {
 class Lines:
     """The devices of all lines: they refuse whatever they are asked, and `heard` is that, as (port, unit, PDU)."""
 
-    def __init__(self, home: House) -> None:
+    def __init__(self, bench: GatewayBench) -> None:
         self.heard: list[tuple[str, int, bytes]] = []
         for port, unframe, frame in (
             ("hall", lambda data: (data[0], data[1:-2]), rtu.encode),
             ("motion", _unframe_ascii, ascii_framing.encode),
             ("tcp://10.1.0.5:502", lambda data: (data[6], data[7:]), None),
         ):
-            home.lines[port].on_write = self._taker(home, port, unframe, frame)
+            bench.lines[port].on_write = self._taker(bench, port, unframe, frame)
 
-    def _taker(self, home: House, port: str, unframe, frame):
+    def _taker(self, bench: GatewayBench, port: str, unframe, frame):
         def take(data: bytes) -> None:
             unit, pdu = unframe(data)
             self.heard.append((port, unit, pdu))
             refusal = bytes((pdu[0] | 0x80, 1))
             answer = frame(unit, refusal) if frame else mbap.encode(int.from_bytes(data[:2]), unit, refusal)
             if unit:
-                asyncio.get_running_loop().call_later(0.005, home.lines[port].deliver, answer)
+                asyncio.get_running_loop().call_later(0.005, bench.lines[port].deliver, answer)
 
         return take
 
@@ -114,9 +114,9 @@ def requests() -> list[bytes]:
     return [*whole, b"\x2b\x0e\x01\x00", *(bytes((each[0],)) + dice.randbytes(dice.randrange(8)) for each in whole)]
 
 
-async def ask_everything(home: House, host: str, listener: int) -> None:
+async def ask_everything(bench: GatewayBench, host: str, listener: int) -> None:
     """One client, every request to every unit; broadcasts are not answered."""
-    client = home.client("10.0.0.9:1", host=host, listener=listener)
+    client = bench.client("10.0.0.9:1", host=host, listener=listener)
     for unit in UNITS:
         for pdu in requests():
             client.ask(unit, pdu.hex())
@@ -143,33 +143,33 @@ READ_ONLY = {
 @pytest.mark.parametrize("rights", READ_ONLY)
 async def test_whoever_may_only_read_writes_by_no_function_at_all(rights: str, listener: int) -> None:
     rows, host = READ_ONLY[rights]
-    async with house(CONFIG + rows) as home:
-        lines = Lines(home)
-        await ask_everything(home, host, listener)
+    async with gateway_bench(CONFIG + rows) as bench:
+        lines = Lines(bench)
+        await ask_everything(bench, host, listener)
         assert not [heard for heard in lines.heard if writes(heard[2])]
         assert {pdu[0] for _, _, pdu in lines.heard} >= READING
-        client = home.client(host=host, listener=listener)
+        client = bench.client(host=host, listener=listener)
         assert await client.asks(200, "03 0000 0002") == "03 04 00 00 00 00"
         assert await client.asks(200, "01 0000 0008") == "01 01 00"
 
 
 async def test_by_datagrams_nobody_writes_before_a_row_names_their_listener() -> None:
     rows = '[[access]]\nallow = ["read", "write"]\n'
-    async with house(CONFIG + rows) as home:
-        lines = Lines(home)
-        await ask_everything(home, "127.0.0.1", FIELD)
+    async with gateway_bench(CONFIG + rows) as bench:
+        lines = Lines(bench)
+        await ask_everything(bench, "127.0.0.1", FIELD)
         assert not [heard for heard in lines.heard if writes(heard[2])]
-    async with house(CONFIG + '[[access]]\nlisten = ["field"]\nallow = ["read", "write"]\n') as home:
-        lines = Lines(home)
-        await home.client(listener=FIELD).asks(42, "06 0000 0007")
+    async with gateway_bench(CONFIG + '[[access]]\nlisten = ["field"]\nallow = ["read", "write"]\n') as bench:
+        lines = Lines(bench)
+        await bench.client(listener=FIELD).asks(42, "06 0000 0007")
         assert lines.heard == [("hall", 2, bytes.fromhex("06 0000 0007"))]
 
 
 async def test_who_may_write_to_one_unit_writes_to_no_other_and_broadcasts_nothing() -> None:
     rows = '[[access]]\nunits = 42\nallow = ["read", "write"]\n[[access]]\nallow = ["read"]\n'
-    async with house(CONFIG + rows) as home:
-        lines = Lines(home)
-        await ask_everything(home, "10.3.0.1", SCADA)
+    async with gateway_bench(CONFIG + rows) as bench:
+        lines = Lines(bench)
+        await ask_everything(bench, "10.3.0.1", SCADA)
         written = {(port, unit) for port, unit, pdu in lines.heard if writes(pdu)}
         assert written == {("hall", 2)}
 
@@ -177,43 +177,43 @@ async def test_who_may_write_to_one_unit_writes_to_no_other_and_broadcasts_nothi
 async def test_who_may_write_to_all_but_one_unit_does_not_reach_it_by_unit_0() -> None:
     rows = '[[access]]\nunits = 41\nallow = ["read"]\n[[access]]\nallow = ["read", "write"]\n'
     for listener in (SCADA, OFFICE):
-        async with house(CONFIG + rows) as home:
-            lines = Lines(home)
-            client = home.client(listener=listener)
+        async with gateway_bench(CONFIG + rows) as bench:
+            lines = Lines(bench)
+            client = bench.client(listener=listener)
             assert await client.asks(0, "06 0000 0007") == "86 01"
             assert lines.heard == []
 
 
 async def test_unit_0_in_the_place_of_a_unit_needs_the_right_at_that_one_only() -> None:
     rows = '[[access]]\nunits = 41\nallow = ["read", "write"]\n[[access]]\nallow = ["read"]\n'
-    async with house(CONFIG + rows) as home:
-        lines = Lines(home)
-        await home.client(listener=OFFICE).asks(0, "06 0000 0007")
+    async with gateway_bench(CONFIG + rows) as bench:
+        lines = Lines(bench)
+        await bench.client(listener=OFFICE).asks(0, "06 0000 0007")
         assert [unit for _, unit, pdu in lines.heard if writes(pdu)] == [1]
 
 
 async def test_only_the_named_functions_pass() -> None:
-    async with house(CONFIG + "[[access]]\nfunctions = [3, 16]\n") as home:
-        lines = Lines(home)
-        await ask_everything(home, "10.3.0.1", SCADA)
+    async with gateway_bench(CONFIG + "[[access]]\nfunctions = [3, 16]\n") as bench:
+        lines = Lines(bench)
+        await ask_everything(bench, "10.3.0.1", SCADA)
         assert {pdu[0] for _, _, pdu in lines.heard} == {3, 16}
 
 
 async def test_who_may_write_everywhere_broadcasts() -> None:
-    async with house(CONFIG) as home:
-        lines = Lines(home)
-        home.client(host="127.0.0.1").ask(0, "06 0000 0007")
+    async with gateway_bench(CONFIG) as bench:
+        lines = Lines(bench)
+        bench.client(host="127.0.0.1").ask(0, "06 0000 0007")
         await asyncio.sleep(1)
         assert {(port, unit) for port, unit, _ in lines.heard} == {("hall", 0), ("motion", 0)}
 
 
 async def test_other_rights_reach_connections_that_are_open() -> None:
-    async with house(CONFIG) as home:
-        lines = Lines(home)
-        client = home.client(host="10.3.0.1")
+    async with gateway_bench(CONFIG) as bench:
+        lines = Lines(bench)
+        client = bench.client(host="10.3.0.1")
         assert await client.asks(42, "06 0000 0007") == "86 01"
-        async with house(CONFIG + '[[access]]\nallow = ["read", "write"]\n') as other:
-            home.gateway.listeners[SCADA].router.rights = other.gateway.listeners[SCADA].router.rights
+        async with gateway_bench(CONFIG + '[[access]]\nallow = ["read", "write"]\n') as other:
+            bench.gateway.listeners[SCADA].router.rights = other.gateway.listeners[SCADA].router.rights
         await client.asks(42, "06 0000 0007")
         assert [unit for _, unit, _ in lines.heard] == [2]
 
@@ -235,42 +235,42 @@ async def test_a_panel_does_everything_until_a_row_names_it(rows: str, answer: s
         data = bytes.fromhex(text)
         return rtu.encode(data[0], data[1:]).hex(" ").upper()
 
-    async with house(CONFIG + rows) as home:
+    async with gateway_bench(CONFIG + rows) as bench:
         steps = (f"panel << {framed('C8 06 00 00 00 07')}", f"panel >> {framed(answer)}")
-        await Stage(home).play(Conversation("", steps))
+        await Stage(bench).play(Conversation("", steps))
 
 
 # The account of writes
 
 
-def audits(home: House) -> list[tuple[str, int, str, str]]:
-    return [(told.listener, told.unit, told.result, told.code) for told in home.events if isinstance(told, WriteAudit)]
+def audits(bench: GatewayBench) -> list[tuple[str, int, str, str]]:
+    return [(told.listener, told.unit, told.result, told.code) for told in bench.events if isinstance(told, WriteAudit)]
 
 
 async def test_every_write_is_told_once_and_no_read_is() -> None:
-    async with house(CONFIG) as home:
-        Lines(home)
-        await ask_everything(home, "127.0.0.1", SCADA)
+    async with gateway_bench(CONFIG) as bench:
+        Lines(bench)
+        await ask_everything(bench, "127.0.0.1", SCADA)
         asked = sum(writes(pdu) for pdu in requests())
-        told = audits(home)
+        told = audits(bench)
         assert len(told) == asked * len(UNITS)
         assert [sum(each[1] == unit for each in told) for unit in UNITS] == [asked] * len(UNITS)
 
 
 async def test_what_became_of_writes() -> None:
-    async with house(CONFIG) as home:
-        lines = Lines(home)
-        client, write = home.client(), "10 0000 0002 04 0001 0002"
+    async with gateway_bench(CONFIG) as bench:
+        lines = Lines(bench)
+        client, write = bench.client(), "10 0000 0002 04 0001 0002"
         await client.asks(200, write)
         await client.asks(41, write)
         await client.asks(241, write)
         await client.asks(99, write)
         await client.asks(200, "10 0063 0002 04 0001 0002")
-        await home.client(host="10.3.0.1").asks(42, write)
+        await bench.client(host="10.3.0.1").asks(42, write)
         client.ask(0, write)
-        home.lines["hall"].on_write = None
+        bench.lines["hall"].on_write = None
         await client.asks(241, write)
-        assert audits(home) == [
+        assert audits(bench) == [
             ("scada", 200, "ok", ""),
             ("scada", 41, "exception", "01"),
             ("scada", 241, "exception", "01"),
@@ -284,21 +284,21 @@ async def test_what_became_of_writes() -> None:
 
 
 async def test_a_write_of_a_client_that_leaves_is_told_though_nobody_gets_the_answer() -> None:
-    async with house(CONFIG) as home:
-        client = home.client()
+    async with gateway_bench(CONFIG) as bench:
+        client = bench.client()
         client.ask(41, "06 0000 0007")
         client.ask(42, "06 0000 0007")
         await asyncio.sleep(0.02)
         client.session.closed()
         await asyncio.sleep(5)
-        assert sorted(audits(home)) == [("scada", 41, "timeout", "0B"), ("scada", 42, "unwanted", "06")]
+        assert sorted(audits(bench)) == [("scada", 41, "timeout", "0B"), ("scada", 42, "unwanted", "06")]
 
 
 async def test_a_write_of_a_panel_is_told_with_its_line() -> None:
-    async with house(CONFIG) as home:
-        Lines(home)
-        home.lines["panel"].deliver(rtu.encode(200, bytes.fromhex("06 0000 0007")))
-        home.lines["panel"].deliver(b"")
+    async with gateway_bench(CONFIG) as bench:
+        Lines(bench)
+        bench.lines["panel"].deliver(rtu.encode(200, bytes.fromhex("06 0000 0007")))
+        bench.lines["panel"].deliver(b"")
         await asyncio.sleep(1)
-        (told,) = (event for event in home.events if isinstance(event, WriteAudit))
+        (told,) = (event for event in bench.events if isinstance(event, WriteAudit))
         assert (told.client, told.listener, told.unit, told.address, told.count) == ("panel", "panel", 200, 0, 1)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from kit.conversation import Conversation, Stage, conversations
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 
 LINE_RULES = conversations(Path(__file__).with_name("line-rules.conversations"))
 LATE_ANSWERS = conversations(Path(__file__).with_name("late-answers.conversations"))
@@ -35,8 +35,8 @@ devices   = [{ unit = 2, timeout = "300 ms" }, { unit = 3, timeout = "3 s" }]
 
 @pytest.mark.parametrize("conversation", LINE_RULES, ids=lambda conversation: conversation.title)
 async def test_a_line_keeps_the_rules(conversation: Conversation) -> None:
-    async with house(CONFIG) as home:
-        await Stage(home).play(conversation)
+    async with gateway_bench(CONFIG) as bench:
+        await Stage(bench).play(conversation)
 
 
 #: Limits of a question for one register: 4 ms for the answer on the wire, the time-out, 5 ms for the port.
@@ -58,5 +58,5 @@ devices = [{ unit = 11, timeout = "200 ms" }]
 
 @pytest.mark.parametrize("conversation", LATE_ANSWERS, ids=lambda conversation: conversation.title)
 async def test_a_line_never_lies_and_never_stalls(conversation: Conversation) -> None:
-    async with house(LINES_WITH_FAULTS) as home:
-        await Stage(home).play(conversation)
+    async with gateway_bench(LINES_WITH_FAULTS) as bench:
+        await Stage(bench).play(conversation)

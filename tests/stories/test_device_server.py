@@ -8,7 +8,7 @@ from gateway.events import BaudChanged, ConnectionRenewed, LineLost, LineReopene
 from gateway.modbus import rtu
 from gateway.ports.port import TcpSettings
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 PORT = "rtu+tcp://10.0.0.9:4001"
 CONFIG = f"""
@@ -23,17 +23,17 @@ READ = "03 00 05 00 01"
 
 
 async def test_it_is_a_line_like_any_other_with_the_networks_latency() -> None:
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         device = SimulatedDevice(1, delay=0.25)
         device.holding[5] = 7
-        home.attach(PORT, SimulatedLine("rtu", device))
-        assert home.opened[PORT] == TcpSettings(PORT, "10.0.0.9", 4001, latency=0.1)
-        assert await home.client().asks(1, READ) == "03 02 00 07"
+        bench.attach(PORT, SimulatedLine("rtu", device))
+        assert bench.opened[PORT] == TcpSettings(PORT, "10.0.0.9", 4001, latency=0.1)
+        assert await bench.client().asks(1, READ) == "03 02 00 07"
 
 
 async def test_the_answer_that_a_lost_connection_leaves_owing_is_not_given_to_the_next_request() -> None:
-    async with house(CONFIG) as home:
-        line, client = home.lines[PORT], home.client()
+    async with gateway_bench(CONFIG) as bench:
+        line, client = bench.lines[PORT], bench.client()
         client.ask(1, READ)
         await asyncio.sleep(0.05)
         line.pull("closed")
@@ -49,12 +49,12 @@ async def test_the_answer_that_a_lost_connection_leaves_owing_is_not_given_to_th
 async def test_a_rate_that_a_device_was_given_is_followed_as_far_as_that_goes() -> None:
     """The wire times follow; the device server keeps its own rate, and its port says so."""
     config = CONFIG.replace("unit = 1", 'unit = 1, profile = "weigher"')
-    async with house(config) as home:
-        home.attach(PORT, SimulatedLine("rtu", SimulatedDevice(1, items=0x300)))
-        await home.client().asks(1, "10 02 00 00 02 04 46 96 00 00")
-        assert [event.baud for event in home.events if isinstance(event, BaudChanged)] == [19200]
-        assert home.lines[PORT].baud == 19200
-        assert home.gateway.lines[0].driver.line.settings.timing.baud == 19200
+    async with gateway_bench(config) as bench:
+        bench.attach(PORT, SimulatedLine("rtu", SimulatedDevice(1, items=0x300)))
+        await bench.client().asks(1, "10 02 00 00 02 04 46 96 00 00")
+        assert [event.baud for event in bench.events if isinstance(event, BaudChanged)] == [19200]
+        assert bench.lines[PORT].baud == 19200
+        assert bench.gateway.lines[0].driver.line.settings.timing.baud == 19200
 
 
 # --- servers that stall ---
@@ -70,12 +70,12 @@ class Server:
     While it is `stalled` it takes what comes, and asks nobody. What a connection has left behind is forgotten with it.
     """
 
-    def __init__(self, home: House) -> None:
+    def __init__(self, bench: GatewayBench) -> None:
         self.stalled = False
         self.devices = [SimulatedDevice(unit) for unit in (1, 2, 3)]
         for device in self.devices:
             device.holding = list(range(100))
-        self._line = home.lines[PORT]
+        self._line = bench.lines[PORT]
         self._line.on_write = self._take
         self._devices = SimulatedLine("rtu", *self.devices)
         self._waiting: list[tuple[int, bytes]] = []
@@ -106,8 +106,8 @@ class Server:
 
 @pytest.mark.parametrize("lasts", [WINDOW + 0.01, 1.0, 1.3, 2.0, 5.0, 60.0])
 async def test_a_request_that_a_stalled_server_held_back_never_answers_the_next_one(lasts: float) -> None:
-    async with house(STALLING) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(STALLING) as bench:
+        server, client = Server(bench), bench.client()
         server.stalled = True
         asyncio.get_running_loop().call_later(LIMIT + lasts, server.go_on)
         answers = [await client.asks(1, "03 0005 0001")]
@@ -120,8 +120,8 @@ async def test_a_request_that_a_stalled_server_held_back_never_answers_the_next_
 
 
 async def test_a_dead_unit_among_living_ones_costs_no_connection() -> None:
-    async with house(STALLING) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(STALLING) as bench:
+        server, client = Server(bench), bench.client()
         server.devices[0].silent = True
         for address in range(90):
             await client.asks(1, READ)
@@ -131,47 +131,47 @@ async def test_a_dead_unit_among_living_ones_costs_no_connection() -> None:
 
 
 async def test_a_dead_unit_that_is_asked_alone_rests_and_its_connections_are_no_alarm() -> None:
-    async with house(STALLING) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(STALLING) as bench:
+        server, client = Server(bench), bench.client()
         server.devices[0].silent = True
         for _ in range(600):
             assert await client.asks(1, READ) == "83 0B"
             await asyncio.sleep(0.1)
         assert 3 <= server.connections <= 8
-        told = [event for event in home.events if isinstance(event, ConnectionRenewed)]
+        told = [event for event in bench.events if isinstance(event, ConnectionRenewed)]
         assert (len(told), told[0].line) == (server.connections - 1, "hall-a")
-        assert any(isinstance(event, UnitResting) for event in home.events)
-        assert not any(isinstance(event, LineLost | LineReopened) for event in home.events)
+        assert any(isinstance(event, UnitResting) for event in bench.events)
+        assert not any(isinstance(event, LineLost | LineReopened) for event in bench.events)
 
 
 async def test_what_waits_meanwhile_is_asked_over_the_new_connection() -> None:
-    async with house(STALLING) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(STALLING) as bench:
+        server, client = Server(bench), bench.client()
         server.devices[0].silent = True
-        home.lines[PORT].opens_in = 0.1
+        bench.lines[PORT].opens_in = 0.1
         assert await client.asks(1, READ) == "83 0B"
         server.devices[0].silent = False
         await asyncio.sleep(WINDOW - 0.1)
         client.ask(1, READ)
         await asyncio.sleep(0.15)
-        assert not home.lines[PORT].is_open
+        assert not bench.lines[PORT].is_open
         client.ask(2, "03 00 06 00 01")
         assert [await client.answer(), await client.answer()] == ["03 02 00 05", "03 02 00 06"]
         assert server.connections == 2
 
 
 async def test_a_server_that_takes_no_new_connection_is_down_as_any_other() -> None:
-    async with house(STALLING) as home:
-        server, client, line = Server(home), home.client(), home.lines[PORT]
+    async with gateway_bench(STALLING) as bench:
+        server, client, line = Server(bench), bench.client(), bench.lines[PORT]
         server.stalled = True
-        home.lines[PORT].opens_in = 0.1
+        bench.lines[PORT].opens_in = 0.1
         assert await client.asks(1, READ) == "83 0B"
         await asyncio.sleep(WINDOW - 0.1)
         client.ask(1, READ)
         await asyncio.sleep(0.15)
         line.pull("it takes none")
         assert await client.answer() == "83 0A"
-        assert [event.reason for event in home.events if isinstance(event, LineLost)] == ["it takes none"]
+        assert [event.reason for event in bench.events if isinstance(event, LineLost)] == ["it takes none"]
         began = client.now()
         assert await client.asks(2, READ) == "83 0A"
         assert client.now() == began
@@ -182,8 +182,8 @@ async def test_a_server_that_takes_no_new_connection_is_down_as_any_other() -> N
 
 
 async def test_a_read_is_repeated_over_the_new_connection() -> None:
-    async with house(STALLING.replace("[[line]]", "[[line]]\nretries = 1")) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(STALLING.replace("[[line]]", "[[line]]\nretries = 1")) as bench:
+        server, client = Server(bench), bench.client()
         server.stalled = True
         asyncio.get_running_loop().call_later(LIMIT + WINDOW + 0.05, server.go_on)
         assert await client.asks(1, READ) == "03 02 00 05"

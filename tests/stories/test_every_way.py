@@ -17,7 +17,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import FaultyDevice, FaultyLine, word
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.over_tcp import OverTcpClient
 
 CONFIG = """
@@ -100,8 +100,8 @@ class Tally:
 class Server:
     """The other Modbus TCP server: sometimes late, sometimes silent, in any order."""
 
-    def __init__(self, home: House, dice: Random) -> None:
-        self._line = home.lines["tcp://10.1.0.5:502"]
+    def __init__(self, bench: GatewayBench, dice: Random) -> None:
+        self._line = bench.lines["tcp://10.1.0.5:502"]
         self._line.on_write = self._take
         self._framer = MbapFramer()
         self._dice = dice
@@ -118,8 +118,8 @@ class Server:
 class Panel:
     """The outside client on the serial line: what comes after its question is the answer to it."""
 
-    def __init__(self, home: House) -> None:
-        self._line = home.lines["panel"]
+    def __init__(self, bench: GatewayBench) -> None:
+        self._line = bench.lines["panel"]
         self._line.on_write = self._heard
         self._answer = b""
 
@@ -136,10 +136,10 @@ class Panel:
 class UdpClient:
     """Asks by datagrams, some of them twice."""
 
-    def __init__(self, home: House, dice: Random) -> None:
+    def __init__(self, bench: GatewayBench, dice: Random) -> None:
         self._dice = dice
         self._answers: dict[int, bytes] = {}
-        router = home.gateway.listeners[3].router
+        router = bench.gateway.listeners[3].router
         self._peer = Peer("10.0.0.5:1", host="127.0.0.1", router=router, send=self._take, in_flight=16)
         self._transaction = 0
 
@@ -163,14 +163,14 @@ def _cut(datagram: bytes) -> list[TcpFrame]:
 Ask = Callable[[int, int, float], Awaitable[bytes]]
 
 
-def furnish(home: House, seed: int) -> None:
+def furnish(bench: GatewayBench, seed: int) -> None:
     """Devices on all lines, each line with every fault that can be noticed."""
     formats = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterFormat(7, "E", 1)}
     for port, mode, first in (("hall", "rtu", 11), ("press", "ascii", 21), ("rtu+tcp://10.0.0.7:4001", "rtu", 31)):
         devices = [FaultyDevice(unit, number=first - 1 + unit) for unit in (1, 2, 3)]
         timing = LineTiming(mode, 19200, formats[mode])
-        home.attach(port, FaultyLine(timing, *devices, share=0.2, seed=seed + first))
-    Server(home, Random(seed))
+        bench.attach(port, FaultyLine(timing, *devices, share=0.2, seed=seed + first))
+    Server(bench, Random(seed))
 
 
 async def poll(kind: str, ask: Ask, dice: Random, tally: Tally) -> None:
@@ -182,9 +182,9 @@ async def poll(kind: str, ask: Ask, dice: Random, tally: Tally) -> None:
         tally.note(kind, unit, address, await ask(unit, address, dice.choice([0.08, 0.2, 0.5, 1.5])))
 
 
-def patient(home: House, number: int) -> Ask:
+def patient(bench: GatewayBench, number: int) -> Ask:
     """A Modbus TCP client: the transaction identifier says what an answer belongs to, so it may wait."""
-    client = home.client(f"10.0.0.{number}:1")
+    client = bench.client(f"10.0.0.{number}:1")
 
     async def ask(unit: int, address: int, _time_out: float) -> bytes:
         return bytes.fromhex(await client.asks(unit, f"03 {address:04X} 0001"))
@@ -192,8 +192,8 @@ def patient(home: House, number: int) -> Ask:
     return ask
 
 
-def over_tcp(home: House, listener: int) -> Ask:
-    client = OverTcpClient(home.gateway.listeners[listener], f"10.0.1.{listener}:1")
+def over_tcp(bench: GatewayBench, listener: int) -> Ask:
+    client = OverTcpClient(bench.gateway.listeners[listener], f"10.0.1.{listener}:1")
 
     async def ask(unit: int, address: int, time_out: float) -> bytes:
         adu = await client.asks(f"03 {address:04X} 0001", time_out, unit)
@@ -206,11 +206,11 @@ def over_tcp(home: House, listener: int) -> Ask:
 @pytest.mark.parametrize("seed", [1, 2])
 async def test_whoever_gets_data_gets_its_own(seed: int) -> None:
     tally = Tally()
-    async with house(CONFIG) as home:
-        furnish(home, seed)
-        ways: dict[str, Ask] = {f"tcp {number}": patient(home, number) for number in range(6)}
-        ways |= {"rtu+tcp": over_tcp(home, 1), "ascii+tcp": over_tcp(home, 2)}
-        ways |= {"udp": UdpClient(home, Random(seed)).ask, "panel": Panel(home).ask}
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench, seed)
+        ways: dict[str, Ask] = {f"tcp {number}": patient(bench, number) for number in range(6)}
+        ways |= {"rtu+tcp": over_tcp(bench, 1), "ascii+tcp": over_tcp(bench, 2)}
+        ways |= {"udp": UdpClient(bench, Random(seed)).ask, "panel": Panel(bench).ask}
         async with asyncio.TaskGroup() as group:
             for number, (kind, ask) in enumerate(ways.items()):
                 group.create_task(poll(kind, ask, Random(100 * seed + number), tally))

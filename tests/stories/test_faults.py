@@ -9,7 +9,7 @@ import pytest
 from gateway.modbus.codes import Area
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import Fault, FaultyDevice, FaultyLine, word
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 from soak.never_lies import CONFIG, play, run
 
 LINES: Mapping[str, LineTiming] = {
@@ -46,11 +46,11 @@ async def answers_under(fault: Fault, line: str, requests: int = 30) -> Counter[
     """What becomes of reads and writes that all meet `fault`: 'right', '0B', or what was wrong."""
     timing, has_echo = LINES[line], line.endswith("echo")
     outcomes: Counter[str] = Counter()
-    async with house(ONE_LINE.format(timing=timing, echo=str(has_echo).lower())) as home:
+    async with gateway_bench(ONE_LINE.format(timing=timing, echo=str(has_echo).lower())) as bench:
         devices = [FaultyDevice(unit, number=unit) for unit in (1, 2, 3)]
         faulty = FaultyLine(timing, *devices, share=1.0, seed=4, faults={fault: 1.0}, echo=has_echo)
-        home.attach("line", faulty)
-        client = home.client()
+        bench.attach("line", faulty)
+        client = bench.client()
         for turn in range(requests):
             unit, address = 1 + turn % 3, 5 * turn
             right = f"03 02 {word(unit, Area.HOLDING, address):04X}"

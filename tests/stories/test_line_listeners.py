@@ -11,7 +11,7 @@ from gateway.config.plan import resolve
 from gateway.events import RequestRefused
 from gateway.modbus import rtu
 from gateway.service.build import build
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 LISTEN = """
 [[listen]]
@@ -82,18 +82,18 @@ POLL = ("hall", 1, 3)
 class Wires:
     """The devices of all lines answer whatever they are asked; `heard` is that, as (line, unit, function)."""
 
-    def __init__(self, home: House) -> None:
+    def __init__(self, bench: GatewayBench) -> None:
         self.heard: list[tuple[str, int, int]] = []
         for name in ("hall", "yard"):
-            home.lines[name].on_write = self._taker(home, name)
+            bench.lines[name].on_write = self._taker(bench, name)
 
-    def _taker(self, home: House, name: str):
+    def _taker(self, bench: GatewayBench, name: str):
         def take(data: bytes) -> None:
             unit, pdu = data[0], data[1:-2]
             self.heard.append((name, unit, pdu[0]))
             answer = pdu if pdu[0] == 6 else bytes((pdu[0], 1, unit))
             if unit:
-                asyncio.get_running_loop().call_later(0.005, home.lines[name].deliver, rtu.encode(unit, answer))
+                asyncio.get_running_loop().call_later(0.005, bench.lines[name].deliver, rtu.encode(unit, answer))
 
         return take
 
@@ -108,23 +108,23 @@ class Wires:
 
 
 async def test_unit_identifiers_are_addresses_on_the_wire_of_this_line() -> None:
-    async with house(CONFIG + ALL) as home:
-        wires = Wires(home)
-        client = home.client(listener=HALL)
+    async with gateway_bench(CONFIG + ALL) as bench:
+        wires = Wires(bench)
+        client = bench.client(listener=HALL)
         assert [await client.asks(unit, READ) for unit in (1, 2)] == ["01 01 01", "01 01 02"]
         assert await client.asks(3, WRITE) == "06 00 01 00 07"
         assert wires.taken() == [("hall", 1, 1), ("hall", 2, 1), ("hall", 3, 6)]
-        assert await home.client(listener=FIELD).asks(0, READ) == "01 01 02"
-        yard = home.client(listener=YARD)
+        assert await bench.client(listener=FIELD).asks(0, READ) == "01 01 02"
+        yard = bench.client(listener=YARD)
         assert [await yard.asks(unit, READ) for unit in (3, 41, 247)] == ["01 01 03", "01 01 29", "01 01 F7"]
         assert [unit for _, unit, _ in wires.taken()] == [2, 3, 41, 247]
 
 
 async def test_nothing_else_can_be_reached() -> None:
-    async with house(CONFIG + ALL) as home:
-        wires = Wires(home)
+    async with gateway_bench(CONFIG + ALL) as bench:
+        wires = Wires(bench)
         for listener, missing in ((HALL, [*range(4, 256)]), (YARD, [*range(248, 256)])):
-            client = home.client(listener=listener)
+            client = bench.client(listener=listener)
             assert {await client.asks(unit, READ) for unit in missing} == {"81 0A"}
             assert {await client.asks(unit, WRITE) for unit in missing} == {"86 0A"}
         assert wires.heard == []
@@ -139,59 +139,59 @@ async def test_nothing_else_can_be_reached() -> None:
     ],
 )
 async def test_the_log_says_where_the_listener_leads(listener: int, unit: int, why: str) -> None:
-    async with house(CONFIG + ALL) as home:
-        await home.client(listener=listener).asks(unit, READ)
-        assert [event.why for event in home.events if isinstance(event, RequestRefused)] == [why]
+    async with gateway_bench(CONFIG + ALL) as bench:
+        await bench.client(listener=listener).asks(unit, READ)
+        assert [event.why for event in bench.events if isinstance(event, RequestRefused)] == [why]
 
 
 async def test_devices_keep_their_profile_limits_and_name() -> None:
-    async with house(CONFIG + ALL) as home:
-        Wires(home)
-        client = home.client(listener=HALL)
+    async with gateway_bench(CONFIG + ALL) as bench:
+        Wires(bench)
+        client = bench.client(listener=HALL)
         assert await client.asks(2, "04 0001 0001") == "84 01"
         assert await client.asks(2, "03 0001 0064") == "83 03"
-        assert {device.name for device in home.gateway.ways[HALL].routes.values() if hasattr(device, "name")} >= {
+        assert {device.name for device in bench.gateway.ways[HALL].routes.values() if hasattr(device, "name")} >= {
             "silo"
         }
 
 
 async def test_a_line_without_devices_beside_others_is_reached_by_its_own_listener_only() -> None:
-    async with house(CONFIG + ALL) as home:
-        wires = Wires(home)
-        assert await home.client(listener=SCADA).asks(7, READ) == "81 0A"
-        assert await home.client(listener=YARD).asks(7, READ) == "01 01 07"
+    async with gateway_bench(CONFIG + ALL) as bench:
+        wires = Wires(bench)
+        assert await bench.client(listener=SCADA).asks(7, READ) == "81 0A"
+        assert await bench.client(listener=YARD).asks(7, READ) == "01 01 07"
         assert wires.taken() == [("yard", 7, 1)]
 
 
 async def test_an_only_line_without_devices_passes_everything_through() -> None:
     """To clients of other listeners the image stands in front of it."""
     config = LISTEN.partition('[[listen]]\nname  = "yard')[0] + '[[line]]\nname = "hall"\nport = "/dev/hall"\n'
-    async with house(config + "[[image]]\nunit = 200\ncoils = 10\n" + ALL) as home:
-        home.lines.setdefault("yard", home.lines["hall"])
-        wires = Wires(home)
-        home.lines["hall"].on_write = wires._taker(home, "hall")
+    async with gateway_bench(config + "[[image]]\nunit = 200\ncoils = 10\n" + ALL) as bench:
+        bench.lines.setdefault("yard", bench.lines["hall"])
+        wires = Wires(bench)
+        bench.lines["hall"].on_write = wires._taker(bench, "hall")
         for listener, answer in ((SCADA, "01 01 00"), (HALL, "01 01 C8")):
-            assert await home.client(listener=listener).asks(200, READ) == answer
-            assert await home.client(listener=listener).asks(9, READ) == "01 01 09"
+            assert await bench.client(listener=listener).asks(200, READ) == answer
+            assert await bench.client(listener=listener).asks(9, READ) == "01 01 09"
         assert [unit for _, unit, _ in wires.heard] == [9, 200, 9]
 
 
 async def test_a_broadcast_goes_to_this_line_only() -> None:
-    async with house(CONFIG + ALL) as home:
-        wires = Wires(home)
+    async with gateway_bench(CONFIG + ALL) as bench:
+        wires = Wires(bench)
         for listener, lines in ((HALL, ["hall"]), (YARD, ["yard"]), (SCADA, ["hall", "yard"])):
-            home.client(listener=listener).ask(0, WRITE)
+            bench.client(listener=listener).ask(0, WRITE)
             await asyncio.sleep(1)
             assert sorted(wires.taken()) == [(line, 0, 6) for line in lines]
-        written = [await home.client(listener=SCADA).asks(unit, "03 0001 0001") for unit in (3, 255)]
+        written = [await bench.client(listener=SCADA).asks(unit, "03 0001 0001") for unit in (3, 255)]
         assert written == ["03 02 00 07"] * 2
 
 
 async def test_a_line_that_takes_no_broadcasts_gets_none_from_its_own_listener_either() -> None:
     config = CONFIG.replace('port    = "/dev/yard"', 'port = "/dev/yard"\nbroadcast = false')
-    async with house(config + ALL) as home:
-        wires = Wires(home)
-        home.client(listener=YARD).ask(0, WRITE)
+    async with gateway_bench(config + ALL) as bench:
+        wires = Wires(bench)
+        bench.client(listener=YARD).ask(0, WRITE)
         await asyncio.sleep(1)
         assert wires.heard == []
 
@@ -199,12 +199,12 @@ async def test_a_line_that_takes_no_broadcasts_gets_none_from_its_own_listener_e
 # Rights
 
 
-async def may_write(home: House, host: str, listener: int, unit: int) -> bool:
+async def may_write(bench: GatewayBench, host: str, listener: int, unit: int) -> bool:
     """Whether a write of this client is let through; it need not be answered."""
-    denied = home.gateway.listeners[listener].router.counts.denied
-    home.client("10.0.0.9:1", host=host, listener=listener).ask(unit, WRITE)
+    denied = bench.gateway.listeners[listener].router.counts.denied
+    bench.client("10.0.0.9:1", host=host, listener=listener).ask(unit, WRITE)
     await asyncio.sleep(0.2)
-    return home.gateway.listeners[listener].router.counts.denied == denied
+    return bench.gateway.listeners[listener].router.counts.denied == denied
 
 
 @pytest.mark.parametrize(
@@ -238,44 +238,48 @@ async def may_write(home: House, host: str, listener: int, unit: int) -> bool:
     ],
 )
 async def test_who_may_write_where(rows: str, hall: list[int], yard: list[int]) -> None:
-    async with house(CONFIG + rows) as home:
-        Wires(home)
-        assert [unit for unit in (0, 1, 2, 3) if await may_write(home, "10.3.0.1", HALL, unit)] == hall
-        assert [unit for unit in (0, 1, 3, 41) if await may_write(home, "10.3.0.1", YARD, unit)] == yard
+    async with gateway_bench(CONFIG + rows) as bench:
+        Wires(bench)
+        assert [unit for unit in (0, 1, 2, 3) if await may_write(bench, "10.3.0.1", HALL, unit)] == hall
+        assert [unit for unit in (0, 1, 3, 41) if await may_write(bench, "10.3.0.1", YARD, unit)] == yard
 
 
 @pytest.mark.parametrize("row", ["", 'listen = ["hall port"]\n'])
 async def test_by_datagrams_nobody_writes_before_a_row_names_their_listener(row: str) -> None:
-    async with house(CONFIG + f'[[access]]\n{row}allow = ["read", "write"]\n') as home:
-        assert not await may_write(home, "127.0.0.1", FIELD, 1)
-    async with house(CONFIG + '[[access]]\nlisten = ["hall field"]\nunits = 1\nallow = ["read", "write"]\n') as home:
-        assert [unit for unit in (0, 1, 2) if await may_write(home, "127.0.0.1", FIELD, unit)] == [1]
+    async with gateway_bench(CONFIG + f'[[access]]\n{row}allow = ["read", "write"]\n') as bench:
+        assert not await may_write(bench, "127.0.0.1", FIELD, 1)
+    async with gateway_bench(
+        CONFIG + '[[access]]\nlisten = ["hall field"]\nunits = 1\nallow = ["read", "write"]\n'
+    ) as bench:
+        assert [unit for unit in (0, 1, 2) if await may_write(bench, "127.0.0.1", FIELD, unit)] == [1]
 
 
 async def test_a_broadcast_needs_the_right_at_255_when_somebody_is_there() -> None:
     rows = '[[access]]\nunits = 255\nallow = ["read"]\n' + ALL
-    async with house(CONFIG + rows) as home:
-        assert not await may_write(home, "10.3.0.1", SCADA, 0)
-        assert await may_write(home, "10.3.0.1", SCADA, 41)
+    async with gateway_bench(CONFIG + rows) as bench:
+        assert not await may_write(bench, "10.3.0.1", SCADA, 0)
+        assert await may_write(bench, "10.3.0.1", SCADA, 41)
     rows = '[[access]]\nunits = "1-247"\nallow = ["write"]\n'
-    async with house(CONFIG + rows) as home:
-        assert not await may_write(home, "10.3.0.1", SCADA, 0)
-    async with house(CONFIG.replace("unit    = 255", "unit    = 5") + rows) as home:
-        assert await may_write(home, "10.3.0.1", SCADA, 0)
+    async with gateway_bench(CONFIG + rows) as bench:
+        assert not await may_write(bench, "10.3.0.1", SCADA, 0)
+    async with gateway_bench(CONFIG.replace("unit    = 255", "unit    = 5") + rows) as bench:
+        assert await may_write(bench, "10.3.0.1", SCADA, 0)
 
 
 async def test_other_units_for_clients_count_from_the_next_request_on() -> None:
     """Also for a client that is connected: the listener stays."""
     rows = '[[access]]\nunits = 41\nallow = ["write"]\n'
-    async with house(CONFIG + rows) as home:
-        Wires(home)
-        assert await may_write(home, "10.3.0.1", HALL, 1)
-        old = home.gateway
+    async with gateway_bench(CONFIG + rows) as bench:
+        Wires(bench)
+        assert await may_write(bench, "10.3.0.1", HALL, 1)
+        old = bench.gateway
         plan = resolve(parse(CONFIG.replace("as = 41", "as = 46") + rows, "", lambda _: None, str).config)
-        home.gateway = build(plan, asyncio.get_running_loop(), home._open, home.memory, home.events.append, running=old)
-        home.gateway.route()
-        assert home.gateway.listeners == old.listeners
-        assert not await may_write(home, "10.3.0.1", HALL, 1)
+        bench.gateway = build(
+            plan, asyncio.get_running_loop(), bench._open, bench.memory, bench.events.append, running=old
+        )
+        bench.gateway.route()
+        assert bench.gateway.listeners == old.listeners
+        assert not await may_write(bench, "10.3.0.1", HALL, 1)
 
 
 # Whatever rows there are
@@ -325,20 +329,20 @@ class Rows:
 @pytest.mark.parametrize("seed", range(60))
 async def test_rows_mean_the_same_device_at_every_door(seed: int) -> None:
     rows = Rows(seed)
-    async with house(CONFIG + str(rows)) as home:
-        wires = Wires(home)
+    async with gateway_bench(CONFIG + str(rows)) as bench:
+        wires = Wires(bench)
         for host in HOSTS:
             for address, units in CALLED.items():
                 for unit in units:
-                    assert await may_write(home, host, SCADA, unit) == rows.let(host, SCADA, unit, unit)
+                    assert await may_write(bench, host, SCADA, unit) == rows.let(host, SCADA, unit, unit)
                 expected = all(rows.let(host, HALL, address, unit) for unit in units)
-                assert await may_write(home, host, HALL, address) == expected
-            assert await may_write(home, host, YARD, 5) == rows.let(host, YARD, 5, 5)
+                assert await may_write(bench, host, HALL, address) == expected
+            assert await may_write(bench, host, YARD, 5) == rows.let(host, YARD, 5, 5)
             wires.taken()
-            home.client("10.0.0.9:1", host=host, listener=HALL).ask(0, WRITE)
+            bench.client("10.0.0.9:1", host=host, listener=HALL).ask(0, WRITE)
             await asyncio.sleep(0.5)
             if 0 in wires.written("hall"):
-                assert all([await may_write(home, host, HALL, address) for address in CALLED])
+                assert all([await may_write(bench, host, HALL, address) for address in CALLED])
 
 
 @pytest.mark.search
@@ -347,14 +351,14 @@ async def test_without_a_row_that_names_it_a_door_of_one_line_gives_no_right_tha
     """Whatever address is asked, or all of them: the device could have been written through a door for all units."""
     rows = Rows(seed)
     rows.rows = [row for row in rows.rows if not row[1]]
-    async with house(CONFIG + (str(rows) or ALL)) as home:
-        wires = Wires(home)
+    async with gateway_bench(CONFIG + (str(rows) or ALL)) as bench:
+        wires = Wires(bench)
         called = {**CALLED, 0: {41, 42, 45, 47, 200}}
         for host in HOSTS:
-            allowed = {unit for unit in set().union(*called.values()) if await may_write(home, host, SCADA, unit)}
+            allowed = {unit for unit in set().union(*called.values()) if await may_write(bench, host, SCADA, unit)}
             wires.taken()
             for address in range(248):
-                home.client("10.0.0.9:1", host=host, listener=HALL).ask(address, WRITE)
+                bench.client("10.0.0.9:1", host=host, listener=HALL).ask(address, WRITE)
             await asyncio.sleep(3)
             assert all(called[unit] <= allowed for unit in wires.written("hall"))
 
@@ -382,20 +386,20 @@ BESIDE = LISTEN + PASSING + LINES.partition("\n]\n")[2] + MIRRORS, {3: {45}, 5: 
 async def test_a_mirror_is_not_got_round(config: str, called: dict[int, set[int]], seed: int) -> None:
     rows = Rows(seed)
     rows.rows = [row for row in rows.rows if YARD not in row[1]] or [(None, (), (5,), False), (None, (), None, True)]
-    async with house(config + str(rows)) as home:
+    async with gateway_bench(config + str(rows)) as bench:
         for host in HOSTS:
             for address, units in called.items():
                 for unit in units:
-                    assert await may_write(home, host, SCADA, unit) == rows.let(host, SCADA, unit, unit)
+                    assert await may_write(bench, host, SCADA, unit) == rows.let(host, SCADA, unit, unit)
                 expected = all(rows.let(host, HALL, address, unit) for unit in units)
-                assert await may_write(home, host, HALL, address) == expected
+                assert await may_write(bench, host, HALL, address) == expected
 
 
 async def test_who_may_only_read_a_mirror_writes_nothing_to_its_device() -> None:
     rows = '[[access]]\nunits = 5\nallow = ["read"]\n' + ALL
-    async with house(BESIDE[0] + rows) as home:
-        wires = Wires(home)
-        assert await home.client(listener=SCADA).asks(5, WRITE) == "86 01"
-        assert await home.client(listener=HALL).asks(5, WRITE) == "86 01"
-        assert await home.client(listener=HALL).asks(6, WRITE) == "06 00 01 00 07"
+    async with gateway_bench(BESIDE[0] + rows) as bench:
+        wires = Wires(bench)
+        assert await bench.client(listener=SCADA).asks(5, WRITE) == "86 01"
+        assert await bench.client(listener=HALL).asks(5, WRITE) == "86 01"
+        assert await bench.client(listener=HALL).asks(6, WRITE) == "06 00 01 00 07"
         assert [unit for _, unit, function in wires.heard if function == 6] == [6]

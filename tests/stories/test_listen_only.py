@@ -7,7 +7,7 @@ from gateway.listeners.peer import Peer
 from gateway.modbus import mbap, rtu
 from kit.conversation import Conversation, Stage
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.over_tcp import OverTcpClient
 
 CONFIG = """
@@ -37,46 +37,46 @@ READ = "03 00 00 00 01"
 SEVEN = "03 02 00 07"
 
 
-def furnish(home: House) -> None:
+def furnish(bench: GatewayBench) -> None:
     """Unit 1 listens only, unit 2 answers."""
     device = SimulatedDevice(2)
     device.holding[0] = 7
-    home.attach("hall", SimulatedLine("rtu", device))
+    bench.attach("hall", SimulatedLine("rtu", device))
 
 
-def failures(home: House) -> list[RequestTimeout]:
-    return [event for event in home.events if isinstance(event, RequestTimeout)]
+def failures(bench: GatewayBench) -> list[RequestTimeout]:
+    return [event for event in bench.events if isinstance(event, RequestTimeout)]
 
 
 async def test_a_client_of_modbus_tcp_has_its_place_back_and_nothing_has_failed() -> None:
-    async with house(CONFIG) as home:
-        furnish(home)
-        client = home.client()
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
+        client = bench.client()
         for _ in range(5):
             client.ask(1, LISTEN_ONLY)
         assert await client.asks(2, READ) == SEVEN
         assert client.responses.empty()
-        assert failures(home) == []
-        assert [event.result for event in home.events if isinstance(event, WriteAudit)] == ["ok"] * 5
-        counts = home.gateway.lines[0].devices[1].counts[8]
+        assert failures(bench) == []
+        assert [event.result for event in bench.events if isinstance(event, WriteAudit)] == ["ok"] * 5
+        counts = bench.gateway.lines[0].devices[1].counts[8]
         assert (counts.ok, counts.sent, counts.timeout, counts.late_responses) == (5, 5, 0, 0)
 
 
 async def test_a_client_of_rtu_over_tcp() -> None:
-    async with house(CONFIG) as home:
-        furnish(home)
-        client = OverTcpClient(home.gateway.listeners[1])
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
+        client = OverTcpClient(bench.gateway.listeners[1])
         assert await client.asks(LISTEN_ONLY, time_out=0.2) == b""
         assert client.session.is_idle
         assert await client.asks(READ, time_out=0.2, unit=2) == rtu.encode(2, bytes.fromhex(SEVEN))
 
 
 async def test_a_client_of_modbus_udp() -> None:
-    async with house(CONFIG) as home:
-        furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
         sent: list[bytes] = []
         peer = Peer(
-            "127.0.0.1:1", host="127.0.0.1", router=home.gateway.listeners[0].router, send=sent.append, in_flight=1
+            "127.0.0.1:1", host="127.0.0.1", router=bench.gateway.listeners[0].router, send=sent.append, in_flight=1
         )
         for number, (unit, pdu) in enumerate([(1, LISTEN_ONLY), (2, READ)]):
             peer.received(mbap.TcpFrame(number, unit, bytes.fromhex(pdu)), asyncio.get_running_loop().time())
@@ -87,8 +87,8 @@ async def test_a_client_of_modbus_udp() -> None:
 
 async def test_a_client_on_a_server_line() -> None:
     steps = ("plc << 01 08 00 04 00 00 A1 CA", "hall >> 01 08 00 04 00 00 A1 CA", "wait 2 s", "plc silent")
-    async with house(CONFIG) as home:
-        await Stage(home).play(Conversation("", steps))
-        session = home.gateway.servers[0].driver.session
+    async with gateway_bench(CONFIG) as bench:
+        await Stage(bench).play(Conversation("", steps))
+        session = bench.gateway.servers[0].driver.session
         assert (session.is_idle, session.counts.silent, session.counts.too_late) == (True, 1, 0)
-        assert failures(home) == []
+        assert failures(bench) == []

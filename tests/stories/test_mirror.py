@@ -5,7 +5,7 @@ import asyncio
 from gateway.events import UnitResting
 from gateway.modbus import mbap
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
 [[line]]
@@ -33,25 +33,25 @@ stale = "1 s"
 """
 
 
-def furnish(home: House) -> list[SimulatedDevice]:
+def furnish(bench: GatewayBench) -> list[SimulatedDevice]:
     """Unit 1 on both lines; the first holds 100, 101, ..., the second 200, 201, ..."""
     devices = []
     for number, port in enumerate(("hall-a", "hall-b"), start=1):
         device = SimulatedDevice(1, delay=0.01)
         device.holding = [number * 100 + address for address in range(20)]
         devices.append(device)
-        home.attach(port, SimulatedLine("rtu", device))
+        bench.attach(port, SimulatedLine("rtu", device))
     return devices
 
 
 async def test_many_clients_cost_the_line_nothing_but_the_polls():
-    async with house(CONFIG) as home:
-        silo, _ = furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        silo, _ = furnish(bench)
         await asyncio.sleep(5.0)
         polls = len(silo.heard)
 
         async def read_for_ten_seconds(number: int) -> None:
-            client = home.client(f"10.0.0.{number}:1")
+            client = bench.client(f"10.0.0.{number}:1")
             for _ in range(1000):
                 assert await client.asks(241, "03 0000 0002") == "03 04 00 64 00 65"
                 await asyncio.sleep(0.01)
@@ -63,19 +63,19 @@ async def test_many_clients_cost_the_line_nothing_but_the_polls():
 
 
 async def test_the_same_unit_on_two_lines_is_two_mirrors():
-    async with house(CONFIG) as home:
-        furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
         await asyncio.sleep(5.0)
-        client = home.client()
+        client = bench.client()
         assert await client.asks(241, "03 0001 0001") == "03 02 00 65"
         assert await client.asks(242, "03 0001 0001") == "03 02 00 C9"
 
 
 async def test_a_device_that_falls_silent_turns_into_0b_not_into_old_values():
-    async with house(CONFIG) as home:
-        silo, _ = furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        silo, _ = furnish(bench)
         await asyncio.sleep(5.0)
-        client = home.client()
+        client = bench.client()
         silo.silent = True
         fallen_silent = client.now()
         while await client.asks(241, "03 0000 0001") == "03 02 00 64":
@@ -84,7 +84,7 @@ async def test_a_device_that_falls_silent_turns_into_0b_not_into_old_values():
         for _ in range(100):
             assert await client.asks(241, "03 0000 0001") == "83 0B"
             await asyncio.sleep(0.15)
-        assert UnitResting in map(type, home.events)
+        assert UnitResting in map(type, bench.events)
         silo.silent = False
         silo.holding[0] = 7
         await asyncio.sleep(70.0)
@@ -92,10 +92,10 @@ async def test_a_device_that_falls_silent_turns_into_0b_not_into_old_values():
 
 
 async def test_a_write_goes_through_and_is_read_back_by_everybody():
-    async with house(CONFIG) as home:
-        silo, _ = furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        silo, _ = furnish(bench)
         await asyncio.sleep(5.0)
-        writer, reader = home.client(), home.client("10.0.0.8:1")
+        writer, reader = bench.client(), bench.client("10.0.0.8:1")
         writer.ask(241, "06 0003 BEEF")
         writer.ask(241, "03 0003 0001")
         assert [await writer.answer(), await writer.answer()] == ["06 00 03 BE EF", "03 02 BE EF"]
@@ -117,9 +117,9 @@ async def test_a_client_reads_back_what_it_wrote_though_writes_overtake_polls():
     read  = [{ holding = "0-0", every = "500 ms" }]
     stale = "60 s"
     """
-    async with house(config) as home:
+    async with gateway_bench(config) as bench:
         loop, framer, register = asyncio.get_running_loop(), mbap.MbapFramer(), bytes(2)
-        server = home.lines["tcp://10.1.0.5:502"]
+        server = bench.lines["tcp://10.1.0.5:502"]
 
         def answer(data: bytes) -> None:
             nonlocal register
@@ -131,7 +131,7 @@ async def test_a_client_reads_back_what_it_wrote_though_writes_overtake_polls():
 
         server.on_write = answer
         await asyncio.sleep(5.0)
-        client = home.client()
+        client = bench.client()
         for value in range(1, 60):
             await client.asks(241, f"06 0000 {value:04X}")
             assert await client.asks(241, "03 0000 0001") == f"03 02 00 {value:02X}"
@@ -139,10 +139,10 @@ async def test_a_client_reads_back_what_it_wrote_though_writes_overtake_polls():
 
 
 async def test_one_clients_requests_keep_their_order():
-    async with house(CONFIG) as home:
-        furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
         await asyncio.sleep(5.0)
-        client, other = home.client(), home.client("10.0.0.8:1")
+        client, other = bench.client(), bench.client("10.0.0.8:1")
         await other.asks(241, "06 0001 0009")
         for pdu in ("03 0003 0001", "06 0003 0007", "03 0003 0001"):
             client.ask(241, pdu)
@@ -150,11 +150,11 @@ async def test_one_clients_requests_keep_their_order():
 
 
 async def test_a_mirror_whose_line_is_down_gives_out_nothing_old():
-    async with house(CONFIG) as home:
-        furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
         await asyncio.sleep(5.0)
-        client = home.client()
-        home.lines["hall-a"].pull()
+        client = bench.client()
+        bench.lines["hall-a"].pull()
         await asyncio.sleep(2.0)
         assert await client.asks(241, "03 0000 0001") == "83 0B"
         assert await client.asks(241, "06 0000 0001") == "86 0A"
@@ -171,12 +171,12 @@ async def test_a_pass_through_unit_can_be_mirrored_under_its_own_number():
     of   = "a/1"
     read = [{ holding = "0-9", every = "500 ms" }]
     """
-    async with house(config) as home:
+    async with gateway_bench(config) as bench:
         device = SimulatedDevice(1, delay=0.01)
-        home.attach("hall-a", SimulatedLine("rtu", device, SimulatedDevice(2)))
+        bench.attach("hall-a", SimulatedLine("rtu", device, SimulatedDevice(2)))
         device.holding = list(range(20))
         await asyncio.sleep(5.0)
-        client = home.client()
+        client = bench.client()
         assert await client.asks(1, "03 0005 0001") == "03 02 00 05"
         assert await client.asks(1, "03 000A 0001") == "83 02"
         assert await client.asks(2, "03 000A 0001") == "03 02 00 00"

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.modbus import rtu
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 from kit.over_tcp import ENCODE, OverTcpClient
 
 CONFIG = """
@@ -24,11 +24,11 @@ devices = [{{ unit = 1 }}]
 @pytest.mark.parametrize("scheme", ENCODE)
 async def test_no_client_takes_a_late_response_for_that_to_its_next_request(scheme: str) -> None:
     random = Random(5)
-    async with house(CONFIG.format(scheme=scheme)) as home:
+    async with gateway_bench(CONFIG.format(scheme=scheme)) as bench:
         device = SimulatedDevice(1)
         device.holding = [0x1000 + address for address in range(200)]
-        home.attach("hall-a", SimulatedLine("rtu", device))
-        client = OverTcpClient(home.gateway.listeners[0])
+        bench.attach("hall-a", SimulatedLine("rtu", device))
+        client = OverTcpClient(bench.gateway.listeners[0])
         answered = 0
         for _ in range(2000):
             device.delay = random.choice([0.01, 0.01, 0.2, 0.5, 1.0, 3.0])
@@ -42,10 +42,10 @@ async def test_no_client_takes_a_late_response_for_that_to_its_next_request(sche
 
 
 async def test_a_write_that_the_client_has_given_up_is_not_sent_any_more() -> None:
-    async with house(CONFIG.format(scheme="rtu+tcp")) as home:
+    async with gateway_bench(CONFIG.format(scheme="rtu+tcp")) as bench:
         device = SimulatedDevice(1, delay=1.5)
-        home.attach("hall-a", SimulatedLine("rtu", device))
-        other, client = OverTcpClient(home.gateway.listeners[0]), OverTcpClient(home.gateway.listeners[0])
+        bench.attach("hall-a", SimulatedLine("rtu", device))
+        other, client = OverTcpClient(bench.gateway.listeners[0]), OverTcpClient(bench.gateway.listeners[0])
         other.ask("03 0000 0001")
         assert await client.asks("06 0005 0001", time_out=0.5) == b""
         device.delay = 0.01

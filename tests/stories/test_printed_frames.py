@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 from kit.vectors import SeedFrame, meaning, seed_frames
 
 CONFIG = """
@@ -26,8 +26,8 @@ MISPRINTS = [frame for frame in PRINTED if frame.kind == "misprint"]
 
 @pytest.mark.parametrize(("request_adu", "response_adu"), EXCHANGES)
 async def test_a_printed_exchange_passes_unchanged(request_adu: bytes, response_adu: bytes) -> None:
-    async with house(CONFIG) as home:
-        client, line = home.client(), home.lines["line"]
+    async with gateway_bench(CONFIG) as bench:
+        client, line = bench.client(), bench.lines["line"]
         client.ask(request_adu[0], request_adu[1:-2].hex())
         assert line.take_written() == request_adu
         line.deliver(response_adu)
@@ -36,15 +36,15 @@ async def test_a_printed_exchange_passes_unchanged(request_adu: bytes, response_
 
 @pytest.mark.parametrize("frame", REQUESTS, ids=meaning)
 async def test_a_printed_request_goes_on_the_line_as_printed(frame: SeedFrame) -> None:
-    async with house(CONFIG) as home:
-        home.client().ask(frame.data[0], frame.data[1:-2].hex())
-        assert home.lines["line"].take_written() == frame.data
+    async with gateway_bench(CONFIG) as bench:
+        bench.client().ask(frame.data[0], frame.data[1:-2].hex())
+        assert bench.lines["line"].take_written() == frame.data
 
 
 @pytest.mark.parametrize("frame", MISPRINTS, ids=meaning)
 async def test_a_misprint_is_no_answer(frame: SeedFrame) -> None:
-    async with house(CONFIG) as home:
-        client, line = home.client(), home.lines["line"]
+    async with gateway_bench(CONFIG) as bench:
+        client, line = bench.client(), bench.lines["line"]
         client.ask(frame.data[0], "03 0000 0002")
         line.deliver(frame.data)
         assert await client.answer() == "83 0B"

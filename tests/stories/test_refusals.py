@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.events import RequestRefused
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 
 CONFIG = """
 [[line]]
@@ -38,14 +38,14 @@ CLIENT = "10.0.0.9:49152"
     ],
 )
 async def test_a_refusal_is_told(unit: int, pdu: str, code: str, why: str) -> None:
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         function = int(pdu[:2], 16)
-        assert await home.client(CLIENT).asks(unit, pdu) == f"{function | 0x80:02X} {code}"
-        told = [event for event in home.events if isinstance(event, RequestRefused)]
+        assert await bench.client(CLIENT).asks(unit, pdu) == f"{function | 0x80:02X} {code}"
+        told = [event for event in bench.events if isinstance(event, RequestRefused)]
         assert told == [RequestRefused(CLIENT, unit, function, code, why)]
 
 
 async def test_what_the_unit_answers_is_no_refusal() -> None:
-    async with house(CONFIG) as home:
-        assert await home.client(CLIENT).asks(200, "03 0000 0001") == "03 02 00 00"
-        assert not any(isinstance(event, RequestRefused) for event in home.events)
+    async with gateway_bench(CONFIG) as bench:
+        assert await bench.client(CLIENT).asks(200, "03 0000 0001") == "03 02 00 00"
+        assert not any(isinstance(event, RequestRefused) for event in bench.events)

@@ -14,7 +14,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.frame import Frame
 from kit.device import Answer, SimulatedDevice, SimulatedLine
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.noise import flipped
 
 CONFIG = """
@@ -62,11 +62,11 @@ class MoodyDevice(SimulatedDevice):
 class Panel:
     """The outside client and everything else on its line. `seen` counts what became of it."""
 
-    def __init__(self, home: House, mode: str, dice: Random) -> None:
+    def __init__(self, bench: GatewayBench, mode: str, dice: Random) -> None:
         self.seen: Counter[str] = Counter()
         self.wrong: list[str] = []
         self._encode = ascii_framing.encode if mode == "ascii" else rtu.encode
-        self._line = home.lines["panel"]
+        self._line = bench.lines["panel"]
         self._line.on_write = self._responded
         self._dice = dice
         self._asked: Frame | None = None
@@ -150,13 +150,13 @@ class Panel:
 @pytest.mark.parametrize("seed", range(5))
 async def test_whatever_happens_no_wrong_answer_is_put_on_the_line(mode: str, seed: int) -> None:
     dice = Random(seed)
-    async with house(CONFIG.replace("MODE", mode)) as home:
+    async with gateway_bench(CONFIG.replace("MODE", mode)) as bench:
         devices = [MoodyDevice(unit, known_as, dice) for unit, known_as in ((1, 41), (2, 42), (3, 43))]
-        home.attach("hall", SimulatedLine("rtu", *devices))
-        panel = Panel(home, mode, dice)
+        bench.attach("hall", SimulatedLine("rtu", *devices))
+        panel = Panel(bench, mode, dice)
         for _ in range(600):
             await panel.act()
-        counts = home.gateway.servers[0].driver.session.counts
+        counts = bench.gateway.servers[0].driver.session.counts
     assert panel.wrong == []
     assert panel.seen["asked"] == counts.requests
     assert panel.seen["answered"] + panel.seen["failed"] == counts.responses

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.events import AnswerWithheld, LineLost, LineReopened
 from kit.conversation import Conversation, Stage, conversations
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 
 SERVER_LINES = conversations(Path(__file__).with_name("server-lines.conversations"))
 
@@ -42,23 +42,23 @@ initial.holding = [{ at = 0, values = [7] }]
 
 @pytest.mark.parametrize("conversation", SERVER_LINES, ids=lambda conversation: conversation.title)
 async def test_an_outside_client_is_served(conversation: Conversation) -> None:
-    async with house(CONFIG) as home:
-        await Stage(home).play(conversation)
+    async with gateway_bench(CONFIG) as bench:
+        await Stage(bench).play(conversation)
 
 
 async def test_a_lost_port_is_told_and_opened_again() -> None:
     talk = Conversation("", ("panel << :C8030000000134", "panel >> :C8030200072C"))
-    async with house(CONFIG) as home:
-        home.lines["panel"].pull()
-        home.lines["panel"].plug()
-        await Stage(home).play(Conversation("", ("wait 2 s", *talk.steps)))
-        told = [event.line for event in home.events if isinstance(event, LineLost | LineReopened)]
+    async with gateway_bench(CONFIG) as bench:
+        bench.lines["panel"].pull()
+        bench.lines["panel"].plug()
+        await Stage(bench).play(Conversation("", ("wait 2 s", *talk.steps)))
+        told = [event.line for event in bench.events if isinstance(event, LineLost | LineReopened)]
         assert told == ["panel", "panel"]
 
 
 async def test_a_withheld_answer_is_told() -> None:
     steps = ("panel << :290300000002D2", "wait 50 ms", "panel << :C8030000000134", "panel >> :C8030200072C")
-    async with house(CONFIG) as home:
-        await Stage(home).play(Conversation("", steps))
-        (told,) = (event for event in home.events if isinstance(event, AnswerWithheld))
+    async with gateway_bench(CONFIG) as bench:
+        await Stage(bench).play(Conversation("", steps))
+        (told,) = (event for event in bench.events if isinstance(event, AnswerWithheld))
         assert (told.line, told.unit, told.elapsed_ms, told.source) == ("panel", 41, 50.0, "gateway.toml:8")

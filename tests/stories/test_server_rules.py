@@ -9,7 +9,7 @@ import pytest
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from kit.conversation import Conversation, Stage, conversations
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 
 RULES = conversations(Path(__file__).with_name("server-rules.conversations"))
 VECTORS = Path(__file__).parents[1] / "vectors" / "conformance-tcp.json"
@@ -68,24 +68,24 @@ def cases() -> list[Case]:
 @pytest.mark.parametrize("case", cases(), ids=lambda case: case.title)
 async def test_a_case_for_tcp_asked_over_a_line(case: Case, port: str) -> None:
     encode = ascii_framing.encode if port == "panel" else rtu.encode
-    async with house(CONFIG) as home:
-        line = home.lines[port]
+    async with gateway_bench(CONFIG) as bench:
+        line = bench.lines[port]
         line.deliver(encode(case.unit, case.pdu))
-        await Stage(home).play(Conversation("", ("wait 1 s",)))
+        await Stage(bench).play(Conversation("", ("wait 1 s",)))
         assert line.take_written() in ([encode(case.unit, answer) for answer in case.answers] or [b""])
 
 
 @pytest.mark.parametrize("conversation", RULES, ids=lambda conversation: conversation.title)
 async def test_a_server_keeps_the_rules(conversation: Conversation) -> None:
-    async with house(CONFIG) as home:
-        await Stage(home).play(conversation)
+    async with gateway_bench(CONFIG) as bench:
+        await Stage(bench).play(conversation)
 
 
 @pytest.mark.parametrize(("values", "answered"), [(123, True), (124, False)])
 async def test_the_longest_ascii_frame(values: int, answered: bool) -> None:
     """A11: a write of 123 registers has 511 characters; one of more than 513 is no frame."""
     pdu = bytes((16, 0, 0, 0, values, 2 * values)) + bytes(2 * values)
-    async with house(CONFIG) as home:
-        line = home.lines["panel"]
+    async with gateway_bench(CONFIG) as bench:
+        line = bench.lines["panel"]
         line.deliver(ascii_framing.encode(10, pdu + b"\0" * (0 if answered else 8)))
         assert bool(line.take_written()) is answered

@@ -1,4 +1,4 @@
-"""The main job in one house: three lines of both kinds and an image, asked by many clients at once."""
+"""The main job in one gateway_bench: three lines of both kinds and an image, asked by many clients at once."""
 
 import asyncio
 
@@ -6,7 +6,7 @@ import pytest
 
 from gateway.events import LineLost, LineReopened
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
 [[line]]
@@ -46,7 +46,7 @@ UNITS = [
 ]  # fmt: skip
 
 
-def furnish(home: House) -> dict[int, SimulatedDevice]:
+def furnish(bench: GatewayBench) -> dict[int, SimulatedDevice]:
     """A device behind every unit; the value of a register says whose and which it is."""
     devices = {}
     for known_as, _, unit in UNITS:
@@ -54,16 +54,16 @@ def furnish(home: House) -> dict[int, SimulatedDevice]:
         device.holding = [known_as * 256 + address for address in range(200)]
         devices[known_as] = device
     for port, mode in (("hall-a", "rtu"), ("hall-b", "rtu"), ("press", "ascii")):
-        home.attach(port, SimulatedLine(mode, *(devices[known_as] for known_as, at, _ in UNITS if at == port)))
+        bench.attach(port, SimulatedLine(mode, *(devices[known_as] for known_as, at, _ in UNITS if at == port)))
     return devices
 
 
 async def test_every_client_gets_the_values_of_the_unit_it_asked() -> None:
-    async with house(CONFIG) as home:
-        furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
 
         async def poll(number: int) -> None:
-            client = home.client(f"10.0.0.{number}:1")
+            client = bench.client(f"10.0.0.{number}:1")
             for turn in range(20):
                 known_as, _, _ = UNITS[(number + turn) % len(UNITS)]
                 address = 1 + (7 * number + turn) % 90
@@ -74,9 +74,9 @@ async def test_every_client_gets_the_values_of_the_unit_it_asked() -> None:
 
 
 async def test_one_client_with_requests_to_all_lines_under_way_gets_one_answer_for_each() -> None:
-    async with house(CONFIG) as home:
-        furnish(home)
-        client = home.client()
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
+        client = bench.client()
         asked = {client.ask(known_as, "03 0005 0001"): known_as for known_as, _, _ in UNITS}
         asked[client.ask(200, "03 0001 0001")] = 200
         answered = {}
@@ -88,9 +88,9 @@ async def test_one_client_with_requests_to_all_lines_under_way_gets_one_answer_f
 
 
 async def test_writes_arrive_and_are_read_back() -> None:
-    async with house(CONFIG) as home:
-        devices = furnish(home)
-        client = home.client()
+    async with gateway_bench(CONFIG) as bench:
+        devices = furnish(bench)
+        client = bench.client()
         for unit in (41, 52, 200):
             assert await client.asks(unit, "10 0010 0002 04 1234 5678") == "10 00 10 00 02"
             assert await client.asks(unit, "03 0010 0002") == "03 04 12 34 56 78"
@@ -98,38 +98,38 @@ async def test_writes_arrive_and_are_read_back() -> None:
 
 
 async def test_a_reader_from_elsewhere_reads_and_cannot_write() -> None:
-    async with house(CONFIG) as home:
-        devices = furnish(home)
-        reader = home.client(host="10.0.0.9")
+    async with gateway_bench(CONFIG) as bench:
+        devices = furnish(bench)
+        reader = bench.client(host="10.0.0.9")
         assert await reader.asks(46, "03 0001 0001") == "03 02 2E 01"
         assert await reader.asks(46, "06 0001 0001") == "86 01"
         assert [frame.pdu[0] for frame in devices[46].heard] == [3]
 
 
 async def test_a_line_without_its_adapter_does_not_hurt_the_others() -> None:
-    async with house(CONFIG) as home:
-        furnish(home)
-        home.lines["hall-b"].pull()
-        client = home.client()
+    async with gateway_bench(CONFIG) as bench:
+        furnish(bench)
+        bench.lines["hall-b"].pull()
+        client = bench.client()
         assert await client.asks(1, "03 0005 0001") == "83 0A"
         assert await client.asks(46, "03 0005 0001") == "03 02 2E 05"
 
 
 async def test_pulling_the_adapter_answers_everybody_and_its_return_is_noticed_within_two_seconds() -> None:
-    async with house(CONFIG) as home:
-        devices = furnish(home)
+    async with gateway_bench(CONFIG) as bench:
+        devices = furnish(bench)
         devices[1].silent = True
-        client = home.client()
+        client = bench.client()
         client.ask(1, "03 0005 0001")
         client.ask(2, "03 0005 0001")
         await asyncio.sleep(0.05)
-        home.lines["hall-b"].pull()
+        bench.lines["hall-b"].pull()
         assert [await client.answer(), await client.answer()] == ["83 0B", "83 0A"]
         await asyncio.sleep(60)
-        home.lines["hall-b"].plug()
+        bench.lines["hall-b"].plug()
         await asyncio.sleep(2)
         assert await client.asks(2, "03 0005 0001") == "03 02 02 05"
-        assert [type(event) for event in home.events][-2:] == [LineLost, LineReopened]
+        assert [type(event) for event in bench.events][-2:] == [LineLost, LineReopened]
 
 
 @pytest.mark.parametrize(
@@ -145,6 +145,6 @@ async def test_pulling_the_adapter_answers_everybody_and_its_return_is_noticed_w
     ],
 )
 async def test_what_cannot_be_is_refused_without_a_byte_on_any_line(unit: int, pdu: str, answer: str) -> None:
-    async with house(CONFIG) as home:
-        assert await home.client().asks(unit, pdu) == answer
-        assert not any(line.written for line in home.lines.values())
+    async with gateway_bench(CONFIG) as bench:
+        assert await bench.client().asks(unit, pdu) == answer
+        assert not any(line.written for line in bench.lines.values())

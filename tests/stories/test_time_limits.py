@@ -4,7 +4,7 @@ import pytest
 
 from gateway.modbus.ascii import encode
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import house
+from kit.gateway_bench import gateway_bench
 
 CONFIG = """
 [[line]]
@@ -45,8 +45,8 @@ FC23_OF_99 = "17 0001 0063 0001 0063 C6" + "0000" * 99
     ],
 )
 async def test_each_question_has_its_own_limit(pdu: str, response_size: int, table: float) -> None:
-    async with house(CONFIG) as home:
-        client = home.client()
+    async with gateway_bench(CONFIG) as bench:
+        client = bench.client()
         begin = client.now()
         assert await client.asks(2, pdu) == f"{int(pdu[:2], 16) | 0x80:02X} 0B"
         request_size = len(bytes.fromhex(pdu))
@@ -55,17 +55,17 @@ async def test_each_question_has_its_own_limit(pdu: str, response_size: int, tab
 
 
 async def test_a_time_out_of_the_device_stands_in_place_of_margin_and_table() -> None:
-    async with house(CONFIG) as home:
-        client = home.client()
+    async with gateway_bench(CONFIG) as bench:
+        client = bench.client()
         begin = client.now()
         assert await client.asks(3, "03 0001 0063") == "83 0B"
         assert client.came_at - begin == pytest.approx(wire(5) + wire(200) + 0.080 + LATENCY, abs=1e-6)
 
 
 async def test_an_answer_at_the_end_of_its_limit_still_counts() -> None:
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         device = SimulatedDevice(2)
         limit = wire(4) + 1.5 * 0.010 + LATENCY
         device.script.append([(wire(5) + limit - 1e-6, encode(2, bytes.fromhex("03 02 00 07")))])
-        home.attach("press", SimulatedLine("ascii", device))
-        assert await home.client().asks(2, "03 0001 0001") == "03 02 00 07"
+        bench.attach("press", SimulatedLine("ascii", device))
+        assert await bench.client().asks(2, "03 0001 0001") == "03 02 00 07"

@@ -4,7 +4,7 @@ import asyncio
 
 from gateway.events import LineLost, LineReopened, UpstreamClosed
 from gateway.modbus.mbap import MbapFramer, encode
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
 [[line]]
@@ -26,8 +26,8 @@ TO = "tcp://10.1.0.5:502"
 class Server:
     """Another Modbus TCP server. A register's value is its unit and its address; each unit has a delay of its own."""
 
-    def __init__(self, home: House) -> None:
-        self.line = home.lines[TO]
+    def __init__(self, bench: GatewayBench) -> None:
+        self.line = bench.lines[TO]
         self.line.on_write = self._take
         self.delays: dict[int, float] = {}
         self.asked: list[tuple[int, str]] = []
@@ -41,8 +41,8 @@ class Server:
 
 
 async def test_units_behind_another_server_answer_beside_the_gateways_own() -> None:
-    async with house(CONFIG) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(CONFIG) as bench:
+        server, client = Server(bench), bench.client()
         assert await client.asks(37, "03 00 05 00 01") == "03 02 01 05"
         assert await client.asks(39, "03 00 06 00 01") == "03 02 03 06"
         assert await client.asks(200, "03 00 06 00 01") == "03 02 00 00"
@@ -50,8 +50,8 @@ async def test_units_behind_another_server_answer_beside_the_gateways_own() -> N
 
 
 async def test_a_slow_unit_holds_up_no_other() -> None:
-    async with house(CONFIG) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(CONFIG) as bench:
+        server, client = Server(bench), bench.client()
         server.delays[1] = 0.9
         began = client.now()
         client.ask(37, "03 00 01 00 01")
@@ -62,19 +62,19 @@ async def test_a_slow_unit_holds_up_no_other() -> None:
 
 
 async def test_a_dead_unit_that_many_clients_ask_takes_the_places_of_others_for_one_limit_only() -> None:
-    async with house(CONFIG) as home:
-        server = Server(home)
+    async with gateway_bench(CONFIG) as bench:
+        server = Server(bench)
         server.delays[1] = 1e6
 
         async def ask_in_vain(number: int) -> None:
-            client = home.client(f"10.0.1.{number}:1")
+            client = bench.client(f"10.0.1.{number}:1")
             while True:
                 assert (await client.asks(37, "03 00 01 00 01"))[:2] == "83"
                 await asyncio.sleep(0.1)
 
         crowd = [asyncio.create_task(ask_in_vain(number)) for number in range(20)]
         await asyncio.sleep(1.1)
-        client = home.client()
+        client = bench.client()
         for address in range(250):
             began = client.now()
             assert await client.asks(38, f"03 00 {address:02X} 00 01") == f"03 02 02 {address:02X}"
@@ -85,8 +85,8 @@ async def test_a_dead_unit_that_many_clients_ask_takes_the_places_of_others_for_
 
 
 async def test_a_unit_that_is_always_late_gives_nobody_anothers_value() -> None:
-    async with house(CONFIG) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(CONFIG) as bench:
+        server, client = Server(bench), bench.client()
         server.delays[1] = 1.2
         for address in range(1, 20):
             answer = await client.asks(37, f"03 00 {address:02X} 00 01")
@@ -95,8 +95,8 @@ async def test_a_unit_that_is_always_late_gives_nobody_anothers_value() -> None:
 
 async def test_a_unit_behind_another_server_can_be_mirrored() -> None:
     mirror = '[[image]]\nunit = 241\nof = "plant-1/38"\nread = [{ holding = "5-5", every = "500 ms" }]\nstale = "1 s"\n'
-    async with house(CONFIG + mirror) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(CONFIG + mirror) as bench:
+        server, client = Server(bench), bench.client()
         await asyncio.sleep(1)
         polls = len(server.asked)
         for _ in range(20):
@@ -108,15 +108,15 @@ async def test_a_unit_behind_another_server_can_be_mirrored() -> None:
 
 
 async def test_a_read_only_client_writes_nothing_upstream() -> None:
-    async with house(CONFIG) as home:
-        server = Server(home)
-        assert await home.client(host="10.0.0.9").asks(37, "06 00 01 00 05") == "86 01"
+    async with gateway_bench(CONFIG) as bench:
+        server = Server(bench)
+        assert await bench.client(host="10.0.0.9").asks(37, "06 00 01 00 05") == "86 01"
         assert server.asked == []
 
 
 async def test_a_lost_connection_is_0b_then_0a_and_made_again() -> None:
-    async with house(CONFIG) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(CONFIG) as bench:
+        server, client = Server(bench), bench.client()
         server.delays[1] = 0.5
         client.ask(37, "03 00 01 00 01")
         await asyncio.sleep(0.1)
@@ -126,25 +126,25 @@ async def test_a_lost_connection_is_0b_then_0a_and_made_again() -> None:
         server.line.plug()
         await asyncio.sleep(2)
         assert await client.asks(38, "03 00 01 00 01") == "03 02 02 01"
-        told = [event for event in home.events if isinstance(event, LineLost | LineReopened)]
+        told = [event for event in bench.events if isinstance(event, LineLost | LineReopened)]
         assert [(type(event), event.line) for event in told] == [(LineLost, "plant-1"), (LineReopened, "plant-1")]
 
 
 async def test_a_server_that_speaks_something_else_is_left_and_tried_again() -> None:
-    async with house(CONFIG) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(CONFIG) as bench:
+        server, client = Server(bench), bench.client()
         client.ask(37, "03 00 01 00 01")
         server.line.deliver(b"SSH-2.0-OpenSSH_9.2\r\n")
         assert await client.answer() == "83 0B"
         await asyncio.sleep(2)
         assert await client.asks(37, "03 00 01 00 01") == "03 02 01 01"
-        assert sum(isinstance(event, UpstreamClosed) for event in home.events) == 1
+        assert sum(isinstance(event, UpstreamClosed) for event in bench.events) == 1
 
 
 async def test_broadcasts_do_not_go_upstream() -> None:
     listen = '[[listen]]\nbind = "tcp://127.0.0.1:502"\nunit0 = "broadcast"\n'
-    async with house(listen + CONFIG) as home:
-        server, client = Server(home), home.client()
+    async with gateway_bench(listen + CONFIG) as bench:
+        server, client = Server(bench), bench.client()
         client.ask(0, "06 00 01 00 05")
         assert await client.asks(200, "03 00 01 00 01") == "03 02 00 05"
         assert server.asked == []

@@ -72,8 +72,8 @@ def test_each_address_has_its_rights(tmp_path: Path) -> None:
 
 def test_who_has_no_right_is_closed_before_anything_is_read(tmp_path: Path) -> None:
     with GatewayProcess(tmp_path, CONFIG + ROWS) as gateway:
-        with tcp(gateway, "127.0.0.3") as stranger:
-            assert stranger.recv(1) == b""
+        with tcp(gateway, "127.0.0.3") as other_client:
+            assert other_client.recv(1) == b""
         told = gateway.wait_for("client_rejected")
         assert told["client"].startswith("127.0.0.3:")
         assert told["reason"] == "no [[access]] allows anything to clients from this address"
@@ -81,13 +81,13 @@ def test_who_has_no_right_is_closed_before_anything_is_read(tmp_path: Path) -> N
             assert asks(friend, READ) == "03020000"
 
 
-def test_datagrams_of_strangers_are_dropped_and_those_of_friends_only_read(tmp_path: Path) -> None:
+def test_datagrams_of_denied_clients_are_dropped_and_those_of_allowed_ones_only_read(tmp_path: Path) -> None:
     with GatewayProcess(tmp_path, CONFIG + ROWS) as gateway, socket.socket(type=socket.SOCK_DGRAM) as client:
         client.settimeout(PATIENCE)
         client.connect(("127.0.0.1", gateway.ports["udp"]))
-        with socket.socket(type=socket.SOCK_DGRAM) as stranger:
-            stranger.bind(("127.0.0.2", 0))
-            stranger.sendto(encode(1, 200, READ), ("127.0.0.1", gateway.ports["udp"]))
+        with socket.socket(type=socket.SOCK_DGRAM) as other_client:
+            other_client.bind(("127.0.0.2", 0))
+            other_client.sendto(encode(1, 200, READ), ("127.0.0.1", gateway.ports["udp"]))
             assert gateway.wait_for("client_rejected")["listener"] == "field"
         assert asks(client, READ) == "03020000"
         assert asks(client, WRITE) == "8601"

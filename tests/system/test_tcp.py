@@ -33,10 +33,10 @@ from gateway.modbus.mbap import encode
 from gateway.ports import lookup
 from gateway.request import Request
 from gateway.routing.access import EVERYTHING, Rights, Row
-from kit.crossroads import to_everywhere
 from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
 from kit.process import COMMAND, PATIENCE
+from kit.router import to_everywhere
 
 #: Units of the scripted target.
 PROMPT, PATIENT, DEFECTIVE = 1, 2, 3
@@ -78,7 +78,7 @@ class Plant:
         self.waiting.clear()
 
 
-class House:
+class Bench:
     """A listener that accepts, and what it tells."""
 
     def __init__(self, settings: ListenSettings) -> None:
@@ -177,19 +177,21 @@ class Client:
 
 
 @asynccontextmanager
-async def house(clients: int = 32, idle: float = 0, host: str = "127.0.0.1", **settings: Any) -> AsyncIterator[House]:
-    home = House(ListenSettings("scada", host, 0, clients=clients, idle=idle, **settings))
-    await home.listener.find()
-    home.listener.bind()
-    home.listener.listen()
-    home.listener.start()
+async def listening(
+    clients: int = 32, idle: float = 0, host: str = "127.0.0.1", **settings: Any
+) -> AsyncIterator[Bench]:
+    bench = Bench(ListenSettings("scada", host, 0, clients=clients, idle=idle, **settings))
+    await bench.listener.find()
+    bench.listener.bind()
+    bench.listener.listen()
+    bench.listener.start()
     try:
-        yield home
+        yield bench
     finally:
-        home.listener.close()
-        for client in home.clients:
+        bench.listener.close()
+        for client in bench.clients:
             client.writer.transport.abort()
-        await until(lambda: not home.listener.has_clients)
+        await until(lambda: not bench.listener.has_clients)
 
 
 async def until(condition: Callable[[], object]) -> None:
@@ -199,10 +201,10 @@ async def until(condition: Callable[[], object]) -> None:
             await asyncio.sleep(0.002)
 
 
-async def block(client: Client, home: House) -> None:
+async def block(client: Client, bench: Bench) -> None:
     """Let `client` ask for more than it takes, until the gateway keeps its responses."""
     client.ask(count=2000)
-    connection = next(each for each in home.listener.connections if each.client == client.name)
+    connection = next(each for each in bench.listener.connections if each.client == client.name)
     await until(lambda: connection.session._back_pressure.blocked_at is not None)
 
 
@@ -210,99 +212,99 @@ async def block(client: Client, home: House) -> None:
 
 
 async def test_when_full_the_client_that_has_been_idle_longest_makes_room() -> None:
-    async with house(clients=2) as home:
-        first, second = await home.client(), await home.client()
+    async with listening(clients=2) as bench:
+        first, second = await bench.client(), await bench.client()
         await second.asks()
         await first.asks()
-        third = await home.client()
+        third = await bench.client()
         assert await second.is_closed()
-        assert await home.closes(second) == "made room for another client"
-        assert home.reason(second, ClientRejected) == "made room for another client"
-        assert home.listener.counts == Counts(accepted=3, rejected=1)
+        assert await bench.closes(second) == "made room for another client"
+        assert bench.reason(second, ClientRejected) == "made room for another client"
+        assert bench.listener.counts == Counts(accepted=3, rejected=1)
         assert await first.is_open()
         assert await third.is_open()
 
 
 async def test_a_client_with_a_request_under_way_never_makes_room() -> None:
-    async with house(clients=2) as home:
-        busy = await home.client()
+    async with listening(clients=2) as bench:
+        busy = await bench.client()
         busy.ask(PATIENT)
-        await until(lambda: home.plant.waiting)
-        idle = await home.client()
-        await home.client()
+        await until(lambda: bench.plant.waiting)
+        idle = await bench.client()
+        await bench.client()
         assert await idle.is_closed()
-        home.plant.answer_all()
+        bench.plant.answer_all()
         assert await busy.answer() == 1
 
 
 async def test_when_all_are_busy_the_new_client_is_sent_away() -> None:
-    async with house(clients=2) as home:
-        busy = [await home.client(), await home.client()]
+    async with listening(clients=2) as bench:
+        busy = [await bench.client(), await bench.client()]
         for client in busy:
             client.ask(PATIENT)
-        await until(lambda: len(home.plant.waiting) == 2)
-        refused = await home.client()
+        await until(lambda: len(bench.plant.waiting) == 2)
+        refused = await bench.client()
         assert await refused.is_closed()
         reason = "too many clients, and all of them have requests under way"
-        assert home.reason(refused, ClientRejected) == reason
-        home.plant.answer_all()
+        assert bench.reason(refused, ClientRejected) == reason
+        bench.plant.answer_all()
         assert [await client.answer() for client in busy] == [1, 1]
 
 
 async def test_there_are_never_more_clients_than_allowed_though_some_read_nothing() -> None:
     """What is being closed counts no more, so it makes room once only; and it is gone after a moment."""
-    async with house(clients=2) as home:
+    async with listening(clients=2) as bench:
         for _ in range(6):
-            await block(await home.client(small_window=True), home)
-            assert len(home.listener.connections) <= 2
-        last = await home.client()
+            await block(await bench.client(small_window=True), bench)
+            assert len(bench.listener.connections) <= 2
+        last = await bench.client()
         assert await last.is_open()
-        assert len(home.listener.connections) == 2
-        await until(lambda: not home.listener._closing)
-        assert len(home.told(ClientConnected)) - len(home.told(ClientClosed)) == 2
+        assert len(bench.listener.connections) == 2
+        await until(lambda: not bench.listener._closing)
+        assert len(bench.told(ClientConnected)) - len(bench.told(ClientClosed)) == 2
 
 
 async def test_a_hundred_clients_in_a_row_find_room() -> None:
-    async with house(clients=4) as home:
-        clients = [await home.connect() for _ in range(100)]
-        await until(lambda: len(home.told(ClientConnected)) == 100)
-        await until(lambda: len(home.told(ClientClosed)) == 96)
+    async with listening(clients=4) as bench:
+        clients = [await bench.connect() for _ in range(100)]
+        await until(lambda: len(bench.told(ClientConnected)) == 100)
+        await until(lambda: len(bench.told(ClientClosed)) == 96)
         assert [await client.is_open() for client in clients[96:]] == [True] * 4
 
 
 async def test_an_address_that_has_many_connections_drives_out_none_of_another() -> None:
     """C03, in small."""
-    async with house(clients=4) as home:
-        first = await home.client()
-        flood = [await home.connect(source="127.0.0.2") for _ in range(20)]
-        await until(lambda: len(home.told(ClientClosed)) == 17)
+    async with listening(clients=4) as bench:
+        first = await bench.client()
+        flood = [await bench.connect(source="127.0.0.2") for _ in range(20)]
+        await until(lambda: len(bench.told(ClientClosed)) == 17)
         assert await first.is_open()
         assert [await client.is_open() for client in flood[17:]] == [True] * 3
 
 
 async def test_a_crowd_of_addresses_never_closes_a_client_that_asks_as_usual() -> None:
     """Promise P18: the crowd is half as large again as the room, and asks without a pause; see also test_room."""
-    async with house(clients=20) as home:
-        client = await home.client()
+    async with listening(clients=20) as bench:
+        client = await bench.client()
         for _ in range(3):
             await client.asks()
             await asyncio.sleep(0.5)
         over = asyncio.Event()
-        crowd = asyncio.gather(*(come_and_go(home, f"127.0.1.{number}", over) for number in range(1, 31)))
+        crowd = asyncio.gather(*(come_and_go(bench, f"127.0.1.{number}", over) for number in range(1, 31)))
         for _ in range(6):
             assert await client.is_open()
             await asyncio.sleep(0.5)
-        assert len(home.told(ClientRejected)) > 30
-        assert not home.reason(client)
+        assert len(bench.told(ClientRejected)) > 30
+        assert not bench.reason(client)
         over.set()
         await crowd
 
 
-async def come_and_go(home: House, source: str, over: asyncio.Event) -> None:
+async def come_and_go(bench: Bench, source: str, over: asyncio.Event) -> None:
     """Connect, ask as long as there are answers, and connect again, until it is `over`."""
     while not over.is_set():
         with suppress(OSError, EOFError):
-            client = await Client.connect(home.port, source=source)
+            client = await Client.connect(bench.port, source=source)
             with closing(client.writer):
                 while not over.is_set():
                     await client.asks()
@@ -310,35 +312,35 @@ async def come_and_go(home: House, source: str, over: asyncio.Event) -> None:
         await asyncio.sleep(0.01)
 
 
-async def test_strangers_leave_the_reserve_to_those_whom_rows_name() -> None:
-    async with house(clients=4, reserve=2) as home:
+async def test_unknown_clients_leave_the_reserve_to_those_whom_rows_name() -> None:
+    async with listening(clients=4, reserve=2) as bench:
         named = Row(EVERYTHING, networks=(ip_network("127.0.0.9"),))
-        home.listener.router.rights = Rights((named, Row(EVERYTHING)), home.listener.router.entry)
-        strangers = [await home.connect(source=f"127.0.0.{number}") for number in range(20, 24)]
-        assert await strangers[0].is_closed()
-        assert await strangers[1].is_closed()
-        friends = [await home.connect(source="127.0.0.9") for _ in range(2)]
-        assert [await client.is_open() for client in (*strangers[2:], *friends)] == [True] * 4
+        bench.listener.router.rights = Rights((named, Row(EVERYTHING)), bench.listener.router.entry)
+        other_clients = [await bench.connect(source=f"127.0.0.{number}") for number in range(20, 24)]
+        assert await other_clients[0].is_closed()
+        assert await other_clients[1].is_closed()
+        friends = [await bench.connect(source="127.0.0.9") for _ in range(2)]
+        assert [await client.is_open() for client in (*other_clients[2:], *friends)] == [True] * 4
 
 
 # --- who says nothing, who says half, who does not listen ---
 
 
 async def test_an_idle_client_is_closed_and_a_busy_one_is_left_alone() -> None:
-    async with house(idle=0.3) as home:
-        busy, idle = await home.client(), await home.client()
+    async with listening(idle=0.3) as bench:
+        busy, idle = await bench.client(), await bench.client()
         busy.ask(PATIENT)
         assert await idle.is_closed()
-        assert await home.closes(idle) == "idle"
-        assert not home.told(ClientRejected)
+        assert await bench.closes(idle) == "idle"
+        assert not bench.told(ClientRejected)
         await asyncio.sleep(0.3)
-        home.plant.answer_all()
+        bench.plant.answer_all()
         assert await busy.answer() == 1
 
 
 async def test_without_an_idle_time_nobody_is_idle() -> None:
-    async with house(idle=0) as home:
-        client = await home.client()
+    async with listening(idle=0) as bench:
+        client = await bench.client()
         await asyncio.sleep(3 * SILENCE)
         assert await client.is_open()
 
@@ -346,9 +348,9 @@ async def test_without_an_idle_time_nobody_is_idle() -> None:
 @pytest.mark.interpreted
 @pytest.mark.parametrize("drip", [b"", bytes(1000)], ids=["slowloris (C01)", "slow drip (C02)"])
 async def test_a_client_that_sends_half_a_request_is_closed(drip: bytes) -> None:
-    async with house(clients=200) as home:
-        healthy = await home.client()
-        half = [await home.connect() for _ in range(100)]
+    async with listening(clients=200) as bench:
+        healthy = await bench.client()
+        half = [await bench.connect() for _ in range(100)]
         for client in half:
             client.writer.write(bytes.fromhex("0001 0000 00FE"))
         begun_at = asyncio.get_running_loop().time()
@@ -358,36 +360,36 @@ async def test_a_client_that_sends_half_a_request_is_closed(drip: bytes) -> None
             await asyncio.sleep(SWEEP)
         assert all([await client.is_closed() for client in half])
         assert asyncio.get_running_loop().time() - begun_at < 3 * SENDING
-        assert home.reason(half[0], ClientRejected) == f"sent no whole request within {SENDING:g} s"
+        assert bench.reason(half[0], ClientRejected) == f"sent no whole request within {SENDING:g} s"
         assert await healthy.is_open()
 
 
 async def test_a_slow_reader_is_read_no_more_and_gets_everything_later(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_module, "TAKING_DEADLINE", PATIENCE)
-    async with house() as home:
-        slow = await home.client(small_window=True)
-        await block(slow, home)
-        submitted = home.plant.submitted
+    async with listening() as bench:
+        slow = await bench.client(small_window=True)
+        await block(slow, bench)
+        submitted = bench.plant.submitted
         await asyncio.sleep(SILENCE)
-        assert home.plant.submitted == submitted < 1500
+        assert bench.plant.submitted == submitted < 1500
         assert [await slow.answer() for _ in range(2000)] == list(range(1, 2001))
 
 
 @pytest.mark.interpreted
 async def test_a_client_that_reads_nothing_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """C08: others are served meanwhile, and the connection ends though its responses were never taken."""
-    async with house() as home:
-        deaf, healthy = await home.client(small_window=True), await home.client()
-        await block(deaf, home)
+    async with listening() as bench:
+        deaf, healthy = await bench.client(small_window=True), await bench.client()
+        await block(deaf, bench)
         assert await healthy.is_open()
-        assert await home.closes(deaf) == f"took no responses for {TAKING:g} s"
-        assert home.reason(deaf, ClientRejected) == home.reason(deaf)
+        assert await bench.closes(deaf) == f"took no responses for {TAKING:g} s"
+        assert bench.reason(deaf, ClientRejected) == bench.reason(deaf)
         assert await healthy.is_open()
 
 
 async def test_a_half_closed_client_that_reads_slowly_gets_everything() -> None:
-    async with house() as home:
-        slow = await home.client(small_window=True)
+    async with listening() as bench:
+        slow = await bench.client(small_window=True)
         slow.ask(count=400)
         slow.writer.write_eof()
         await asyncio.sleep(SILENCE)
@@ -400,39 +402,39 @@ async def test_a_half_closed_client_that_reads_slowly_gets_everything() -> None:
 
 async def test_a_half_closed_client_is_answered_then_closed() -> None:
     """C07."""
-    async with house() as home:
-        client = await home.client()
+    async with listening() as bench:
+        client = await bench.client()
         client.ask(PATIENT)
         client.writer.write_eof()
-        await until(lambda: home.plant.waiting)
+        await until(lambda: bench.plant.waiting)
         await asyncio.sleep(SILENCE)
-        assert not home.reason(client)
-        home.plant.answer_all()
+        assert not bench.reason(client)
+        bench.plant.answer_all()
         assert await client.answer() == 1
         assert await client.is_closed()
-        assert await home.closes(client) == "the client has closed it"
+        assert await bench.closes(client) == "the client has closed it"
 
 
 async def test_a_reset_marks_what_is_under_way_as_unwanted() -> None:
-    async with house() as home:
-        client = await home.client()
+    async with listening() as bench:
+        client = await bench.client()
         client.ask(PATIENT, count=3)
-        await until(lambda: len(home.plant.waiting) == 3)
-        assert all(request.origin.wants(request) for request in home.plant.waiting)
+        await until(lambda: len(bench.plant.waiting) == 3)
+        assert all(request.origin.wants(request) for request in bench.plant.waiting)
         client.reset()
-        assert await home.closes(client) == "lost: connection reset by peer"
-        assert not any(request.origin.wants(request) for request in home.plant.waiting)
-        home.plant.answer_all()
+        assert await bench.closes(client) == "lost: connection reset by peer"
+        assert not any(request.origin.wants(request) for request in bench.plant.waiting)
+        bench.plant.answer_all()
 
 
 async def test_connections_reset_at_once_leave_nothing_behind(caplog: pytest.LogCaptureFixture) -> None:
     """C10, in small."""
-    async with house(clients=4) as home:
+    async with listening(clients=4) as bench:
         for _ in range(500):
-            (await home.connect()).reset()
-        await until(lambda: not home.listener.has_clients)
-        assert await (await home.client()).is_open()
-        assert not home.told(PartFailed)
+            (await bench.connect()).reset()
+        await until(lambda: not bench.listener.has_clients)
+        assert await (await bench.client()).is_open()
+        assert not bench.told(PartFailed)
     assert not caplog.records
 
 
@@ -444,10 +446,10 @@ async def test_who_leaves_is_freed_without_the_collector_which_passes_over_those
     def remains() -> list[TcpConnection]:
         return [each for each in gc.get_objects() if isinstance(each, TcpConnection) and each.client == client.name]
 
-    async with house(scheme=scheme) as home:
+    async with listening(scheme=scheme) as bench:
         gc.disable()
         try:
-            client = await home.client()
+            client = await bench.client()
             client.writer.write(b"\x00")
             await until(lambda: remains()[0].session.has_begun)
             if leaves == "it goes":
@@ -455,8 +457,8 @@ async def test_who_leaves_is_freed_without_the_collector_which_passes_over_those
             elif leaves == "it is reset":
                 client.reset()
             else:
-                home.listener.close()
-            await home.closes(client)
+                bench.listener.close()
+            await bench.closes(client)
             await until(lambda: not remains())
         finally:
             gc.enable()
@@ -466,32 +468,32 @@ async def test_who_leaves_is_freed_without_the_collector_which_passes_over_those
 
 
 async def test_beyond_in_flight_nothing_is_read_until_a_response_has_gone() -> None:
-    async with house(in_flight=4) as home:
-        client = await home.client()
+    async with listening(in_flight=4) as bench:
+        client = await bench.client()
         client.ask(PATIENT, count=10)
         for waiting in (4, 4, 2):
-            await until(lambda: home.plant.waiting)
+            await until(lambda: bench.plant.waiting)
             await asyncio.sleep(SILENCE)
-            assert len(home.plant.waiting) == waiting
-            home.plant.answer_all()
+            assert len(bench.plant.waiting) == waiting
+            bench.plant.answer_all()
         assert [await client.answer() for _ in range(10)] == list(range(1, 11))
 
 
 async def test_a_thousand_requests_in_a_row_get_a_thousand_responses() -> None:
-    async with house() as home:
-        client = await home.client()
+    async with listening() as bench:
+        client = await bench.client()
         client.ask(count=1000)
         assert [await client.answer() for _ in range(1000)] == list(range(1, 1001))
-        assert home.plant.submitted == 1000
+        assert bench.plant.submitted == 1000
 
 
 async def test_a_defect_ends_its_own_connection_only() -> None:
-    async with house() as home:
-        client, other = await home.client(), await home.client()
+    async with listening() as bench:
+        client, other = await bench.client(), await bench.client()
         client.ask(DEFECTIVE)
         assert await client.is_closed()
-        assert await home.closes(client) == "a defect in the gateway"
-        [told] = home.told(PartFailed)
+        assert await bench.closes(client) == "a defect in the gateway"
+        [told] = bench.told(PartFailed)
         assert told.part == f"client {client.name}"
         assert "nobody foresaw this" in told.traceback
         assert await other.is_open()
@@ -509,20 +511,20 @@ JUNK = {
 
 @pytest.mark.parametrize("junk", JUNK.values(), ids=JUNK)
 async def test_what_is_no_modbus_is_closed_at_once(junk: bytes) -> None:
-    async with house() as home:
-        client, other = await home.client(), await home.client()
+    async with listening() as bench:
+        client, other = await bench.client(), await bench.client()
         client.writer.write(junk)
         assert await client.is_closed()
-        assert "an MBAP length of" in await home.closes(client)
-        assert home.reason(client, ClientRejected) == home.reason(client)
+        assert "an MBAP length of" in await bench.closes(client)
+        assert bench.reason(client, ClientRejected) == bench.reason(client)
         assert await other.is_open()
-        assert not home.told(PartFailed)
+        assert not bench.told(PartFailed)
 
 
 async def test_a_client_that_vanishes_is_noticed_and_responses_leave_at_once() -> None:
-    async with house() as home:
-        await home.client()
-        [connection] = home.listener.connections
+    async with listening() as bench:
+        await bench.client()
+        [connection] = bench.listener.connections
         sock = connection.transport.get_extra_info("socket")
         assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == KEEPALIVE_IDLE
@@ -531,61 +533,61 @@ async def test_a_client_that_vanishes_is_noticed_and_responses_leave_at_once() -
 
 
 async def test_the_system_keeps_little_for_a_connection() -> None:
-    async with house() as home:
-        await home.client()
-        [connection] = home.listener.connections
+    async with listening() as bench:
+        await bench.client()
+        [connection] = bench.listener.connections
         sock = connection.transport.get_extra_info("socket")
         for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
             assert sock.getsockopt(socket.SOL_SOCKET, option) == 2 * KERNEL_BUFFER  # Linux counts its own share too
 
 
 async def test_a_defect_in_welcoming_a_client_does_not_end_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with house() as home:
+    async with listening() as bench:
         with monkeypatch.context() as defective:
-            defective.setattr(home.listener.connections, "refusal", None)
-            assert await (await home.connect()).is_closed()
-        assert len(home.told(PartFailed)) == 1
-        assert await (await home.client()).is_open()
+            defective.setattr(bench.listener.connections, "refusal", None)
+            assert await (await bench.connect()).is_closed()
+        assert len(bench.told(PartFailed)) == 1
+        assert await (await bench.client()).is_open()
 
 
 # --- the end ---
 
 
 async def test_a_listener_that_finishes_accepts_nobody_and_takes_no_more_requests() -> None:
-    async with house() as home:
-        port, idle, busy = home.port, await home.client(), await home.client()
+    async with listening() as bench:
+        port, idle, busy = bench.port, await bench.client(), await bench.client()
         busy.ask(PATIENT)
-        await until(lambda: home.plant.waiting)
-        home.listener.finish()
+        await until(lambda: bench.plant.waiting)
+        bench.listener.finish()
         assert await idle.is_closed()
         busy.ask(PROMPT)
         with pytest.raises(ConnectionRefusedError):
             await Client.connect(port)
         await asyncio.sleep(SILENCE)
-        assert home.plant.submitted == 1
-        home.plant.answer_all()
+        assert bench.plant.submitted == 1
+        bench.plant.answer_all()
         assert await busy.answer() == 1
         assert await busy.is_closed()
-        assert await home.closes(idle) == await home.closes(busy) == "the gateway ends"
-        assert not home.listener.has_clients
+        assert await bench.closes(idle) == await bench.closes(busy) == "the gateway ends"
+        assert not bench.listener.has_clients
 
 
 async def test_a_listener_that_closes_ends_all_connections() -> None:
-    async with house() as home:
-        client = await home.client()
+    async with listening() as bench:
+        client = await bench.client()
         client.ask(PATIENT)
-        await until(lambda: home.plant.waiting)
-        home.listener.close()
-        assert await home.closes(client) == "the gateway ends"
-        assert not home.plant.waiting[0].origin.wants(home.plant.waiting[0])
+        await until(lambda: bench.plant.waiting)
+        bench.listener.close()
+        assert await bench.closes(client) == "the gateway ends"
+        assert not bench.plant.waiting[0].origin.wants(bench.plant.waiting[0])
 
 
 # --- addresses ---
 
 
 async def test_two_listeners_on_one_port_are_an_error_in_words() -> None:
-    async with house() as home:
-        second = TcpListener(ListenSettings("all", "0.0.0.0", home.port), home.listener.router, home.events.append)
+    async with listening() as bench:
+        second = TcpListener(ListenSettings("all", "0.0.0.0", bench.port), bench.listener.router, bench.events.append)
         await second.find()
         with pytest.raises(ListenError, match=r"cannot listen on tcp://0\.0\.0\.0:\d+: another \[\[listen\]\]"):
             second.bind()
@@ -632,14 +634,14 @@ def test_a_name_server_that_does_not_answer_holds_up_neither_the_start_nor_the_e
 @needs_ipv6
 async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
     """C15."""
-    async with house(host="::") as home:
-        assert home.listener.address.startswith("tcp://[::]:")
-        old = await home.client()
-        new = await home.connect("::1")
+    async with listening(host="::") as bench:
+        assert bench.listener.address.startswith("tcp://[::]:")
+        old = await bench.client()
+        new = await bench.connect("::1")
         assert await old.is_open()
         assert await new.is_open()
-        assert [event.client for event in home.told(ClientConnected)] == [old.name, new.name]
-        assert {each.host for each in home.listener.connections} == {"127.0.0.1", "::1"}
+        assert [event.client for event in bench.told(ClientConnected)] == [old.name, new.name]
+        assert {each.host for each in bench.listener.connections} == {"127.0.0.1", "::1"}
 
 
 @needs_ipv6
@@ -689,9 +691,9 @@ async def hears(client: Client, *adus: bytes) -> bool:
 
 async def test_requests_in_pieces_and_in_one_piece_get_their_responses(scheme: str) -> None:
     encode_as = ENCODE[scheme]
-    async with house(scheme=scheme) as home:
-        assert home.listener.address.startswith(f"{scheme}://127.0.0.1:")
-        client = await home.client()
+    async with listening(scheme=scheme) as bench:
+        assert bench.listener.address.startswith(f"{scheme}://127.0.0.1:")
+        client = await bench.client()
         for byte in encode_as(PROMPT, READ):
             client.writer.write(bytes((byte,)))
             await asyncio.sleep(0.002)
@@ -702,37 +704,37 @@ async def test_requests_in_pieces_and_in_one_piece_get_their_responses(scheme: s
 
 async def test_requests_that_come_together_are_answered_one_after_the_other(scheme: str) -> None:
     encode_as = ENCODE[scheme]
-    async with house(scheme=scheme, in_flight=2) as home:
-        client = await home.client()
+    async with listening(scheme=scheme, in_flight=2) as bench:
+        client = await bench.client()
         client.writer.write(10 * encode_as(PATIENT, READ))
         for _ in range(10):
-            await until(lambda: home.plant.waiting)
+            await until(lambda: bench.plant.waiting)
             await asyncio.sleep(0.02)
-            assert len(home.plant.waiting) == 1
-            home.plant.answer_all()
+            assert len(bench.plant.waiting) == 1
+            bench.plant.answer_all()
         assert await hears(client, 10 * encode_as(PATIENT, RESPONSE))
-        assert home.plant.submitted == 10
+        assert bench.plant.submitted == 10
 
 
 async def test_a_response_that_the_client_has_given_up_is_dropped(scheme: str) -> None:
     encode_as = ENCODE[scheme]
-    async with house(scheme=scheme) as home:
-        client = await home.client()
+    async with listening(scheme=scheme) as bench:
+        client = await bench.client()
         client.writer.write(encode_as(PATIENT, READ))
-        await until(lambda: home.plant.waiting)
+        await until(lambda: bench.plant.waiting)
         await asyncio.sleep(4 * TOGETHER)
         client.writer.write(encode_as(PROMPT, READ))
         assert await hears(client, encode_as(PROMPT, RESPONSE))
-        assert not home.plant.waiting[0].origin.wants(home.plant.waiting[0])
-        home.plant.answer_all()
+        assert not bench.plant.waiting[0].origin.wants(bench.plant.waiting[0])
+        bench.plant.answer_all()
         client.writer.write(encode_as(PROMPT, READ))
         assert await hears(client, encode_as(PROMPT, RESPONSE))
 
 
 async def test_after_half_a_frame_and_after_noise_the_next_request_is_answered(scheme: str) -> None:
     encode_as = ENCODE[scheme]
-    async with house(scheme=scheme) as home:
-        client = await home.client()
+    async with listening(scheme=scheme) as bench:
+        client = await bench.client()
         for noise in (encode_as(PROMPT, READ)[:-3], b"\xff noise \x00", encode_as(PROMPT, READ)[:-4] + b"00\r\n"):
             client.writer.write(noise)
             await asyncio.sleep(1.5 * OVER_TCP_SILENCE)
@@ -741,54 +743,54 @@ async def test_after_half_a_frame_and_after_noise_the_next_request_is_answered(s
 
 
 async def test_silence_ends_a_request_of_unknown_size() -> None:
-    async with house(scheme="rtu+tcp") as home:
-        client = await home.client()
+    async with listening(scheme="rtu+tcp") as bench:
+        client = await bench.client()
         client.writer.write(rtu.encode(PROMPT, bytes.fromhex("41 01 02 03")))
         assert await hears(client, rtu.encode(PROMPT, RESPONSE))
 
 
 async def test_what_is_neither_rtu_nor_ascii_is_closed(scheme: str) -> None:
-    async with house(scheme=scheme) as home:
-        client, other = await home.client(), await home.client()
+    async with listening(scheme=scheme) as bench:
+        client, other = await bench.client(), await bench.client()
         client.writer.write(100 * JUNK["HTTP"])
         assert await client.is_closed()
-        assert (await home.closes(client)).endswith("bytes without a request")
+        assert (await bench.closes(client)).endswith("bytes without a request")
         other.writer.write(ENCODE[scheme](PROMPT, READ))
         assert await hears(other, ENCODE[scheme](PROMPT, RESPONSE))
 
 
 @pytest.mark.interpreted
 async def test_ascii_that_is_never_finished_is_closed() -> None:
-    async with house(scheme="ascii+tcp") as home:
-        client = await home.client()
+    async with listening(scheme="ascii+tcp") as bench:
+        client = await bench.client()
         client.writer.write(b":0103")
         assert await client.is_closed()
-        assert await home.closes(client) == f"sent no whole request within {SENDING:g} s"
+        assert await bench.closes(client) == f"sent no whole request within {SENDING:g} s"
 
 
 async def test_a_defect_ends_its_own_connection_only_whatever_it_speaks(scheme: str) -> None:
     """Also when the request had to wait, and the connection was woken for it."""
     encode_as = ENCODE[scheme]
-    async with house(scheme=scheme) as home:
-        client, other = await home.client(), await home.client()
+    async with listening(scheme=scheme) as bench:
+        client, other = await bench.client(), await bench.client()
         client.writer.write(encode_as(PATIENT, READ) + encode_as(DEFECTIVE, READ))
-        await until(lambda: home.plant.waiting)
-        home.plant.answer_all()
+        await until(lambda: bench.plant.waiting)
+        bench.plant.answer_all()
         assert await hears(client, encode_as(PATIENT, RESPONSE))
         assert await client.is_closed()
-        assert await home.closes(client) == "a defect in the gateway"
+        assert await bench.closes(client) == "a defect in the gateway"
         other.writer.write(encode_as(PROMPT, READ))
         assert await hears(other, encode_as(PROMPT, RESPONSE))
 
 
 async def test_idle_clients_and_those_beyond_the_bound_are_treated_as_for_modbus_tcp(scheme: str) -> None:
-    async with house(scheme=scheme, clients=1, idle=0.3) as home:
-        first = await home.client()
-        second = await home.client()
+    async with listening(scheme=scheme, clients=1, idle=0.3) as bench:
+        first = await bench.client()
+        second = await bench.client()
         assert await first.is_closed()
-        assert await home.closes(first) == "made room for another client"
+        assert await bench.closes(first) == "made room for another client"
         assert await second.is_closed()
-        assert await home.closes(second) == "idle"
+        assert await bench.closes(second) == "idle"
 
 
 def test_a_socket_that_is_bound_already_is_used_and_one_that_nobody_names_is_told(tmp_path: Path) -> None:

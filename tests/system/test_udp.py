@@ -16,9 +16,9 @@ from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 from gateway.routing.access import Door
-from kit.crossroads import router
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE
+from kit.router import router
 
 #: Units of the scripted target.
 PROMPT, PATIENT, DEFECTIVE, UNKNOWN = 1, 2, 3, 4
@@ -85,15 +85,15 @@ class Client:
         return False
 
 
-class House:
+class Bench:
     """A listener that takes datagrams, and what it tells."""
 
     def __init__(self, settings: ListenSettings) -> None:
         self.plant = Plant()
         self.events: list[Event] = []
         routes = dict.fromkeys((PROMPT, PATIENT, DEFECTIVE), self.plant)
-        crossroads = router(routes, self.events.append, door=Door("field", "datagram"))
-        self.listener = UdpListener(settings, crossroads, self.events.append)
+        made = router(routes, self.events.append, door=Door("field", "datagram"))
+        self.listener = UdpListener(settings, made, self.events.append)
         self.clients: list[Client] = []
 
     @property
@@ -109,19 +109,19 @@ class House:
 
 
 @asynccontextmanager
-async def house(
+async def listening(
     clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1"
-) -> AsyncIterator[House]:
-    home = House(ListenSettings("field", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme="udp"))
-    await home.listener.find()
-    home.listener.bind()
-    home.listener.listen()
-    home.listener.start()
+) -> AsyncIterator[Bench]:
+    bench = Bench(ListenSettings("field", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme="udp"))
+    await bench.listener.find()
+    bench.listener.bind()
+    bench.listener.listen()
+    bench.listener.start()
     try:
-        yield home
+        yield bench
     finally:
-        home.listener.close()
-        for client in home.clients:
+        bench.listener.close()
+        for client in bench.clients:
             client.socket.close()
 
 
@@ -133,40 +133,40 @@ async def until(condition: Callable[[], object]) -> None:
 
 
 async def test_each_datagram_gets_its_response() -> None:
-    async with house() as home:
-        one, other = home.client(), home.client()
+    async with listening() as bench:
+        one, other = bench.client(), bench.client()
         for transaction in range(100):
             assert await one.asks(transaction=transaction) == encode(transaction, PROMPT, RESPONSE)
             assert await other.asks(transaction=transaction) == encode(transaction, PROMPT, RESPONSE)
-        assert home.told(ListenerUp) == [ListenerUp("field", f"udp://127.0.0.1:{home.port}")]
-        assert home.told(ClientConnected) == [ClientConnected("field", each.name) for each in (one, other)]
-        assert home.listener.clients == home.listener.counts.accepted == 2
+        assert bench.told(ListenerUp) == [ListenerUp("field", f"udp://127.0.0.1:{bench.port}")]
+        assert bench.told(ClientConnected) == [ClientConnected("field", each.name) for each in (one, other)]
+        assert bench.listener.clients == bench.listener.counts.accepted == 2
 
 
 async def test_a_forged_datagram_is_amplified_as_much_as_docs_operations_says() -> None:
-    async with house() as home:
-        answer = await home.client().asks()
+    async with listening() as bench:
+        answer = await bench.client().asks()
         assert round(len(answer) / len(encode(1, PROMPT, READ)), 1) == 21.6
 
 
 async def test_a_response_comes_to_the_one_who_asked_and_from_where_it_was_asked() -> None:
     """A connected socket takes datagrams from that address only; the listener is bound to all of them."""
-    async with house(host="0.0.0.0") as home:
+    async with listening(host="0.0.0.0") as bench:
         for number in range(1, 6):
-            client = home.client(f"127.0.0.{number}", own=f"127.0.1.{number}")
+            client = bench.client(f"127.0.0.{number}", own=f"127.0.1.{number}")
             assert await client.asks() == encode(1, PROMPT, RESPONSE)
 
 
 async def test_one_client_that_asks_two_of_our_addresses_is_answered_from_each() -> None:
-    async with house(host="0.0.0.0") as home:
+    async with listening(host="0.0.0.0") as bench:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
             client.settimeout(PATIENCE)
             client.bind(("127.0.0.1", 0))
             for host in ("127.0.0.2", "127.0.0.3", "127.0.0.2"):
-                client.sendto(encode(1, PROMPT, READ), (host, home.port))
+                client.sendto(encode(1, PROMPT, READ), (host, bench.port))
                 assert await asyncio.to_thread(client.recvfrom, 512) == (
                     encode(1, PROMPT, RESPONSE),
-                    (host, home.port),
+                    (host, bench.port),
                 )
 
 
@@ -187,152 +187,152 @@ MALFORMED = {
 
 
 async def test_what_is_not_one_request_is_dropped_and_counted() -> None:
-    async with house() as home:
-        client = home.client()
+    async with listening() as bench:
+        client = bench.client()
         for datagram in MALFORMED.values():
             client.send(datagram)
         assert await client.asks(transaction=9) == encode(9, PROMPT, RESPONSE)
         assert await client.hears_nothing()
-        assert home.listener.counts.malformed == len(MALFORMED)
-        assert len(home.plant.requests) == 1
+        assert bench.listener.counts.malformed == len(MALFORMED)
+        assert len(bench.plant.requests) == 1
 
 
 async def test_nobody_may_write_and_an_unknown_unit_is_0a() -> None:
-    async with house() as home:
-        client = home.client()
+    async with listening() as bench:
+        client = bench.client()
         assert await client.asks(pdu=WRITE) == encode(1, PROMPT, b"\x86\x01")
         assert await client.asks(UNKNOWN) == encode(1, UNKNOWN, b"\x83\x0a")
-        assert home.told(AccessDenied) == [AccessDenied("field", client.name, PROMPT, 6)]
-        assert home.plant.requests == []
+        assert bench.told(AccessDenied) == [AccessDenied("field", client.name, PROMPT, 6)]
+        assert bench.plant.requests == []
 
 
 async def test_a_datagram_that_is_repeated_is_executed_once() -> None:
-    async with house() as home:
-        client = home.client()
+    async with listening() as bench:
+        client = bench.client()
         for _ in range(5):
             client.ask(PATIENT)
         assert await client.asks(transaction=2) == encode(2, PROMPT, RESPONSE)
-        [request, _] = home.plant.requests
+        [request, _] = bench.plant.requests
         request.respond(RESPONSE)
         assert await client.hears() == encode(1, PATIENT, RESPONSE)
         assert await client.hears_nothing()
 
 
 async def test_beyond_in_flight_the_answer_is_busy() -> None:
-    async with house(in_flight=3) as home:
-        client, other = home.client(), home.client()
+    async with listening(in_flight=3) as bench:
+        client, other = bench.client(), bench.client()
         for transaction in range(3):
             client.ask(PATIENT, transaction)
         assert await client.asks(PROMPT, 3) == encode(3, PROMPT, b"\x83\x06")
         assert await other.asks() == encode(1, PROMPT, RESPONSE)
-        assert len(home.plant.requests) == 4
+        assert len(bench.plant.requests) == 4
 
 
 async def test_many_forged_senders_leave_no_more_than_the_bound() -> None:
     """And a peer with a request under way is not forgotten for them; nor is that of another address."""
-    async with house(clients=4) as home:
-        busy, good = home.client(own="127.0.0.2"), home.client(own="127.0.0.3")
+    async with listening(clients=4) as bench:
+        busy, good = bench.client(own="127.0.0.2"), bench.client(own="127.0.0.3")
         busy.ask(PATIENT)
         await good.asks()
         for _ in range(100):
-            forged = home.client(own="127.0.0.4")
+            forged = bench.client(own="127.0.0.4")
             await forged.asks()
-        assert home.listener.clients == 4
-        assert not [event for event in home.told(ClientClosed) if event.client in (busy.name, good.name)]
-        home.plant.requests[0].respond(RESPONSE)
+        assert bench.listener.clients == 4
+        assert not [event for event in bench.told(ClientClosed) if event.client in (busy.name, good.name)]
+        bench.plant.requests[0].respond(RESPONSE)
         assert await busy.hears() == encode(1, PATIENT, RESPONSE)
 
 
 async def test_when_all_are_busy_the_datagram_of_another_one_is_dropped() -> None:
-    async with house(clients=1) as home:
-        busy, other = home.client(), home.client()
+    async with listening(clients=1) as bench:
+        busy, other = bench.client(), bench.client()
         busy.ask(PATIENT)
         other.ask()
         assert await other.hears_nothing()
         reason = "too many clients, and all of them have requests under way"
-        assert home.told(ClientRejected) == [ClientRejected("field", other.name, reason)]
-        assert home.listener.counts.rejected == 1
-        home.plant.requests[0].respond(RESPONSE)
+        assert bench.told(ClientRejected) == [ClientRejected("field", other.name, reason)]
+        assert bench.listener.counts.rejected == 1
+        bench.plant.requests[0].respond(RESPONSE)
         assert await other.asks() == encode(1, PROMPT, RESPONSE)
-        assert [event.reason for event in home.told(ClientClosed)] == ["made room for another client"]
+        assert [event.reason for event in bench.told(ClientClosed)] == ["made room for another client"]
 
 
 async def test_a_peer_that_asks_nothing_is_forgotten_and_a_busy_one_is_not() -> None:
-    async with house(idle=0.1) as home:
-        busy, idle = home.client(), home.client()
+    async with listening(idle=0.1) as bench:
+        busy, idle = bench.client(), bench.client()
         busy.ask(PATIENT)
         await idle.asks()
-        await until(lambda: home.told(ClientClosed))
+        await until(lambda: bench.told(ClientClosed))
         await asyncio.sleep(SILENCE)
-        assert home.told(ClientClosed) == [ClientClosed("field", idle.name, "idle")]
+        assert bench.told(ClientClosed) == [ClientClosed("field", idle.name, "idle")]
         assert await idle.asks() == encode(1, PROMPT, RESPONSE)
 
 
 async def test_a_defect_is_told_and_the_next_datagram_is_answered() -> None:
-    async with house() as home:
-        client = home.client()
+    async with listening() as bench:
+        client = bench.client()
         client.ask(DEFECTIVE)
         assert await client.asks(transaction=2) == encode(2, PROMPT, RESPONSE)
-        [told] = home.told(PartFailed)
+        [told] = bench.told(PartFailed)
         assert told.part == f"client {client.name}"
         assert "nobody foresaw this" in told.traceback
 
 
 async def test_a_client_that_has_gone_is_nobodys_trouble() -> None:
     """The system hears that nobody takes the response, and may tell so at the next datagram."""
-    async with house() as home:
-        gone, client = home.client(), home.client()
+    async with listening() as bench:
+        gone, client = bench.client(), bench.client()
         gone.ask(PATIENT)
-        await until(lambda: home.plant.requests)
+        await until(lambda: bench.plant.requests)
         gone.socket.close()
-        home.plant.requests[0].respond(RESPONSE)
+        bench.plant.requests[0].respond(RESPONSE)
         for transaction in range(3):
             assert await client.asks(transaction=transaction) == encode(transaction, PROMPT, RESPONSE)
 
 
 async def test_a_listener_that_finishes_answers_what_is_under_way_and_takes_no_more() -> None:
-    async with house() as home:
-        client = home.client()
+    async with listening() as bench:
+        client = bench.client()
         client.ask(PATIENT)
-        await until(lambda: home.plant.requests)
-        home.listener.finish()
-        assert home.listener.has_clients
+        await until(lambda: bench.plant.requests)
+        bench.listener.finish()
+        assert bench.listener.has_clients
         client.ask(PROMPT, 2)
-        home.plant.requests[0].respond(RESPONSE)
+        bench.plant.requests[0].respond(RESPONSE)
         assert await client.hears() == encode(1, PATIENT, RESPONSE)
         assert await client.hears_nothing()
-        assert not home.listener.has_clients
+        assert not bench.listener.has_clients
 
 
 async def test_a_listener_that_closes_forgets_everybody() -> None:
-    async with house() as home:
-        client = home.client()
+    async with listening() as bench:
+        client = bench.client()
         client.ask(PATIENT)
-        await until(lambda: home.plant.requests)
-        home.listener.close()
-        assert not home.plant.requests[0].origin.wants(home.plant.requests[0])
-        assert home.told(ClientClosed) == [ClientClosed("field", client.name, "the gateway ends")]
-        home.plant.requests[0].respond(RESPONSE)
-        assert home.listener.address == "udp://127.0.0.1:0"
+        await until(lambda: bench.plant.requests)
+        bench.listener.close()
+        assert not bench.plant.requests[0].origin.wants(bench.plant.requests[0])
+        assert bench.told(ClientClosed) == [ClientClosed("field", client.name, "the gateway ends")]
+        bench.plant.requests[0].respond(RESPONSE)
+        assert bench.listener.address == "udp://127.0.0.1:0"
 
 
 async def test_two_listeners_on_one_port_are_an_error_in_words() -> None:
-    async with house() as home:
-        settings = ListenSettings("second", "127.0.0.1", home.port, source="gateway.toml:7", scheme="udp")
-        second = UdpListener(settings, home.listener.router, home.events.append)
+    async with listening() as bench:
+        settings = ListenSettings("second", "127.0.0.1", bench.port, source="gateway.toml:7", scheme="udp")
+        second = UdpListener(settings, bench.listener.router, bench.events.append)
         await second.find()
         with pytest.raises(ListenError, match=r"gateway\.toml:7: cannot listen on udp://127\.0\.0\.1:\d+: another"):
             second.bind()
 
 
 async def test_udp_and_tcp_may_have_the_same_port() -> None:
-    async with house() as home:
-        tcp = TcpListener(ListenSettings("tcp", "127.0.0.1", 0), home.listener.router, home.events.append)
+    async with listening() as bench:
+        tcp = TcpListener(ListenSettings("tcp", "127.0.0.1", 0), bench.listener.router, bench.events.append)
         await tcp.find()
         tcp.bind()
         port = int(tcp.address.rpartition(":")[2])
         settings = ListenSettings("udp", "127.0.0.1", port, scheme="udp")
-        udp = UdpListener(settings, home.listener.router, home.events.append)
+        udp = UdpListener(settings, bench.listener.router, bench.events.append)
         with suppress(ListenError):  # a client of another program may have this port by chance
             await udp.find()
             udp.bind()
@@ -344,8 +344,8 @@ async def test_udp_and_tcp_may_have_the_same_port() -> None:
 @needs_ipv6
 async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
     """C15."""
-    async with house(host="::") as home:
-        old, older, new = home.client("127.0.0.1"), home.client("127.0.0.9"), home.client("::1")
+    async with listening(host="::") as bench:
+        old, older, new = bench.client("127.0.0.1"), bench.client("127.0.0.9"), bench.client("::1")
         for client in (old, older, new):
             assert await client.asks() == encode(1, PROMPT, RESPONSE)
-        assert [event.client for event in home.told(ClientConnected)] == [old.name, older.name, new.name]
+        assert [event.client for event in bench.told(ClientConnected)] == [old.name, older.name, new.name]

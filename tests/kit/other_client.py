@@ -1,15 +1,15 @@
-"""A second client on a FaultyLine, at a pace of its own, and an adapter that knows nothing of frames.
+"""Another client on a FaultyLine, and an adapter that splits bytes anywhere.
 
-    stranger = Stranger(line, seed=4)
-    for delay, data in stranger.asks(now):
+    other_client = OtherClient(line, seed=4)
+    for delay, data in other_client.asks(now):
         loop.call_later(delay, adapter.take, data)
 
 It asks the devices that we ask, mostly for what we ask too, and writes registers of its own. Its answers may be late,
 damaged or missing like ours. Like every client it begins on a quiet line only, and its request takes its time on the
 wire; see `may_ask_at`.
 
-Left out is what nobody can detect: frames that fit its request and that no device has sent as its answer, and requests
-of which the gateway has not heard all.
+Left out is what cannot be detected: frames that fit its request although no device sent them as the response, and
+requests that the gateway received only in part.
 """
 
 import random
@@ -21,11 +21,11 @@ from kit.device import Answer
 from kit.faulty import FaultyDevice, FaultyLine
 from kit.noise import flipped
 
-#: Registers and coils that nobody else writes, and what it reads.
+#: Registers that only this client writes, and what it reads.
 _OWN: Final = range(480, 488)
 _SPANS: Final = [(0, 1), (0, 4), (16, 4), (32, 4), (7, 1), (9, 1), (60, 1), (192, 4), (100, 100)]
 _BITS: Final = [(0, 16), (16, 16), (40, 16), (3, 30), (800 & 0xFF, 24)]
-#: Addresses and quantities that we do not ask for: what a device answers to them is never the answer to us.
+#: Addresses and quantities that the gateway never requests: an exception to them is never its response.
 _REFUSED: Final = {b"\x00\x3c\x00\x01", b"\x00\xc0\x00\x04"}
 #: The size of its PDUs.
 _REQUEST: Final = 5
@@ -33,8 +33,8 @@ _REQUEST: Final = 5
 _THINKING: Final = 0.008
 
 
-class Stranger:
-    """Another client. `silent` is the share of its requests that no device answers, `late`, `damaged` likewise."""
+class OtherClient:
+    """Another client. `silent` is the share of its requests without response; `late` and `damaged` likewise."""
 
     def __init__(
         self, line: FaultyLine, *, seed: int, silent: float = 0.03, late: float = 0.05, damaged: float = 0.03
@@ -52,7 +52,7 @@ class Stranger:
         return max(line.spurious_until, line.heard_at + 2 * line.timing.t35) + line.timing.frame(_REQUEST)
 
     def asks(self, now: float) -> list[Answer]:
-        """It asks one device; its request, and what the device answers."""
+        """Its request to one device, and the response."""
         self.asked += 1
         device = self._dice.choice(self._line.devices)
         pdu = self._pdu()
@@ -64,7 +64,7 @@ class Stranger:
         if fate == "damaged":
             response = flipped(response, self._dice.randrange(8 * len(response)))
         at = self._when(device, pdu, is_late=fate == "late")
-        self._line.will_answer_stranger(device.unit, pdu[0], now + at)
+        self._line.will_answer_other_client(device.unit, pdu[0], now + at)
         return [Answer(0.0, request), Answer(at, response)]
 
     def _pdu(self) -> bytes:
@@ -80,7 +80,7 @@ class Stranger:
         return device.respond(pdu)
 
     def _when(self, device: FaultyDevice, pdu: bytes, *, is_late: bool) -> float:
-        """When the answer has come, counted from the end of the request: as late as one to the gateway may be."""
+        """When the response is complete, from the end of the request: as late as one to the gateway may be."""
         if not is_late:
             return self._dice.uniform(0.0003, _THINKING)
         limit, window = self._line.limit(device, parse_request(pdu))
@@ -88,7 +88,7 @@ class Stranger:
 
 
 class Adapter:
-    """Hands over what a line delivers in chunks that are neither frames nor their ends, a little later.
+    """Hands over what a line delivers a little later, in chunks that ignore where frames end.
 
     `later(delay, call)` calls back; `deliver` takes the chunks.
     """

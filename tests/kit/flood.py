@@ -1,6 +1,6 @@
-"""Clients that never have enough: connections of one address that keep requests under way, whatever they are answered.
+"""Clients that flood the gateway: connections from one address, each with requests always in flight.
 
-Run by itself, as whoever floods a gateway is a process of its own: python storm.py PORT CONNECTIONS IN_FLIGHT UNIT
+Runs as a process of its own: python flood.py PORT CONNECTIONS IN_FLIGHT UNIT
 """
 
 import asyncio
@@ -8,14 +8,14 @@ import itertools
 import struct
 import sys
 
-#: Where they come from: each address has a share.
+#: The source address: each address has a share.
 HOST = "127.0.0.9"
-#: How many holding registers the unit has that they ask for.
+#: How many holding registers the polled unit has.
 REGISTERS = 9000
 
 
 class Greedy(asyncio.Protocol):
-    """One connection. For each response it sends another request, for other registers than the ones before."""
+    """One connection. Each response triggers a request for other registers."""
 
     _addresses = itertools.count()
 
@@ -42,11 +42,11 @@ class Greedy(asyncio.Protocol):
 
 
 async def flood(port: int, connections: int, in_flight: int, unit: int) -> None:
-    """Go on for ever."""
+    """Never returns."""
     loop = asyncio.get_running_loop()
     for _ in range(connections):
         await loop.create_connection(lambda: Greedy(in_flight, unit), "127.0.0.1", port, local_addr=(HOST, 0))
-    sys.stdout.write("all are there\n")
+    sys.stdout.write("all are connected\n")
     sys.stdout.flush()
     await asyncio.Event().wait()
 

@@ -1,4 +1,4 @@
-"""A whole gateway in virtual time: its config as a text, its lines in memory, its clients in the test's hands."""
+"""A whole gateway in virtual time: config from a string, lines in memory, clients driven by the test."""
 
 import asyncio
 from contextlib import asynccontextmanager
@@ -18,7 +18,7 @@ from gateway.service.state import Memory
 from gateway.service.supervisor import keep_lines_open
 from kit.device import SimulatedLine
 
-#: How long a test waits for something that should have come, in virtual seconds.
+#: How long a test waits for a response, in virtual seconds.
 PATIENCE = 30.0
 
 
@@ -89,11 +89,11 @@ class Client:
         self.session.closed()
 
 
-class House:
-    """A gateway that runs, and the other ends of everything.
+class GatewayBench:
+    """A running gateway, and the far end of each of its lines and connections.
 
-    `lines`, and how they were `opened`, go by port without /dev/. What is written to those in `holding_back` has not
-    arrived.
+    Keys of `lines` and `opened` (the settings each was opened with) are port paths without /dev/. What is written to
+    a line in `holding_back` has not arrived yet.
     """
 
     def __init__(self, config: str, memory: Memory | None = None, state: Path | None = None) -> None:
@@ -113,7 +113,7 @@ class House:
         return Client(self.gateway, name, host=host, listener=listener)
 
     def attach(self, port: str, devices: SimulatedLine) -> None:
-        """Let simulated devices answer on the line at `port`."""
+        """Connect simulated devices to the line at `port`."""
         loop = asyncio.get_running_loop()
         line = self.lines[port]
 
@@ -132,9 +132,9 @@ class House:
 
 
 @asynccontextmanager
-async def house(config: str, memory: Memory | None = None, state: Path | None = None):
-    """A running gateway with this config, every line up and quiet. Images that persist need a folder for its state."""
-    home = House(config, memory, state)
-    async with keep_lines_open(home.gateway, home.events.append):
+async def gateway_bench(config: str, memory: Memory | None = None, state: Path | None = None):
+    """A running gateway with this config, every line up and idle. Persistent images need a `state` folder."""
+    bench = GatewayBench(config, memory, state)
+    async with keep_lines_open(bench.gateway, bench.events.append):
         await asyncio.sleep(1.0)
-        yield home
+        yield bench

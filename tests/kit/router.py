@@ -23,10 +23,10 @@ def router(
     now: float = 0.0,
 ) -> Router:
     """A router whose clock stands at `now`."""
-    crossroads = Router(entry, lambda: now, emit)
-    crossroads.routes = routes
-    crossroads.rights = Rights(rows, entry)
-    return crossroads
+    made = Router(entry, lambda: now, emit)
+    made.routes = routes
+    made.rights = Rights(rows, entry)
+    return made
 
 
 def to_everywhere(target: Target) -> Router:

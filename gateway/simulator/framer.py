@@ -1,12 +1,12 @@
-"""How devices find frames in what they hear: strictly, by time, as small devices do.
+"""Find frames the way small devices do: strictly by time.
 
-The gateway's own framers forgive noise and holes. A device does not: what stands between two silences is a frame, and
-when its CRC does not fit it is nothing. So a gateway that leaves too little silence gets no answer here either.
+The gateway's own framers tolerate noise and gaps. A device does not: the bytes between two silences are one frame, or
+nothing if the CRC is wrong. So too little silence before a request means no response, as with a real device.
 """
 
 from typing import Final, Protocol
 
-from gateway.modbus.ascii import AsciiFramer
+from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.checks import crc_fits
 from gateway.modbus.codes import MAX_RTU_ADU
 from gateway.modbus.frame import Frame
@@ -17,14 +17,14 @@ _SHORTEST: Final = 4
 _NOISE: Final = b"\x7f"
 
 
-class Ear(Protocol):
-    """Finds frames. What it hears may lie in the future: `take` gives a frame once it has ended."""
+class Framer(Protocol):
+    """Finds frames. Bytes may be handed over before they arrive: `take` returns a frame once it has ended."""
 
-    def hear(self, data: bytes, start: float, character: float, silence: float) -> None:
-        """These characters come one behind the other from `start` on; `silence` seconds end a frame."""
+    def receive(self, data: bytes, start: float, character: float, silence: float) -> None:
+        """Characters that arrive back to back from `start` on; `silence` seconds end a frame."""
 
     def spoil(self) -> None:
-        """Something came between: what is being heard is no frame."""
+        """Something interfered: the bytes up to the end of this frame are dropped."""
 
     def deadline(self) -> float | None:
         """When the next frame ends, or None."""
@@ -33,21 +33,21 @@ class Ear(Protocol):
         """The frames that have ended."""
 
 
-class RtuEar:
-    """A frame is what stands between two silences (S 2.5.1.1)."""
+class RtuFramer:
+    """A frame is the bytes between two silences (S 2.5.1.1)."""
 
     def __init__(self) -> None:
         self._data = b""
         self._ends_at: float | None = None
         self._spoilt = False
 
-    def hear(self, data: bytes, start: float, character: float, silence: float) -> None:
-        """These characters follow; every frame that had ended before `start` has been taken."""
+    def receive(self, data: bytes, start: float, character: float, silence: float) -> None:
+        """The next characters; every frame that ended before `start` has been taken."""
         self._data = (self._data + data)[: MAX_RTU_ADU + 1]
         self._ends_at = start + len(data) * character + silence
 
     def spoil(self) -> None:
-        """What is heard until the next silence is no frame."""
+        """Drop everything up to the next silence."""
         self._spoilt = self._ends_at is not None
 
     def deadline(self) -> float | None:
@@ -65,21 +65,21 @@ class RtuEar:
         return [Frame(adu[0], adu[1:-2])]
 
 
-class AsciiEar:
-    """A frame is what stands between a colon and CR LF (S 2.5.2.1)."""
+class AsciiFramer:
+    """A frame is the characters from a colon to CR LF (S 2.5.2.1)."""
 
     def __init__(self) -> None:
-        self._framer = AsciiFramer()
+        self._framer = ascii_framing.AsciiFramer()
         self._frames: list[tuple[float, Frame]] = []
 
-    def hear(self, data: bytes, start: float, character: float, silence: float) -> None:  # noqa: ARG002 - see RtuEar
-        """These characters follow. Silence ends no frame, unless it is longer than a second."""
+    def receive(self, data: bytes, start: float, character: float, silence: float) -> None:  # noqa: ARG002 - see RtuFramer
+        """The next characters. Only a silence of more than a second ends a frame."""
         for count, byte in enumerate(data, 1):
             ends_at = start + count * character
             self._frames += [(ends_at, frame) for frame in self._framer.received(bytes((byte,)), ends_at)]
 
     def spoil(self) -> None:
-        """What is heard until the next colon is no frame."""
+        """Drop everything up to the next colon."""
         self._frames.clear()
         self._framer.received(_NOISE, 0.0)
 

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.events import WriteAudit
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import Client, house
+from kit.gateway_bench import Client, gateway_bench
 
 CONFIG = """
 [[line]]
@@ -24,10 +24,10 @@ WRITE = "06 0001 0007"
 
 @pytest.mark.parametrize("unit", [1, 241])
 async def test_a_write_that_still_waits_is_answered_06_and_not_sent(unit: int) -> None:
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         press = SimulatedDevice(1)
-        home.attach("hall-a", SimulatedLine("rtu", press, SimulatedDevice(2)))
-        client = home.client()
+        bench.attach("hall-a", SimulatedLine("rtu", press, SimulatedDevice(2)))
+        client = bench.client()
         for _ in range(3):
             client.ask(2, "03 0000 0001")
         client.ask(unit, WRITE)
@@ -36,17 +36,17 @@ async def test_a_write_that_still_waits_is_answered_06_and_not_sent(unit: int) -
         assert await answers(client, 4) == {1: "03 02 00 00", 2: "03 02 00 00", 3: "03 02 00 00", 4: "86 06"}
         assert client.session.gone
         assert press.holding[1] == 0
-        assert [(told.unit, told.result, told.code) for told in home.events if isinstance(told, WriteAudit)] == [
+        assert [(told.unit, told.result, told.code) for told in bench.events if isinstance(told, WriteAudit)] == [
             (unit, "unwanted", "06")
         ]
 
 
 async def test_a_write_that_is_on_the_line_already_is_answered() -> None:
-    async with house(CONFIG) as home:
+    async with gateway_bench(CONFIG) as bench:
         press = SimulatedDevice(1)
-        home.attach("hall-a", SimulatedLine("rtu", press))
+        bench.attach("hall-a", SimulatedLine("rtu", press))
         await asyncio.sleep(2)  # the mirror has polled
-        client = home.client()
+        client = bench.client()
         client.ask(1, WRITE)
         client.session.end_of_input()
         assert await client.answer() == "06 00 01 00 07"

@@ -9,7 +9,7 @@ from pathlib import Path
 from socket import create_connection
 
 from gateway.modbus.mbap import encode
-from kit import storm
+from kit import flood
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
@@ -30,7 +30,7 @@ devices = [{{ unit = 1 }}]
 
 def test_clients_that_are_refused_and_ask_again_leave_the_line_its_time(tmp_path: Path) -> None:
     """Promises P6 and P18. Without a moment between a refusal and the next request the line had a fiftieth left."""
-    device = SimulatedDevice(1, delay=0.0, items=storm.REGISTERS)
+    device = SimulatedDevice(1, delay=0.0, items=flood.REGISTERS)
     device.holding[:100] = [42] * 100
     with (
         VirtualPort(tmp_path / "hall-a") as port,
@@ -40,16 +40,16 @@ def test_clients_that_are_refused_and_ask_again_leave_the_line_its_time(tmp_path
         with flooded(gateway, connections=3):
             undisturbed = transactions(device, seconds=2.0)
         with flooded(gateway, connections=60):
-            stormy = transactions(device, seconds=4.0)
+            under_load = transactions(device, seconds=4.0)
             answers = [polled(gateway, address) for address in range(20)]
-    assert stormy > undisturbed / 5  # a quiet machine: 0.8 and more; without the pause, a busy one: a fiftieth
+    assert under_load > undisturbed / 5  # a quiet machine: 0.8 and more; without the pause, a busy one: a fiftieth
     assert answers.count("0302002a") >= 19
 
 
 @contextmanager
 def flooded(gateway: GatewayProcess, connections: int) -> Iterator[None]:
     """In its context so many connections keep sixteen requests each under way."""
-    words = [sys.executable, storm.__file__, str(gateway.port), str(connections), "16", "1"]
+    words = [sys.executable, flood.__file__, str(gateway.port), str(connections), "16", "1"]
     with subprocess.Popen(words, stdout=subprocess.PIPE) as process:
         try:
             assert process.stdout.readline()
