@@ -24,7 +24,7 @@ from gateway.config.forecast import (
 )
 from gateway.config.load import Loaded, load
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolve
-from gateway.config.port_trouble import foreseen
+from gateway.config.port_trouble import predict_wire
 from gateway.config.problem import Problem, dotted
 from gateway.config.unitset import show_units
 from gateway.devices.device import DeviceSettings
@@ -34,7 +34,7 @@ from gateway.lines.settings import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import url
 from gateway.service.remembered import in_force
-from gateway.service.state import kept_in, state_folder
+from gateway.service.state import read_memory, state_folder
 
 _LONGEST_WAIT: Final = "Longest wait = max_wait + gap + longest request on the wire + its time limit."
 _LONGEST_WAIT_FOR_REPEATS: Final = "With retries it is max_wait + gap + retry_within, if that is longer."
@@ -151,7 +151,7 @@ def _idle(listener: ListenSettings) -> str:
 
 
 def _line(plan: LinePlan, whole: Plan) -> str:
-    timing, wire = plan.line.timing, foreseen(plan.line.wire, plan.port)
+    timing, wire = plan.line.timing, predict_wire(plan.line.wire, plan.port)
     units = _units(plan, whole)
     return "\n".join(
         [
@@ -212,7 +212,7 @@ def _round_up(seconds: float) -> str:
 def _server(server: ServerPlan, plan: Plan) -> str:
     line, timing = server.line, server.line.timing
     rows = [(str(unit), name, _round_up(wait)) for unit, (name, wait) in waits_behind(server, plan).items()]
-    silence, wire = _silence(line.silence_before_response), foreseen(line.wire, server.port)
+    silence, wire = _silence(line.silence_before_response), predict_wire(line.wire, server.port)
     return "\n".join(
         [
             f"Server line {line.name}: {server.port.port}",
@@ -286,7 +286,7 @@ def _remembered_as_json(plan: Plan) -> list[dict[str, Any]] | None:
 
 
 def _in_force(plan: Plan) -> Iterator[AddressRemembered | BaudRemembered]:
-    return in_force(plan, kept_in(state_folder()))
+    return in_force(plan, read_memory(state_folder()))
 
 
 def _describe_remembered(each: AddressRemembered | BaudRemembered) -> str:
@@ -345,7 +345,7 @@ def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
         "gap_ms": milliseconds(plan.line.silence_before_request),
         "turnaround_ms": milliseconds(plan.line.turnaround),
         "latency_ms": milliseconds(plan.latency),
-        "wire": foreseen(plan.line.wire, plan.port),
+        "wire": predict_wire(plan.line.wire, plan.port),
         "retries": plan.line.retries,
         "retry_within_ms": None if plan.line.retry_within is None else milliseconds(plan.line.retry_within),
         "rest_ms": None if plan.line.rest is None else milliseconds(plan.line.rest),
@@ -383,7 +383,7 @@ def _server_as_json(server: ServerPlan, plan: Plan) -> dict[str, Any]:
         "baud": timing.baud,
         "format": str(timing.format),
         "silence_before_response_ms": milliseconds(line.silence_before_response),
-        "wire": foreseen(line.wire, server.port),
+        "wire": predict_wire(line.wire, server.port),
         "on_failure": line.on_failure,
         "answer_within_ms": milliseconds(line.answer_within),
         "broadcast_to": server.broadcast_to,

@@ -15,7 +15,7 @@ from gateway.errors import DaemonError
 from gateway.service.control import SYSTEM_SOCKET, control_path
 
 #: How long the daemon may take to answer, in seconds. A reload may need 10 to read the file, 15 to look names up, 3 for
-#: requests that are under way, and 1.5 to close ports.
+#: requests that are in progress, and 1.5 to close ports.
 _PATIENCE: Final = 40.0
 #: What is shown instead of something that a daemon of another version does not tell.
 UNKNOWN: Final = "unknown"

@@ -186,5 +186,5 @@ async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tupl
             await ready.wait()
         yield running, verbs(running, reloader)
     finally:
-        stop.order("the demo ends")
+        stop.order("the demo is stopping")
         await serving

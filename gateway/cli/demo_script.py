@@ -80,12 +80,12 @@ PANEL_LINE: Final = (
 IMAGE: Final = '[[image]]\nunit = 200\nname = "shift-data"\nholding = 100\n'
 
 
-def _printed(unit: int, about: str, request: str, response: str, shows: str = "") -> Question:
+def _quote(unit: int, about: str, request: str, response: str, shows: str = "") -> Question:
     """A question in the frames of its document: unit identifier, PDU, CRC."""
     return Question(unit, about, request[3:-6], response[3:-6], shows, (request, response))
 
 
-FIRST_QUESTION: Final = _printed(
+FIRST_QUESTION: Final = _quote(
     41, "the weight on silo-1", "01 03 00 00 00 02 C4 0B", "01 03 04 45 9C 3D 51 FE 7D", "float32"
 )
 
@@ -93,25 +93,25 @@ CHAPTERS: Final = (
     Chapter(
         "Weighing transducers, RTU 9600 8E1: all frames in the manual",
         (
-            _printed(41, "its baud rate", "01 03 00 20 00 02 C5 C1", "01 03 04 46 16 00 00 0E BF", "float32"),
-            _printed(50, "its address, read at unit 0", "00 03 00 10 00 01 84 1E", "01 03 02 00 01 79 84", "uint16"),
-            _printed(42, "take zero", "01 10 1A 00 00 01 02 00 BB 5D E2", "01 10 1A 00 00 01 06 D1"),
-            _printed(42, "change to 19200", "01 10 02 00 00 02 04 46 96 00 00 1F AB", "01 10 02 00 00 02 40 70"),
-            _printed(42, "back to 9600", "01 10 02 00 00 02 04 46 16 00 00 1E 43", "01 10 02 00 00 02 40 70"),
-            _printed(42, "become unit 5", "01 10 01 00 00 01 02 00 05 76 93", "05 10 01 00 00 01 01 B1"),
-            _printed(42, "become unit 1 again", "05 10 01 00 00 01 02 00 01 45 90", "01 10 01 00 00 01 00 35"),
+            _quote(41, "its baud rate", "01 03 00 20 00 02 C5 C1", "01 03 04 46 16 00 00 0E BF", "float32"),
+            _quote(50, "its address, read at unit 0", "00 03 00 10 00 01 84 1E", "01 03 02 00 01 79 84", "uint16"),
+            _quote(42, "take zero", "01 10 1A 00 00 01 02 00 BB 5D E2", "01 10 1A 00 00 01 06 D1"),
+            _quote(42, "change to 19200", "01 10 02 00 00 02 04 46 96 00 00 1F AB", "01 10 02 00 00 02 40 70"),
+            _quote(42, "back to 9600", "01 10 02 00 00 02 04 46 16 00 00 1E 43", "01 10 02 00 00 02 40 70"),
+            _quote(42, "become unit 5", "01 10 01 00 00 01 02 00 05 76 93", "05 10 01 00 00 01 01 B1"),
+            _quote(42, "become unit 1 again", "05 10 01 00 00 01 02 00 01 45 90", "01 10 01 00 00 01 00 35"),
         ),
     ),
     Chapter(
         "V80 and PPC controllers, RTU 19200 8E1: all frames in the manual",
         (
-            _printed(46, "40108-40110", "06 03 00 6B 00 03 75 A0", "06 03 06 00 63 00 63 00 63 73 7A", "uint16"),
-            _printed(57, "coils 20-56", "11 01 00 13 00 25 0E 84", "11 01 05 CD 6B B2 0E 1B 45 E6", "bits"),
-            _printed(57, "40108-40110", "11 03 00 6B 00 03 76 87", "11 03 06 02 2B 00 00 00 64 C8 BA", "uint16"),
-            _printed(57, "coil 173 on", "11 05 00 AC FF 00 4E 8B", "11 05 00 AC FF 00 4E 8B"),
-            _printed(57, "40136 = 039E", "11 06 00 87 03 9E BA 2B", "11 06 00 87 03 9E BA 2B"),
-            _printed(57, "coils 20-29", "11 0F 00 13 00 0A 02 CD 00 7E CB", "11 0F 00 13 00 0A 26 99"),
-            _printed(57, "40136-7 = 10, 258", "11 10 00 87 00 02 04 00 0A 01 02 4E BA", "11 10 00 87 00 02 F3 71"),
+            _quote(46, "40108-40110", "06 03 00 6B 00 03 75 A0", "06 03 06 00 63 00 63 00 63 73 7A", "uint16"),
+            _quote(57, "coils 20-56", "11 01 00 13 00 25 0E 84", "11 01 05 CD 6B B2 0E 1B 45 E6", "bits"),
+            _quote(57, "40108-40110", "11 03 00 6B 00 03 76 87", "11 03 06 02 2B 00 00 00 64 C8 BA", "uint16"),
+            _quote(57, "coil 173 on", "11 05 00 AC FF 00 4E 8B", "11 05 00 AC FF 00 4E 8B"),
+            _quote(57, "40136 = 039E", "11 06 00 87 03 9E BA 2B", "11 06 00 87 03 9E BA 2B"),
+            _quote(57, "coils 20-29", "11 0F 00 13 00 0A 02 CD 00 7E CB", "11 0F 00 13 00 0A 26 99"),
+            _quote(57, "40136-7 = 10, 258", "11 10 00 87 00 02 04 00 0A 01 02 4E BA", "11 10 00 87 00 02 F3 71"),
         ),
     ),
     Chapter(

@@ -120,7 +120,7 @@ def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]
     place = _Place(args)
     points = _points(args.profile, place)
     with ExitStack() as open_parts:
-        told = open_parts.enter_context(_told_by_pymodbus())
+        told = open_parts.enter_context(_collect_pymodbus_log())
         client = (_tcp_client if args.tcp else _port_client)(args, place, open_parts)
         if not client.connect():
             raise DirectError(f"{args.tcp or args.port} cannot be reached: {_reason(told)}")
@@ -196,7 +196,7 @@ def _reason(told: list[str]) -> str:
 
 
 @contextmanager
-def _told_by_pymodbus() -> Iterator[list[str]]:
+def _collect_pymodbus_log() -> Iterator[list[str]]:
     """What pymodbus logs in the context. It gives reasons nowhere else, and nobody is to see them twice."""
     told: list[str] = []
     handler = logging.Handler()

@@ -49,10 +49,10 @@ def refuse_habits(verb: str, args: argparse.Namespace) -> None:
     """
     habits: Mapping[str, Any] = args.habits or {}
     if habits:
-        raise WrongUsageError(f"{', '.join(sorted(habits))}: that is mbpoll's way", _translated(verb, args, habits))
+        raise WrongUsageError(f"{', '.join(sorted(habits))}: that is mbpoll's way", _translate(verb, args, habits))
 
 
-def _translated(verb: str, args: argparse.Namespace, habits: Mapping[str, Any]) -> str:
+def _translate(verb: str, args: argparse.Namespace, habits: Mapping[str, Any]) -> str:
     """The command that mbpoll's options mean, as far as they say it; it counts from 1, unless -0 is there."""
     number, _, kind = str(habits.get("-t", "4")).partition(":")
     area, data_type = _AREAS.get(number, Area.HOLDING), _TYPES.get(kind, "")

@@ -14,7 +14,7 @@ from gateway.cli.reading import read_points
 from gateway.cli.unit import NoResponseError, Unit, add_unit_arguments, open_unit
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.cli.values import Outcome, as_json, frames_as_json, frames_as_text, picture, table
-from gateway.cli.words import Command, points_to_read
+from gateway.cli.words import Command, find_points
 from gateway.config.duration import parse_duration
 from gateway.profiles.point import Point
 
@@ -71,7 +71,7 @@ def _run(args: argparse.Namespace) -> int:
         raise WrongUsageError("which unit? It is missing", "modbus-gateway read UNIT; status lists the units")
     wanted, *words = args.words
     with open_unit(wanted, args) as unit:
-        points = points_to_read(Command("read", wanted, unit.points, args.swap), words)
+        points = find_points(Command("read", wanted, unit.points, args.swap), words)
         if args.interval is None and args.count is None:
             return _show(unit, points, args)
         return _show_repeatedly(unit, points, args)

@@ -31,7 +31,7 @@ from gateway.service.running import Running
 from gateway.service.shared_file import SharedFile
 from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
-from gateway.service.systemd import Notifier, inherited_sockets
+from gateway.service.systemd import Notifier, take_inherited_sockets
 from gateway.service.verbs import verbs
 from gateway.service.web import web_pages
 
@@ -108,7 +108,7 @@ async def _run(plan: Plan, file: Path, control: Path, state: _State, emit: event
             state.store.open()
 
     systemd, stop = Notifier(), Stop()
-    running = Running(rebuild(plan, None), emit, OpenSockets(inherited_sockets()), state.left_behind)
+    running = Running(rebuild(plan, None), emit, OpenSockets(take_inherited_sockets()), state.left_behind)
     reloader = Reloader(file, running, rebuild, systemd, prepare)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)

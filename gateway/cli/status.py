@@ -55,15 +55,15 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print(json.dumps(status, indent=None if args.watch else 2), flush=True)
         elif in_place:
-            print(end=_redrawn(picture(status, columns), rows), flush=True)
+            print(end=_redraw(show_status(status, columns), rows), flush=True)
         else:
-            print(picture(status, columns), end="\n\n" if args.watch else "\n", flush=True)
+            print(show_status(status, columns), end="\n\n" if args.watch else "\n", flush=True)
         if not args.watch:
             return FINE
         time.sleep(_WATCH_STEP)
 
 
-def _redrawn(text: str, rows: int) -> str:
+def _redraw(text: str, rows: int) -> str:
     """`text` over what stands on a terminal of so many rows."""
     lines = text.splitlines()
     if len(lines) >= rows:
@@ -71,10 +71,10 @@ def _redrawn(text: str, rows: int) -> str:
     return _HOME + "".join(f"{line}{_CLEAR_LINE}\n" for line in lines) + _CLEAR_BELOW
 
 
-def picture(status: Mapping[str, Any], width: int = 80) -> str:
+def show_status(status: Mapping[str, Any], width: int = 80) -> str:
     """The status as tables of so many characters, if names and addresses are not too long for that."""
     units = _rows(status, "units")
-    asked = [unit for unit in units or () if _cell(_was_asked, unit)]
+    asked = [unit for unit in units or () if _cell(_was_polled, unit)]
     shown = {**status, "units": None if units is None else asked}
     parts = [_table(title, _rows(shown, section), columns, width) for title, section, columns in _TABLES]
     parts.append(_notes(shown, width))
@@ -131,7 +131,7 @@ def _cell(column: _Column, row: Any) -> object:
         return UNKNOWN
 
 
-def _was_asked(unit: Mapping[str, Any]) -> bool:
+def _was_polled(unit: Mapping[str, Any]) -> bool:
     return bool(unit["counts"]["sent"] or unit["state"] != "fine" or count_failed(unit))
 
 
@@ -156,7 +156,7 @@ def _last_answer(unit: Mapping[str, Any]) -> str:
     return _age(unit["last_answer_ms"])
 
 
-def _asked_last(client: Mapping[str, Any]) -> str:
+def _show_last_request(client: Mapping[str, Any]) -> str:
     return _age(client["asked_ms"])
 
 
@@ -264,5 +264,5 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
     ("Images", "images", {"UNIT": "unit", "NAME": "name", "REQUESTS": "requests", "EXCEPTIONS": "exceptions"}),
     ("Mirrors", "mirrors", {"UNIT": "unit", "NAME": "name", "OF": "of", "REQUESTS": "requests", "AGES": _ages}),
     ("Listeners", "listeners", {"NAME": "name", "ADDRESS": "address", "CLIENTS": "clients", "REJECTED": "rejected"}),
-    ("Clients", "clients", {"CLIENT": "client", "LISTENER": "listener", "LAST": _asked_last}),
+    ("Clients", "clients", {"CLIENT": "client", "LISTENER": "listener", "LAST": _show_last_request}),
 )

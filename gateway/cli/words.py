@@ -40,7 +40,7 @@ class Assignment(NamedTuple):
     text: str
 
 
-def points_to_read(command: Command, words: Sequence[str]) -> list[Point]:
+def find_points(command: Command, words: Sequence[str]) -> list[Point]:
     """What is to be read: all points of the unit, some of them, or values at addresses.
 
     Raises:
@@ -53,22 +53,22 @@ def points_to_read(command: Command, words: Sequence[str]) -> list[Point]:
             raise WrongUsageError(what, command.like("holding", "0-9"))
         return found
     if words[0] not in set(Area):
-        return [_readable(_named(command, word, words), command) for word in words]
+        return [_require_readable(_find_point(command, word, words), command) for word in words]
     area, addresses, data_type = Area(words[0]), *_place(command, words)
     return _values(command, area, addresses, data_type)
 
 
-def assignments(command: Command, words: Sequence[str]) -> list[Assignment]:
+def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]:
     """What is to be written where: a value to a point, or values from an address on.
 
     Raises:
         WrongUsageError: the words mean nothing, or what is meant cannot be written.
     """
     if words and words[0] in set(Area):
-        return _assigned_to_addresses(command, words)
+        return _assign_to_addresses(command, words)
     if not words:
         raise WrongUsageError("it must be said what to write", _example(command))
-    point = _named(command, words[0], words)
+    point = _find_point(command, words[0], words)
     if point.write == "no":
         what = f"{point.name} is not to be written"
         raise WrongUsageError(what, "if it is, add write = true to the point in the config")
@@ -80,7 +80,7 @@ def assignments(command: Command, words: Sequence[str]) -> list[Assignment]:
     return [Assignment(point, words[1])]
 
 
-def _assigned_to_addresses(command: Command, words: Sequence[str]) -> list[Assignment]:
+def _assign_to_addresses(command: Command, words: Sequence[str]) -> list[Assignment]:
     area = Area(words[0])
     if area not in WRITERS:
         raise WrongUsageError(f"{area} cannot be written; coils and holding can", command.like("holding", "0", "1"))
@@ -174,13 +174,13 @@ def _check_type(command: Command, area: Area, data_type: str, words: Sequence[ob
         raise WrongUsageError("there is nothing to swap in bits", command.like(*words))
 
 
-def _readable(point: Point, command: Command) -> Point:
+def _require_readable(point: Point, command: Command) -> Point:
     if point.write == "only":
         raise WrongUsageError(f"{point.name} can be written, but not read", f"{command.like()} reads all that can be")
     return point
 
 
-def _named(command: Command, word: str, words: Sequence[str]) -> Point:
+def _find_point(command: Command, word: str, words: Sequence[str]) -> Point:
     """The point that is called so."""
     point = next((point for point in command.points if point.name == word), None)
     if point is not None:

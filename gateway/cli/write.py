@@ -11,7 +11,7 @@ from gateway.cli.reading import read_points
 from gateway.cli.unit import Unit, add_unit_arguments, open_unit
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
 from gateway.cli.values import Failure, Outcome, Reading, as_json, frames_as_json, frames_as_text, picture, table
-from gateway.cli.words import Assignment, Command, assignments
+from gateway.cli.words import Assignment, Command, find_assignments
 from gateway.errors import ExceptionCode
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
@@ -68,7 +68,7 @@ def _run(args: argparse.Namespace) -> int:
         raise WrongUsageError("which unit? It is missing", "modbus-gateway write UNIT; status lists the units")
     wanted, *words = args.words
     with open_unit(wanted, args) as unit:
-        assigned = assignments(Command("write", wanted, unit.points, args.swap), words)
+        assigned = find_assignments(Command("write", wanted, unit.points, args.swap), words)
         outcome = _write(unit, _readings(assigned), args)
         _print(unit, outcome, args)
     return PROBLEM_FOUND if outcome.failures else FINE

@@ -58,7 +58,7 @@ def check(
     """
     unbuilt = unbuilt_tables(config)
     looked_at = (*_look_at_ports(config, port_trouble), *_look_at_addresses(config, address_trouble))
-    misfits = (*_misfits(config, failed, real_path), *looked_at)
+    misfits = (*_check_all(config, failed, real_path), *looked_at)
     found = [problem for problem in misfits if not any(problem.path[: len(path)] == path for path in unbuilt)]
     found += check_built(config)
     yield from found
@@ -66,7 +66,7 @@ def check(
         yield from check_repeats(config)
 
 
-def _misfits(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
+def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
     yield from _check_content(config, failed)
     places = [*_check_binds(config), *_check_ports(config, real_path)]
     yield from places
@@ -107,12 +107,12 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
         if listener.name == CONTROL:
             yield error((*listener.path, "name"), f'"{CONTROL}" is what [[access]] calls the control socket')
     for called in (listeners, kept_open):
-        yield from _repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
-    yield from _repeated("name", ((image.label, image) for image in config.image))
-    yield from _repeated("name", (*_made_names(config).items(), *_given_names(config)))
+        yield from _find_repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
+    yield from _find_repeated("name", ((image.label, image) for image in config.image))
+    yield from _find_repeated("name", (*_generate_names(config).items(), *_list_names(config)))
 
 
-def _made_names(config: Config) -> dict[str, Table]:
+def _generate_names(config: Config) -> dict[str, Table]:
     """What the units are called that nobody has named. Where two are called alike, their lines or their units are."""
     lines = client_lines(config)
     made: dict[str, Table] = {name: line for line in lines if line.devices is None for name in line.all_device_names}
@@ -122,7 +122,7 @@ def _made_names(config: Config) -> dict[str, Table]:
     return made | {name: row for upstream, row in behind for name in upstream.unit_names(row)}
 
 
-def _given_names(config: Config) -> Iterator[tuple[str, Table]]:
+def _list_names(config: Config) -> Iterator[tuple[str, Table]]:
     for line in config.line:
         for row in line.devices or ():
             if row.name is not None:
@@ -157,7 +157,7 @@ def _check_ipv6(config: Config) -> Iterator[Problem]:
 
 
 def _check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Problem]:
-    yield from _repeated("port", ((_real(line, real_path), line) for line in config.line), "this port")
+    yield from _find_repeated("port", ((_real(line, real_path), line) for line in config.line), "this port")
 
 
 def _check_device_server(line: Line) -> Iterator[Problem]:
@@ -261,7 +261,7 @@ def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
                 yield error((*more.path, "time"), what, "more items cannot take less time")
 
 
-def _repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}"') -> Iterator[Problem]:
+def _find_repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}"') -> Iterator[Problem]:
     """Tables that use a value at `key` which an earlier table has taken. `what` says what that is."""
     taken: dict[Hashable, Table] = {}
     for value, table in uses:

@@ -66,7 +66,7 @@ def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> It
 
 def _this_machine(listen: Listen, config: Config) -> str:
     """From where programs on this machine come, as a row names it."""
-    networks = [own for own in LOOPBACK if not _why_nobody_comes(listen, own, _listeners(config))]
+    networks = [own for own in LOOPBACK if not _explain_unreachable(listen, own, _listeners(config))]
     return ", ".join(f'"{str(own).removesuffix("/128")}"' for own in networks)
 
 
@@ -109,12 +109,12 @@ def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
     listeners = _listeners(config)
     meant = [listen for listen in listeners if row.listen is None or listen.label in row.listen]
     for index, network in enumerate(row.networks or ()):
-        reasons = [_why_nobody_comes(listen, network, listeners) for listen in meant]
+        reasons = [_explain_unreachable(listen, network, listeners) for listen in meant]
         if reasons and all(reasons):
             yield warning((*row.path, "from", index), f"no client can connect from {network}: {reasons[0]}")
 
 
-def _why_nobody_comes(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
+def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
     """Why no client from `network` can connect to a listener; empty when one can."""
     bind, version = listen.bind, listen.bind.ip_version
     if bind.is_loopback and not any(_overlap(network, own) for own in LOOPBACK):

@@ -27,11 +27,11 @@ def _check(line: Line, needed: float) -> Iterator[Problem]:
     if not line.retries:
         yield warning(path, "means nothing without retries", "add retries = 1, or leave it out")
     elif line.retry_within < needed:
-        what = f"is too short for one repeat after silence (needs {show_duration(_rounded_up(needed))})"
+        what = f"is too short for one repeat after silence (needs {show_duration(_round_up(needed))})"
         remedy = "make it longer, or timeout or late_window shorter; otherwise only damaged responses are repeated"
         yield warning(path, what, remedy)
 
 
-def _rounded_up(seconds: float) -> float:
+def _round_up(seconds: float) -> float:
     """To what `show_duration` shows in full."""
     return ceil(seconds) if seconds > 10 else ceil(seconds * 100) / 100

@@ -60,7 +60,9 @@ def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
     longest = max(one.request + one.most_items for one in limits)
     if plan.line.retries:
-        longest = max([longest, *(_repeated(one, plan.line, device) for one in limits if _is_repeated(one.function))])
+        longest = max(
+            [longest, *(_add_repeats(one, plan.line, device) for one in limits if _is_repeated(one.function))]
+        )
     return plan.line.max_wait + plan.line.silence_before_request + longest
 
 
@@ -104,7 +106,7 @@ def _is_repeated(function: int | None) -> bool:
     return function is None or function in READING_FUNCTIONS
 
 
-def _repeated(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
+def _add_repeats(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
     """From the first sending of a read until its last one has failed."""
     within = line.retry_within
     if within is not None:

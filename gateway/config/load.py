@@ -44,7 +44,7 @@ _SINGLES: Final[Mapping[str, type[Table]]] = {"web": Web, "control": Control, "l
 _PROFILE: Final = "profile"
 
 #: Keys that nothing else in a file refers to. A table of which only these are wrong is still compared with the others.
-_OF_NO_CONCERN: Final = frozenset(
+_NOT_REFERRED_TO: Final = frozenset(
     {
         *("baud", "format", "rs485", "echo", "latency", "timeout", "gap", "turnaround", "late_window", "queue"),
         *("max_wait", "retries", "retry_within", "rest", "wire", "coalesce", "broadcast", "priority"),
@@ -76,14 +76,14 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
         text = FilePath(path).read_bytes().decode("utf-8")
     except UnicodeDecodeError as wrong:
         line = wrong.object.count(b"\n", 0, wrong.start) + 1
-        return _hopeless(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
+        return _fail(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
     except FileNotFoundError:
-        return _hopeless(
+        return _fail(
             error((), "there is no such file", "create it, or give another file after the command"), file, 0, 0
         )
     except OSError as wrong:
         remedy = f"sudo chmod 644 {file}" if isinstance(wrong, PermissionError) else ""
-        return _hopeless(error((), f"cannot be read: {wrong.strerror}", remedy), file, 0, 0)
+        return _fail(error((), f"cannot be read: {wrong.strerror}", remedy), file, 0, 0)
     return parse(text, file, address_trouble=address_trouble)
 
 
@@ -101,13 +101,13 @@ def parse(
         positions = Positions(text)
     except ValueError as wrong:  # mostly a TOMLDecodeError; a number of 5000 digits is not
         problem = syntax_problem(wrong, text)
-        return _hopeless(problem, file, problem.line, problem.column)
+        return _fail(problem, file, problem.line, problem.column)
     except RecursionError:
-        return _hopeless(error((), "is nested too deeply"), file)
+        return _fail(error((), "is nested too deeply"), file)
     reader = _Reader(document, positions, FilePath(file).name)
     config = reader.config()
     found = [*reader.problems, *check(config, frozenset(reader.failed), port_trouble, real_path, address_trouble)]
-    problems = [_located(one, positions, file, document) for one in dict.fromkeys(found)]
+    problems = [_locate(one, positions, file, document) for one in dict.fromkeys(found)]
     problems.sort(key=lambda one: (one.line, one.column))
     has_error = any(one.severity == "error" for one in problems)
     return Loaded(None if has_error else config, tuple(problems))
@@ -223,7 +223,7 @@ class _Reader:
 def _without(wrong: ValidationError, raw: object, model: type[Table]) -> Table | None:
     """The table without what is wrong in it, as far as that is of no concern to others."""
     found = wrong.errors(include_url=False)
-    if not isinstance(raw, dict) or any(one["loc"][-1:] and one["loc"][-1] not in _OF_NO_CONCERN for one in found):
+    if not isinstance(raw, dict) or any(one["loc"][-1:] and one["loc"][-1] not in _NOT_REFERRED_TO for one in found):
         return None
     rest = deepcopy(raw)
     for one in found:
@@ -235,7 +235,7 @@ def _without(wrong: ValidationError, raw: object, model: type[Table]) -> Table |
     return model.model_validate(rest)
 
 
-def _located(problem: Problem, positions: Positions, file: str, document: dict[str, Any]) -> Problem:
+def _locate(problem: Problem, positions: Positions, file: str, document: dict[str, Any]) -> Problem:
     place = positions.key(problem.path) if problem.on_key else positions.value(problem.path)
     return problem.located(file, *place, _name(problem.path, document))
 
@@ -249,5 +249,5 @@ def _name(path: Path, document: dict[str, Any]) -> str:
     return name if isinstance(name, str) else ""
 
 
-def _hopeless(problem: Problem, file: str, line: int = 1, column: int = 1) -> Loaded:
+def _fail(problem: Problem, file: str, line: int = 1, column: int = 1) -> Loaded:
     return Loaded(None, (problem.located(file, line, column),))

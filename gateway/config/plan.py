@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from gateway.config.address import Address
 from gateway.config.points import points_of
-from gateway.config.ranges import joined_ranges
+from gateway.config.ranges import join_ranges
 from gateway.config.schema import Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
@@ -406,7 +406,7 @@ def _mirror(image: Image, device: DeviceSettings) -> MirrorSettings:
     polls = tuple(
         Poll(area, first, last, row.every) for row in image.read for area in Area for first, last in row.ranges(area)
     )
-    areas = {area: joined_ranges((poll.first, poll.last) for poll in polls if poll.area is area) for area in Area}
+    areas = {area: join_ranges((poll.first, poll.last) for poll in polls if poll.area is area) for area in Area}
     return MirrorSettings(
         image.unit, image.label, device.name, device.profile, polls, areas, image.stale, source=image.source
     )

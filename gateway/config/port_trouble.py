@@ -24,7 +24,7 @@ def port_trouble(path: str) -> str | None:
     return None
 
 
-def foreseen(wire: Wire, port: PortSettings) -> Wire:
+def predict_wire(wire: Wire, port: PortSettings) -> Wire:
     """What `wire` will be on this port; `auto` while a serial port is not there."""
     virtual = True  # a device server carries bytes at once
     if isinstance(port, SerialSettings):

@@ -21,7 +21,7 @@ def parse_ranges(value: object) -> tuple[Range, ...]:
     """
     if isinstance(value, int) and not isinstance(value, bool):
         return _from_zero(value)
-    return joined_ranges([_parse_range(part) for part in (value if isinstance(value, list) else [value])])
+    return join_ranges([_parse_range(part) for part in (value if isinstance(value, list) else [value])])
 
 
 def show_ranges(ranges: tuple[Range, ...]) -> str:
@@ -29,7 +29,7 @@ def show_ranges(ranges: tuple[Range, ...]) -> str:
     return ", ".join(f"{first}-{last}" for first, last in ranges) or "none"
 
 
-def joined_ranges(ranges: Iterable[Range]) -> tuple[Range, ...]:
+def join_ranges(ranges: Iterable[Range]) -> tuple[Range, ...]:
     """The same addresses, ascending, ranges that touch joined."""
     joined: list[Range] = []
     for first, last in sorted(ranges):

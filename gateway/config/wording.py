@@ -90,7 +90,7 @@ def syntax_problem(found: ValueError, text: str) -> Problem:
         return error((), str(found))
     lines = text.split("\n")
     line, column = (int(match[2]), int(match[3])) if match[2] else (len(lines), len(lines[-1]) + 1)
-    return _in_words(match[1], lines[line - 1]).located("", line, column)
+    return _explain(match[1], lines[line - 1]).located("", line, column)
 
 
 def keys_of(model: type[Table]) -> list[str]:
@@ -137,7 +137,7 @@ def _model_at(model: type[Table], loc: Path) -> type[Table]:
     return model
 
 
-def _in_words(what: str, line: str) -> Problem:
+def _explain(what: str, line: str) -> Problem:
     twice = _DECLARED_TWICE.match(what)
     if twice is not None:
         return error((), f"[{twice[1]}] is there twice", f"write [[{twice[1]}]] if there are several")

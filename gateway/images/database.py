@@ -104,7 +104,7 @@ def open_database(folder: Path) -> Opened:
         folder.mkdir(parents=True, exist_ok=True)
         return _open(file)
     except sqlite3.Error as error:
-        raise StateError(_kept_from_us(file) or f"{file}: {error}{_advice(error)}") from error
+        raise StateError(_explain_permission(file) or f"{file}: {error}{_advice(error)}") from error
     except OSError as error:
         raise StateError(f"{file}: {error.strerror}; images that persist need a folder to write in") from error
 
@@ -119,7 +119,7 @@ def _advice(error: sqlite3.Error) -> str:
     return ""
 
 
-def _kept_from_us(file: Path) -> str:
+def _explain_permission(file: Path) -> str:
     """Whether it is the permission that is missing, and for what."""
     for part in filter(Path.exists, _parts(file)):
         if not os.access(part, os.R_OK | os.W_OK, effective_ids=True):
@@ -134,17 +134,17 @@ def _parts(file: Path) -> Iterator[Path]:
 def _open(file: Path) -> Opened:
     items: list[Item] = []
     try:
-        database = _take_in(file, items)
+        database = _load(file, items)
     except sqlite3.OperationalError:  # in use, no permission, disk full: the file may be good
         raise
     except sqlite3.DatabaseError as error:
-        return _open_anew(file, items, str(error))
+        return _recreate(file, items, str(error))
     return Opened(database, tuple(items))
 
 
-def _open_anew(file: Path, items: list[Item], damage: str) -> Opened:
+def _recreate(file: Path, items: list[Item], damage: str) -> Opened:
     aside = _move_aside(file)
-    database = _take_in(file, [])
+    database = _load(file, [])
     database.write(items)
     return Opened(database, tuple(items), f"{damage}; it is now {aside}; {len(items)} values of it could be read")
 
@@ -157,7 +157,7 @@ def _move_aside(file: Path) -> Path:
     return aside
 
 
-def _take_in(file: Path, items: list[Item]) -> Database:
+def _load(file: Path, items: list[Item]) -> Database:
     """Open `file` and read it into `items`.
 
     Raises:

@@ -73,7 +73,7 @@ class Mirror:
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """A client's request has been through to the device, with this response; None when it has none."""
-        if not only_reads(request.pdu) and response is not None and not _had_no_effect(response):
+        if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
             self._polling.changed(parse_request(request.pdu).write, now)
         self._rows[request.origin.client].under_way -= 1
         if response is None:
@@ -190,6 +190,6 @@ class _Passed:
         self._poller.passed(self._original, pdu)
 
 
-def _had_no_effect(response: bytes) -> bool:
+def _has_no_effect(response: bytes) -> bool:
     """Whether it is an exception that says that nothing was written."""
     return bool(response[0] & EXCEPTION_BIT) and response[1] in _WITHOUT_EFFECT

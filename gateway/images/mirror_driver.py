@@ -15,7 +15,7 @@ from gateway.request import Request
 class MirrorDriver:
     """A Target that hands requests and time to its `mirror`, and the origin of the mirror's polls.
 
-    An error that nobody foresaw ends here: it is told, the request that met it fails, and polling goes on.
+    An unexpected error ends here: it is logged, the request that met it fails, and polling goes on.
     """
 
     host = ""

@@ -1,4 +1,4 @@
-"""What a mirror knows of one range that it polls: how old its values are, and whether a poll is under way.
+"""What a mirror knows of one range that it polls: how old its values are, and whether a poll is in progress.
 
 Order is counted in writes: `writes` is always how many writes to the device have ended so far. An answer shows all that
 had ended when its poll was asked. Of those that ended later it may show nothing, because requests may go to the device
@@ -15,7 +15,7 @@ class PolledRange:
     def __init__(self, poll: Poll, due_at: float) -> None:
         self.poll = poll
         self.due_at = due_at
-        #: Its poll is under way; reads wait for that while nothing is known; the device has refused it.
+        #: Its poll is in progress; reads wait for that while nothing is known; the device has refused it.
         self.is_asked = False
         self.is_awaited = True
         self.is_refused = False
@@ -33,7 +33,7 @@ class PolledRange:
         return Span(self.poll.area, self.poll.first, self.poll.last + 1 - self.poll.first)
 
     def asked(self, now: float, writes: int) -> None:
-        """Its poll is under way."""
+        """Its poll is in progress."""
         self.is_asked, self._asked_at, self._asked_after = True, now, writes
 
     def answered(self) -> None:

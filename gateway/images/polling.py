@@ -20,7 +20,7 @@ from gateway.request import Origin, Request
 _REFUSALS: Final = frozenset({2, 3, 4})
 #: How long until a poll is tried again that was not sent, because the line has no port or is busy; in seconds.
 UNSENT_PAUSE: Final = 0.25
-#: So many polls of a mirror are under way or wait. More would only take the places of clients.
+#: So many polls of a mirror are in progress or wait. More would only take the places of clients.
 MOST_POLLS: Final = 16
 
 

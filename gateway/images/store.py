@@ -66,14 +66,14 @@ class Store:
         if self._database is not None:
             return
         self._database, items, damage = open_database(self._folder)
-        self._has_kept(((item.image, item.area, item.address), item.value) for item in items)
+        self._mark_saved(((item.image, item.area, item.address), item.value) for item in items)
         if damage:
             self._emit(StateDamaged(self._file, damage))
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
         """The present values of `image` by area and address: what is kept, and what is to be."""
         present = {area: dict(self._kept[image, area]) for area in Area}
-        for (name, area, address), value in self._not_kept_yet():
+        for (name, area, address), value in self._list_unsaved():
             if name == image:
                 present[area][address] = value
         return present
@@ -103,19 +103,19 @@ class Store:
         """Write what is not kept yet. Nothing more is kept."""
         if self._database is None:
             return
-        rest = [Item(*place, value) for place, value in dict(self._not_kept_yet()).items()]
+        rest = [Item(*place, value) for place, value in dict(self._list_unsaved()).items()]
         closing = ThreadPerCall("close images").submit(_close, self._database, rest)
         try:
             closing.result(CLOSING_DEADLINE)
         except Exception as error:  # noqa: BLE001 - the end of the service must not hang on a disk, nor on its error
             self._emit(StateNotKept(self._file, str(error) or "the disk takes too long"))
 
-    def _not_kept_yet(self) -> Iterator[tuple[_Place, int]]:
+    def _list_unsaved(self) -> Iterator[tuple[_Place, int]]:
         """What is being written or will be, in the order in which it came."""
         being_written = self._batch.values if self._batch else {}
         return chain(being_written.items(), self._next.values.items())
 
-    def _has_kept(self, values: Iterable[tuple[_Place, int]]) -> None:
+    def _mark_saved(self, values: Iterable[tuple[_Place, int]]) -> None:
         for (image, area, address), value in values:
             self._kept[image, area][address] = value
 
@@ -148,7 +148,7 @@ class Store:
         if error is not None:
             self._refuse(batch)
             return
-        self._has_kept(batch.values.items())
+        self._mark_saved(batch.values.items())
         self._write()
         for done in batch.told:
             done(True)
@@ -168,7 +168,7 @@ class Store:
             self._refuses = False
 
     def _tell(self, error: BaseException | None) -> None:
-        """Trouble is told when it begins and when it ends."""
+        """A failure is logged when it begins and when it ends."""
         if error is not None and not self._fails:
             self._emit(StateNotKept(self._file, str(error)))
         if error is None and self._fails:

@@ -1,1 +1,1 @@
-"""Upstream: where clients connect, and their sessions."""
+"""The gateway's listeners and the sessions of their clients."""

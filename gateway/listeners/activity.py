@@ -1,4 +1,4 @@
-"""How often a client asks, and whether it still does."""
+"""At what interval a client sends requests, and whether it still does."""
 
 from dataclasses import dataclass
 from typing import Final, Protocol
@@ -6,11 +6,11 @@ from typing import Final, Protocol
 from gateway.listeners.session import NEVER
 from gateway.routing.access import Rights
 
-#: Who has left so many seconds between two requests has shown its interval. Listeners look at their clients more often.
+#: A pause of so many seconds between two requests shows a client's interval. Listeners look more often than that.
 PAUSE: Final = 0.4
-#: Who asks more often has shown it after so many seconds on a connection. Until then its interval counts as no shorter.
+#: A client that polls faster shows its interval after so many seconds on one connection. Until then it counts as this.
 ORDINARY: Final = 1.0
-#: Who has been silent for so many of its intervals does not ask as usual any more.
+#: A client that is silent for more than this many of its intervals has stopped.
 PATIENCE: Final = 2.0
 
 
@@ -23,37 +23,37 @@ class Client(Protocol):
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of it is under way."""
+        """Whether it has no request in progress."""
 
     @property
     def last_asked(self) -> float:
-        """When it asked last, in seconds of the loop's clock, or NEVER."""
+        """When it last sent a request, in seconds of the loop's clock, or NEVER."""
 
 
 @dataclass(slots=True)
 class Activity:
-    """What looks at a client every now and then have shown. `origin` is what counts as its address.
+    """What is known of a client from periodic looks at it. `origin` is what counts as its address.
 
-    `longest` is the longest time that it has lately left between two requests, 0.0 while it has not asked twice. It is
-    forgotten once the client has asked for twice as long without another. `interval` is at what interval it asks: a few
-    requests in a moment do not tell, the next one may come much later.
+    `longest` is the longest recent time between two requests, 0.0 before the second one. It is forgotten after twice
+    that time without such a pause. `interval` is the polling interval: a few requests at once do not show it, because
+    the next one may come much later.
 
-    `began_at` is when it first asked, on the connection on which its interval was shown or will be.
+    `began_at` is when it sent its first request on the connection that shows its interval.
     """
 
     origin: str
-    #: When it came, asked last, or was last seen with a request under way.
+    #: When it connected, last sent a request, or was last seen with one in progress.
     active_at: float
     began_at: float = NEVER
     asked_at: float = NEVER
     longest: float = 0.0
     interval: float = ORDINARY
-    #: By which rights `is_named` was found: looking up a thousand clients takes milliseconds.
+    #: The rights that `is_named` was found with: looking up a thousand clients takes milliseconds.
     rights: Rights | None = None
     is_named: bool = False
 
     def look(self, client: Client, now: float) -> None:
-        """Take in what the client has done since the last look."""
+        """Update this from what the client has done since the last look."""
         last_asked = client.last_asked
         if last_asked > self.asked_at:
             self._has_asked(last_asked)
@@ -68,28 +68,28 @@ class Activity:
 
     @property
     def was_served(self) -> bool:
-        """Whether it has asked: who has no request under way then was answered."""
+        """Whether it has sent a request. If none is in progress, it was answered."""
         return self.asked_at > NEVER
 
     @property
     def is_known(self) -> bool:
-        """Whether it has shown at what interval it asks."""
+        """Whether its interval is known."""
         return self.longest >= PAUSE or self._has_asked_for_long
 
     def has_stopped(self, now: float) -> bool:
-        """Whether it has been silent for longer than it usually is."""
+        """Whether it has been silent for longer than usual."""
         return now - self.active_at >= PATIENCE * max(self.interval, PAUSE)
 
     def is_usual(self, now: float) -> bool:
-        """Whether it asks as it usually does, which is known."""
+        """Whether its interval is known and it keeps to it."""
         return self.is_known and not self.has_stopped(now)
 
     def order(self, now: float) -> tuple[bool, bool, float]:
-        """For comparing: the greatest is the first to make room."""
+        """The sort key: the client with the greatest is replaced first."""
         return not self.was_served, self.has_stopped(now), (now - self.active_at) / self.interval
 
     def come_back(self, now: float) -> None:
-        """It has connected again. Who was closed before its interval was known shows that anew."""
+        """It has connected again. If its interval was not known, it is measured anew."""
         self.active_at = now
         if not self._has_asked_for_long:
             self.began_at = NEVER

@@ -1,14 +1,14 @@
-"""Whom a listener lets in, and who makes room for another client.
+"""Which clients a listener accepts, and which one it closes for a new one when it is full.
 
-When there is no place, the first of these is closed, and nobody who has a request under way:
+A full listener closes the first of these that has no request in progress:
 
-1. who is from the address with most connections, as long as others have fewer;
-2. who was never served;
-3. who has stopped asking as it usually does;
-4. whose interval is not known yet; of these, as of those before, who has been silent for most of its own intervals.
+1. a client of the address with most connections, if others have fewer;
+2. one that was never served;
+3. one that has stopped polling at its usual interval;
+4. one whose interval is not known yet. Among equals, the one that has been silent for most of its intervals.
 
-All others ask as usual, and stay. Nobody goes for an address that has more connections already: whoever floods a
-listener only drives out itself. If nobody may go, the one who comes is sent away.
+All others poll as usual and stay. No client is closed for an address that already has more connections, so a flooding
+host replaces only its own. If none can be closed, the new client is rejected.
 """
 
 from collections import Counter
@@ -20,14 +20,16 @@ from gateway.listeners.activity import Activity, Client
 from gateway.listeners.session import ListenSettings
 from gateway.routing.access import Rights
 
-#: Why a client is closed that was well.
+#: Why a healthy client is closed.
 MADE_ROOM: Final = "made room for another client"
-#: Why a client is sent away before a byte of it is read.
+#: Why a client is rejected before anything is read from it.
 NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
-ALL_BUSY: Final = "too many clients, and all of them have requests under way"
-NOBODY_GOES: Final = "too many clients; those without a request ask as usual, or their addresses have fewer connections"
+ALL_BUSY: Final = "too many clients, and all of them have requests in progress"
+NONE_REPLACEABLE: Final = (
+    "too many clients; those without a request poll as usual, or their addresses have fewer connections"
+)
 
-#: So many activities are remembered of addresses that have left, for so many seconds: a client that comes back goes on.
+#: How many activities of disconnected addresses are kept, and for how many seconds: a client that returns continues.
 MOST_REMEMBERED: Final = 1000
 MEMORY: Final = 600.0
 
@@ -35,15 +37,15 @@ AnyClient = TypeVar("AnyClient", bound=Client)
 
 
 class Admission(Generic[AnyClient]):
-    """The clients of one listener, and those that were. Times are of the loop's clock.
+    """The present and recent clients of one listener. Times are of the loop's clock.
 
-    `origin_of` tells what counts as the address of a client from a host, at a time.
+    `origin_of` returns what counts as the address of a client from a host, at a time.
     """
 
     def __init__(self, origin_of: Callable[[str, float], str]) -> None:
         self._origin_of = origin_of
         self._activities: dict[AnyClient, Activity] = {}
-        #: Those of addresses that have left, by origin; who left first is the first.
+        #: Those of disconnected addresses by origin, in the order in which they left.
         self._left: dict[str, Activity] = {}
 
     def __len__(self) -> int:
@@ -53,7 +55,7 @@ class Admission(Generic[AnyClient]):
         return iter(list(self._activities))
 
     def enter(self, client: AnyClient, now: float) -> None:
-        """A client has come in."""
+        """A client has connected."""
         origin = self._origin_of(client.host, now)
         activity = self._left.pop(origin, None)
         if activity is None or now - activity.active_at > MEMORY:
@@ -62,7 +64,7 @@ class Admission(Generic[AnyClient]):
         self._activities[client] = activity
 
     def leave(self, client: AnyClient, now: float) -> None:
-        """A client has gone, or is going; one that has gone already may go again."""
+        """A client has disconnected or is being closed; may be called twice."""
         activity = self._activities.pop(client, None)
         if activity is None:
             return
@@ -74,28 +76,28 @@ class Admission(Generic[AnyClient]):
             del self._left[next(iter(self._left))]
 
     def look(self, now: float) -> None:
-        """Look at what everybody does; to be called every now and then, whoever comes."""
+        """Look at every client; called periodically."""
         for client, activity in self._activities.items():
             activity.look(client, now)
 
     def refusal(
         self, host: str, rights: Rights, settings: ListenSettings, now: float, dismiss: Callable[[AnyClient], None]
     ) -> str:
-        """Why a client from `host` is not let in; empty when there is a place, perhaps that of one who is dismissed."""
+        """Why a client from `host` is rejected; empty if it is accepted, perhaps after another one was closed."""
         if not rights.admits(host):
             return NO_RIGHTS
         self.look(now)
-        rivals = self._rivals(host, rights, settings)
-        if rivals is None:
+        candidates = self._find_candidates(host, rights, settings)
+        if candidates is None:
             return ""
-        first = self._first_to_go(rivals, self._origin_of(host, now), now)
+        first = self._choose_candidate(candidates, self._origin_of(host, now), now)
         if first is None:
-            return NOBODY_GOES if any(client.is_idle for client in rivals) else ALL_BUSY
+            return NONE_REPLACEABLE if any(client.is_idle for client in candidates) else ALL_BUSY
         dismiss(first)
         return ""
 
-    def _rivals(self, host: str, rights: Rights, settings: ListenSettings) -> list[AnyClient] | None:
-        """Those of whom one has to go for a client from `host`; None as long as there is a place."""
+    def _find_candidates(self, host: str, rights: Rights, settings: ListenSettings) -> list[AnyClient] | None:
+        """The clients of which one must be closed for a client from `host`; None if the listener is not full."""
         if settings.reserve and not rights.names(host):
             unnamed = [
                 client for client, activity in self._activities.items() if not activity.is_named_by(rights, client.host)
@@ -104,13 +106,13 @@ class Admission(Generic[AnyClient]):
                 return unnamed
         return list(self) if len(self) >= settings.clients else None
 
-    def _first_to_go(self, rivals: list[AnyClient], origin: str, now: float) -> AnyClient | None:
-        """Who goes for a client from `origin`, which has its connections without the one that comes."""
+    def _choose_candidate(self, candidates: list[AnyClient], origin: str, now: float) -> AnyClient | None:
+        """The client to close for one from `origin`; the new connection is not counted yet."""
         share = Counter(activity.origin for activity in self._activities.values())
         own = share[origin]
         fewest = min([*share.values(), own + 1])
         may_go: list[tuple[tuple[int, bool, bool, float], AnyClient]] = []
-        for client in rivals:
+        for client in candidates:
             activity = self._activities[client]
             has = share[activity.origin]
             if client.is_idle and has >= own and (has > fewest or not activity.is_usual(now)):

@@ -1,4 +1,4 @@
-"""What arrives from a client of RTU or ASCII over TCP: bytes, cut into requests, and which of these came together."""
+"""Cuts the bytes of a client of RTU or ASCII over TCP into requests, and tells which of them were sent together."""
 
 from collections import deque
 from typing import Final, NamedTuple
@@ -8,17 +8,17 @@ from gateway.modbus.codes import MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.rtu import RtuFramer
 
-#: The silence that ends an RTU frame of unknown size, and whatever is no frame, in seconds. Longer than a network holds
-#: back the second half of a frame (the first repetition of a lost segment comes after 200 ms).
+#: The silence that ends an RTU frame of unknown size, or noise, in seconds. A network delays the second half of a frame
+#: by less (TCP first repeats a lost segment after 200 ms).
 SILENCE: Final = 0.25
-#: Requests that come within so many seconds were sent together: no client's time-out is so short.
+#: Requests that arrive within this many seconds were sent together: no client's time-out is so short.
 TOGETHER: Final = 0.05
-#: What is received at once.
+#: The most that is received at once.
 _BUFFER: Final = 2 * MAX_RTU_ADU
 
 
 class Arrived(NamedTuple):
-    """A request, and when its last byte came."""
+    """A request, and when its last byte arrived."""
 
     frame: Frame
     at: float
@@ -27,8 +27,8 @@ class Arrived(NamedTuple):
 class Arrivals:
     """The bytes of one client, and the requests in them. Times in seconds, of one clock.
 
-    Bytes are taken as they come (`filled`) and cut into frames when the session looks at them (`cut`). While nothing is
-    read (`stop`) the framer's time stands still: how long what comes afterwards has been waiting, nobody knows.
+    Bytes are stored as they arrive (`filled`) and cut into frames when the session asks for them (`cut`). While nothing
+    is read (`stop`), the framer's clock stands still: it is unknown how long the bytes read next have been waiting.
     """
 
     __slots__ = (
@@ -40,14 +40,14 @@ class Arrivals:
         self._framer = AsciiFramer() if scheme == "ascii+tcp" else RtuFramer(SILENCE)
         self._buffer = memoryview(bytearray(_BUFFER))
         self._uncut = b""
-        #: The pieces with the bytes that are no frame yet, and when each came.
+        #: The pieces with bytes that are not part of a complete frame, and when each arrived.
         self._pieces: deque[tuple[bytes, float]] = deque()
         #: Bytes since the last request.
         self.noise = 0
-        #: When the last bytes came; until when requests were sent together with the one before.
+        #: When the last bytes arrived; until when a request counts as sent together with the one before.
         self._heard_at = now
         self._together_until = now
-        #: Since when nothing is read; and how far the framer's time is behind because of that.
+        #: Since when nothing is read; how far the framer's clock is behind because of that.
         self._stopped_at: float | None = None
         self._behind = 0.0
 
@@ -65,14 +65,14 @@ class Arrivals:
         self._uncut += bytes(self._buffer[:count])
 
     def ended(self, now: float) -> list[Arrived]:
-        """Let time pass; the frames that silence has ended before what is not cut yet came."""
+        """Let time pass; the frames that were ended by a silence before the bytes that are not cut yet."""
         ends_at = self._framer.deadline()
         if ends_at is None or now < ends_at + self._behind:
             return []
-        return self._arrived(self._framer.tick(ends_at))  # `now - behind` may be rounded to just before it, for ever
+        return self._add_times(self._framer.tick(ends_at))  # `now - behind` may always be rounded to just before it
 
     def cut(self, now: float) -> list[Arrived]:
-        """The frames that are complete with the bytes that have come."""
+        """The frames that are now complete."""
         data = self._uncut
         if not data:
             return []
@@ -81,53 +81,53 @@ class Arrivals:
         self.noise += len(data)
         if isinstance(self._framer, RtuFramer):  # ASCII frames end with the piece in which they are found
             self._pieces.append((data, now))
-        return self._arrived(self._framer.received(data, now - self._behind))
+        return self._add_times(self._framer.received(data, now - self._behind))
 
     @property
     def has_begun_later(self) -> bool:
-        """Whether bytes that are no request, or none yet, came later than the last request and what came with that."""
+        """Whether bytes that are not a request, or not yet, arrived later than the last request and its companions."""
         return self.noise > 0 and self._heard_at > self._together_until
 
     def came_together(self, at: float) -> bool:
-        """Whether the request that came at that time came together with the one before; asked once of each."""
+        """Whether the request that arrived at `at` was sent together with the one before; called once for each."""
         is_together = at <= self._together_until
         self._together_until = max(self._together_until, at + TOGETHER)
         return is_together
 
     def deadline(self) -> float | None:
-        """When silence ends something, or None."""
+        """When a silence will end something, or None."""
         ends_at = self._framer.deadline()
         return None if ends_at is None else ends_at + self._behind
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """The ADU as this client reads it."""
+        """The ADU in this client's framing."""
         return self._framer.encode(unit, pdu)
 
     def stop(self, now: float) -> None:
-        """Nothing is read from now on: the client waits for us."""
+        """Reading stops: from now on the client waits for the gateway."""
         if self._stopped_at is None:
             self._stopped_at = now
 
     def go_on(self, now: float) -> None:
-        """It is read again. What has waited because of us is not late."""
+        """Reading continues. Bytes that waited for the gateway are not late."""
         if self._stopped_at is not None:
             self._behind += now - self._stopped_at
             self._together_until = now + TOGETHER
             self._stopped_at = None
 
-    def _arrived(self, frames: list[Frame]) -> list[Arrived]:
-        """When each frame that was found now came. Behind noise they are found long after that."""
+    def _add_times(self, frames: list[Frame]) -> list[Arrived]:
+        """Add to each frame when it arrived. Behind noise, a frame is found long after that."""
         if frames:
             self.noise = self._framer.behind
         if len(self._pieces) > 1 and frames:
-            arrived = self._look_up(frames)
+            arrived = self._locate(frames)
         else:
             arrived = [Arrived(frame, self._heard_at) for frame in frames]
         self._forget_finished()
         return arrived
 
-    def _look_up(self, frames: list[Frame]) -> list[Arrived]:
-        """The same, of frames in more than one piece."""
+    def _locate(self, frames: list[Frame]) -> list[Arrived]:
+        """The same for frames that arrived in several pieces."""
         heard = b"".join(data for data, _ in self._pieces)
         pieces = iter(self._pieces)
         arrived = []

@@ -1,19 +1,19 @@
-"""Why no request is taken from a client for the moment, though it has sent some."""
+"""Why a client's requests are not read at the moment."""
 
 from typing import Final
 
-#: How long no request is taken from a client when a line had no room for one of its requests, in seconds: at first, and
-#: at most. Each such refusal doubles it, any other answer shortens it to so much of it.
+#: How long a client is not read after the queue of a line refused one of its requests, in seconds: at first, and at
+#: most. Each such refusal doubles it; any other response multiplies it by this.
 SHORTEST_HOLD: Final = 0.002
 LONGEST_HOLD: Final = 0.128
 HOLD_RECOVERS: Final = 0.8
 
 
 class BackPressure:
-    """The client does not take its responses, or a line has just had no room for one of its requests.
+    """Either the client does not read its responses, or the queue of a line has just refused one of its requests.
 
-    Clients that ask again at once after such a refusal would leave the lines no time. `blocked_at` is since when it
-    takes no responses, None while it does; `is_held` whether it waits after a refusal.
+    Clients that repeat at once after a refusal would leave the lines no time. `blocked_at` is since when it does not
+    read its responses, None while it does; `is_held` is whether it is held back after a refusal.
     """
 
     __slots__ = ("_hold", "blocked_at", "is_held")
@@ -25,11 +25,11 @@ class BackPressure:
 
     @property
     def is_on(self) -> bool:
-        """Whether it waits for either."""
+        """Whether the client is not to be read."""
         return self.is_held or self.blocked_at is not None
 
     def hold(self) -> float:
-        """There was no room: the client waits; for how many seconds, 0.0 if it does already."""
+        """Hold the client back after a refusal; for how many seconds, 0.0 if it is already held back."""
         if self.is_held:
             return 0.0
         self.is_held = True
@@ -38,5 +38,5 @@ class BackPressure:
         return seconds
 
     def recover(self) -> None:
-        """There was room for a request: the next wait is shorter."""
+        """A request was accepted: the next hold is shorter."""
         self._hold = max(self._hold * HOLD_RECOVERS, SHORTEST_HOLD)

@@ -1,4 +1,4 @@
-"""The driver of a TCP connection: it joins a session to it."""
+"""Connects a session to its TCP connection and to asyncio."""
 
 import asyncio
 import os
@@ -8,17 +8,17 @@ from typing import Final, Protocol, cast
 from gateway.listeners.mbap import MbapSession
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.listeners.session import ListenSettings, Session
-from gateway.listeners.sockets import why
+from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.routing.router import Router
 
-#: A connection whose client takes no responses keeps at most so many bytes for it.
+#: The most bytes that are kept for a client that does not read its responses.
 UNSENT_BYTES: Final = 64 * 1024
 
 
 class ConnectionOwner(Protocol):
-    """Who accepted a connection: its listener."""
+    """The listener that accepted a connection."""
 
     settings: ListenSettings
     router: Router
@@ -27,32 +27,32 @@ class ConnectionOwner(Protocol):
         """A client has connected."""
 
     def closing(self, connection: "TcpConnection") -> None:
-        """A connection is being closed: its place is free."""
+        """A connection is being closed and no longer counts for `clients`."""
 
     def closed(self, connection: "TcpConnection", reason: str) -> None:
         """A connection has ended."""
 
     def rejected(self, client: str, reason: str) -> None:
-        """A client is sent away."""
+        """A client is rejected."""
 
     def failed(self, part: str, error: Exception) -> None:
-        """An error that nobody foresaw has ended at the error boundary of a connection."""
+        """An unexpected error was caught at the error boundary of a connection."""
 
 
 class TcpConnection(asyncio.BufferedProtocol):
-    """The driver of one connection. An error that nobody foresaw ends here, and with it only this connection."""
+    """The driver of one connection. An unexpected error ends only this connection."""
 
     transport: asyncio.Transport
     session: Session
 
     def __init__(self, listener: ConnectionOwner, host: str, client: str, time: Callable[[], float]) -> None:
-        """`host` is the peer's address and decides what it may do; `client` is what events call it."""
+        """`host` is the peer's address and decides its rights; `client` names it in events."""
         self.host = host
         self.client = client
         self._listener = listener
         self._time = time
         self._came_at = time()
-        self._reason = "the client has closed it"
+        self._reason = "the client closed it"
         self._timer: LazyTimer | None = None
         session = MbapSession if listener.settings.scheme == "tcp" else OverTcpSession
         self.session = session(
@@ -66,25 +66,25 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is under way."""
+        """Whether no request of the client is in progress."""
         return self.session.is_idle
 
     @property
     def last_asked(self) -> float:
-        """When the client asked last, or NEVER."""
+        """When the client last sent a request, or NEVER."""
         return self.session.last_asked
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self.transport = cast("asyncio.Transport", transport)
         self._descriptor: int = transport.get_extra_info("socket").fileno()
-        # those that are under way when reading stops are answered too
+        # requests in progress when reading stops are answered too
         room = UNSENT_BYTES - self._listener.settings.in_flight * MAX_TCP_ADU
         self.transport.set_write_buffer_limits(max(room, 0))
         self._listener.connected(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the session's buffer has its own size
-        """Where asyncio receives into."""
+        """The buffer that asyncio receives into."""
         return self.session.room()
 
     def buffer_updated(self, nbytes: int) -> None:
@@ -95,16 +95,16 @@ class TcpConnection(asyncio.BufferedProtocol):
             self._failed(error)
 
     def eof_received(self) -> bool:
-        """The client sends no more; keep the connection until its responses have been sent."""
+        """The client has closed its side; keep the connection until its responses have been sent."""
         self.session.end_of_input()
         return True
 
     def pause_writing(self) -> None:
-        """The client does not take its responses."""
+        """The client does not read its responses."""
         self.session.block(self._time())
 
     def resume_writing(self) -> None:
-        """The client takes its responses again."""
+        """The client reads its responses again."""
         self.session.unblock()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -113,10 +113,10 @@ class TcpConnection(asyncio.BufferedProtocol):
         if self._timer is not None:
             self._timer.close()
             self._timer = None
-        self._listener.closed(self, f"lost: {why(exc)}" if isinstance(exc, OSError) else self._reason)
+        self._listener.closed(self, f"lost: {explain(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def receive(self, room: memoryview) -> int:
-        """Put what has arrived into `room`; how many bytes those are. That the connection has ended, asyncio tells."""
+        """Copy what has arrived into `room`; the number of bytes. The end of the connection is reported by asyncio."""
         if self.transport.is_closing():
             return 0
         try:
@@ -125,7 +125,7 @@ class TcpConnection(asyncio.BufferedProtocol):
             return 0
 
     def send(self, data: bytes) -> None:
-        """Send a response; not to a client that has gone, of whom asyncio may not have told yet."""
+        """Send a response, unless the connection is closed, which asyncio may not have reported yet."""
         if not self.transport.is_closing():
             self.transport.write(data)
 
@@ -134,52 +134,52 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.transport.pause_reading()
 
     def resume(self) -> None:
-        """Receive again, and look at what is there already."""
+        """Receive again, and process what has already arrived."""
         self.transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._proceed)
 
     def wake(self, when: float | None) -> None:
-        """Look at what is there already at `when`, not at all when that is None."""
+        """Process what has already arrived at `when`; None cancels that."""
         if self._timer is None:
             self._timer = LazyTimer(asyncio.get_running_loop(), self._proceed)
         self._timer.set(when)
 
     def release_after(self, seconds: float) -> None:
-        """Hold the client back no longer once so many seconds have passed."""
+        """Stop holding the client back after so many seconds."""
         asyncio.get_running_loop().call_later(seconds, self.session.release)
 
     def close(self) -> None:
-        """Close once everything sent has left, or the deadline for that has passed."""
+        """Close once everything has been sent, or the deadline for that has passed."""
         self._listener.closing(self)
         self.transport.close()
 
     def reject(self, reason: str) -> None:
-        """Close because of what the client did, or because another one needs the place."""
+        """Close because of what the client did, or to accept another client."""
         self._listener.rejected(self.client, reason)
         self._part(reason)
 
-    def look_over(self, now: float, idle: float) -> None:
-        """Close when the client cannot be kept: for what it does, or because it asked nothing for `idle` seconds."""
-        complaint = self.session.complaint(now)
+    def check_client(self, now: float, idle: float) -> None:
+        """Close if the client breaks a rule, or has sent no request for `idle` seconds."""
+        complaint = self.session.find_fault(now)
         if complaint:
             self.reject(complaint)
         elif idle and self.is_idle and now - max(self.last_asked, self._came_at) >= idle:
             self._part("idle")
 
     def finish(self) -> None:
-        """Take no more requests; close when those under way have been answered."""
-        self._reason = "the gateway ends"
+        """Take no more requests; close when those in progress have been answered."""
+        self._reason = "the gateway is stopping"
         self.session.finish()
 
     def abort(self, reason: str = "") -> None:
-        """End it now, whatever has not been sent."""
+        """Close now, and drop what has not been sent."""
         self._reason = reason or self._reason
         self.session.closed()
         self._listener.closing(self)
         self.transport.abort()
 
     def _part(self, reason: str) -> None:
-        """Close, and drop what the client still waits for."""
+        """Close, and drop the responses that the client still waits for."""
         self._reason = reason
         self.session.closed()
         self.close()

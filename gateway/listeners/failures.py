@@ -1,14 +1,14 @@
-"""What a client gets when nobody has answered its request."""
+"""What a client gets when its request got no response from a unit."""
 
 from typing import Final, Literal
 
 from gateway.errors import ExceptionCode
 from gateway.request import Request
 
-#: The exception that says why there is no answer, or nothing, as a device that is off says nothing.
+#: The exception that says why there is no response; or nothing, as from a device that is switched off.
 OnFailure = Literal["exception", "silent"]
 
-#: What the gateway says when it has no answer: try again, no way to the unit, the unit has not answered.
+#: The gateway's own exceptions: busy, no path to the unit, no response from the unit.
 _WITHOUT_ANSWER: Final = frozenset(
     {
         ExceptionCode.SERVER_DEVICE_BUSY,
@@ -19,8 +19,8 @@ _WITHOUT_ANSWER: Final = frozenset(
 
 
 def is_kept_back(request: Request, on_failure: OnFailure) -> bool:
-    """Whether a client is not told that its request has failed.
+    """Whether the failure of a request is not reported to the client.
 
-    An exception of the unit itself is its answer, whatever the code.
+    An exception of the unit itself is a response, whatever its code.
     """
     return request.error is not None and on_failure == "silent" and request.error.code in _WITHOUT_ANSWER

@@ -1,4 +1,4 @@
-"""What clients of Modbus TCP speak: ADUs with a transaction identifier, so many requests may be under way at once."""
+"""Sessions of Modbus TCP clients. Their ADUs carry a transaction identifier, so many requests can be in progress."""
 
 from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import GONE, Connection, ListenSettings, Session
@@ -9,7 +9,7 @@ from gateway.request import Request, Target
 class MbapSession(Session):
     """A Modbus TCP client.
 
-    Responses carry the client's own transaction and unit identifiers, and go out as they come.
+    Responses carry the client's own transaction and unit identifiers, and are sent in the order in which they arrive.
     """
 
     __slots__ = ("_framer",)
@@ -34,7 +34,7 @@ class MbapSession(Session):
         return self._framer.unfinished > 0
 
     def room(self) -> memoryview:
-        """Where the next bytes from the client go."""
+        """The buffer for the next bytes from the client."""
         return self._framer.room()
 
     def received(self, count: int, now: float) -> None:

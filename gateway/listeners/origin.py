@@ -1,7 +1,7 @@
-"""What counts as one address: with IPv6 the network that one customer has, unless it is on a link of ours.
+"""What counts as one address: with IPv6 the network of one customer, unless it is on a link of this machine.
 
-Whoever has an IPv6 address elsewhere has all of its /64 and can come from any of them. On a link that this machine is
-on, each address may be another machine.
+A remote host with an IPv6 address usually has all of its /64 and can connect from any address in it. On a link of this
+machine, each address may be another machine.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,29 +11,29 @@ from math import inf
 from pathlib import Path
 from typing import Final
 
-#: The routes that this process has, one a line. What is beyond so many characters counts as not there.
+#: The routes of this process, one a line. Only so many characters are read.
 ROUTES: Final = "/proc/self/net/ipv6_route"
 MOST_READ: Final = 64 * 1024
 #: They are read again after so many seconds.
 KEPT: Final = 10.0
 
-#: The size of what one customer has at least, and of the largest site (RFC 6177): more without a router is a tunnel.
+#: The smallest network of a customer, and the largest site (RFC 6177): a larger one without a router is a tunnel.
 _CUSTOMER: Final = 64
 _SITE: Final = 48
-#: The flag of a route by way of a router, RTF_GATEWAY; and the interface of what is not a link.
+#: The flag of a route through a router, RTF_GATEWAY; and an interface that is not a link.
 _ROUTER: Final = 0x2
 _LOOPBACK: Final = "lo"
 
 
 def read_routes() -> str:
-    """The beginning of ROUTES; nothing where there is no IPv6."""
+    """The beginning of ROUTES; empty without IPv6."""
     with suppress(OSError), Path(ROUTES).open(encoding="ascii") as file:
         return file.read(MOST_READ)
     return ""
 
 
 class Origins:
-    """The origins of clients. `read` gives what ROUTES has."""
+    """The origins of clients. `read` returns the content of ROUTES."""
 
     def __init__(self, read: Callable[[], str] = read_routes) -> None:
         self._read = read

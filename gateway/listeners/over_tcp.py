@@ -1,11 +1,11 @@
-"""What clients of RTU or ASCII over TCP speak: the frames of a serial line, without a transaction identifier.
+"""Sessions of clients that send RTU or ASCII frames over TCP: without a transaction identifier.
 
-Nothing in a response says which request it answers, so there is one request at a time, as on a line, and responses keep
-the order of the requests. A client that sends another request though it has no response yet has had its time-out: the
-response that it no longer awaits is dropped, or it would take it for the next one (docs/adr/0007). Thus a response
-leaves only when all that has arrived was looked at.
+Nothing in a response says which request it belongs to. So there is one request at a time, as on a serial line, and
+responses keep the order of the requests. A client that sends another request before it has a response has given up the
+first one: the late response is dropped, because the client would take it for the next one (docs/adr/0007). So a
+response is sent only after everything that has arrived was read.
 
-`_NEXT` is the machine. What is done at each transition stands beside it.
+`_NEXT` is the state machine, with the action at each transition.
 """
 
 from collections import deque
@@ -19,18 +19,18 @@ from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
 from gateway.request import Request, Target
 
 # What the client waits for:
-IDLE: Final = "idle"  # for no response; the next request can be handed out
-AWAITING: Final = "awaiting"  # for the response to the request that was handed out
-ANSWERED: Final = "answered"  # for the same, which is there, but so are bytes that nobody has looked at
-UNANSWERED: Final = "unanswered"  # for a response that never comes: nothing is said of failures to it
+IDLE: Final = "idle"  # no response; the next request can be handed out
+AWAITING: Final = "awaiting"  # the response to the request that was handed out
+ANSWERED: Final = "answered"  # the same; the response is there, but so are unread bytes
+UNANSWERED: Final = "unanswered"  # a response that never comes: failures are not reported to this client
 
 # What may happen:
 HANDED_OUT: Final = "handed out"  # a request that gets a response has gone to the router
-TOGETHER: Final = "together"  # a request has come together with the one before
-LATER: Final = "later"  # a request has come later than that, or has begun, or anything else has come
-RESPONSE: Final = "response"  # the router has answered, perhaps that there is no response
-FAILURE: Final = "failure"  # the request has failed, and nothing is to be said of it
-READ_UP: Final = "read up"  # nothing has arrived since, or together with the request
+TOGETHER: Final = "together"  # a request arrived together with the one before
+LATER: Final = "later"  # a request arrived later than that, or has begun, or other bytes arrived
+RESPONSE: Final = "response"  # the router has answered, perhaps without a response
+FAILURE: Final = "failure"  # the request has failed, which is not to be reported
+READ_UP: Final = "read up"  # nothing has arrived since, or only together with the request
 
 _NEXT: Final[dict[str, dict[str, str]]] = {
     IDLE: {
@@ -42,7 +42,7 @@ _NEXT: Final[dict[str, dict[str, str]]] = {
         TOGETHER: AWAITING,  # it waits
         LATER: IDLE,  # the awaited one and those that wait are given up; it waits
         RESPONSE: ANSWERED,
-        FAILURE: UNANSWERED,  # those that wait get no response either: it would be taken for that of the failed one
+        FAILURE: UNANSWERED,  # waiting requests get no response either: it would be taken for that of this one
     },
     ANSWERED: {
         TOGETHER: ANSWERED,  # it waits
@@ -50,26 +50,26 @@ _NEXT: Final[dict[str, dict[str, str]]] = {
         READ_UP: IDLE,  # the response is sent
     },
     UNANSWERED: {
-        TOGETHER: UNANSWERED,  # it is dropped, as those before it
+        TOGETHER: UNANSWERED,  # it is dropped, like those before it
         LATER: IDLE,  # it waits
     },
 }
 
-#: A client that sends so many bytes and no request among them speaks something else: HTTP, TLS.
+#: A client that sends this many bytes without a request uses another protocol: HTTP, TLS.
 MOST_NOISE: Final = 4 * MAX_RTU_ADU
-#: A broadcast is dropped when so many requests more than `in_flight` and the awaited one are under way or wait.
+#: A broadcast is dropped if this many requests beyond `in_flight` and the awaited one are in progress or wait.
 MOST_BROADCASTS: Final = 128
-#: A connection is to look at what waits as soon as it can.
+#: Process what waits as soon as possible.
 _SOON: Final = 0.0
 
 
 class OverTcpSession(Session):
-    """A client that speaks RTU or ASCII on a TCP connection.
+    """A client that sends RTU or ASCII frames on a TCP connection.
 
-    Requests that come together wait for one another; behind `in_flight` of them reading stops. What is no request is
-    not answered, nor is a request to unit 0, unless `unit0` names the unit that answers for it. Such broadcasts are
-    never given up: nobody awaits an answer to them. Nor do they stop reading, or the time-out of a request behind them
-    would not be seen: beyond `MOST_BROADCASTS` they are dropped.
+    Requests that arrive together wait for one another; after `in_flight` of them reading stops. Noise gets no response,
+    nor does a request to unit 0, unless `unit0` names the unit for it. Broadcasts are never given up, because no
+    response is expected. Nor do they stop reading, because the time-out of a request behind them would not be seen:
+    beyond `MOST_BROADCASTS` they are dropped.
     """
 
     __slots__ = ("_arrivals", "_awaited", "_state", "_waiting")
@@ -86,10 +86,10 @@ class OverTcpSession(Session):
     ) -> None:
         """See Session."""
         super().__init__(client, host=host, router=router, connection=connection, settings=settings, now=now)
-        self._limit += 1  # the awaited one: what comes behind it tells that it is awaited no more
+        self._limit += 1  # the awaited one: what arrives after it shows that it was given up
         self._arrivals = Arrivals(settings.scheme, now)
         self._state = IDLE
-        #: The request whose response the client waits for; and what has arrived behind it, in order.
+        #: The request whose response the client waits for; the requests that arrived after it, in order.
         self._awaited: Request | None = None
         self._waiting: deque[Request] = deque()
 
@@ -99,7 +99,7 @@ class OverTcpSession(Session):
         return self._arrivals.has_begun
 
     def room(self) -> memoryview:
-        """Where the next bytes from the client go."""
+        """The buffer for the next bytes from the client."""
         return self._arrivals.room()
 
     def received(self, count: int, now: float) -> None:
@@ -108,14 +108,13 @@ class OverTcpSession(Session):
         self.proceed(now)
 
     def wants(self, request: Request) -> bool:
-        """See Session; and the client must not have given the request up."""
+        """See Session; also False if the client has given the request up."""
         return super().wants(request) and (request is self._awaited or not self._gets_response(request))
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response to one of the session's requests; dropped when the client has given it up.
+        """Take the response to one of the session's requests; dropped if the client has given it up.
 
-        It may have: its next request may have arrived, and nobody has read it yet. Then the response waits until
-        `proceed` has looked at that.
+        Its next request may have arrived and not been read yet. Then the response waits until `proceed` has read it.
         """
         if self._life == GONE:
             return
@@ -124,10 +123,10 @@ class OverTcpSession(Session):
         self._hold_back(request)
         if request is self._awaited:
             if is_kept_back(request, self._settings.on_failure):
-                self._happens(FAILURE)
-                self._let_go()
+                self._apply(FAILURE)
+                self._abandon_all()
             else:
-                self._happens(RESPONSE)
+                self._apply(RESPONSE)
                 if pdu is not None:
                     self._out.append(self._arrivals.encode(request.unit, pdu))
                 if self._has_unread():
@@ -140,13 +139,13 @@ class OverTcpSession(Session):
 
     @property
     def _takes_more(self) -> bool:
-        """Whether reading goes on. It does while the client is held back, or its time-out would not be seen."""
+        """Whether reading goes on. It does while the client is held back: otherwise its time-out would not be seen."""
         is_blocked = self._back_pressure.blocked_at is not None
-        return not is_blocked and (self._in_flight < self._limit or self._to_answer < self._limit)
+        return not is_blocked and (self._in_flight < self._limit or self._unanswered < self._limit)
 
     @property
-    def _to_answer(self) -> int:
-        """Requests that get a response and have none yet."""
+    def _unanswered(self) -> int:
+        """The number of requests that still have to get a response."""
         return (self._awaited is not None) + sum(map(self._gets_response, self._waiting))
 
     def _resume(self) -> None:
@@ -162,7 +161,7 @@ class OverTcpSession(Session):
 
     def _drain(self, now: float) -> None:
         arrivals = self._arrivals
-        if not self._is_paused:  # while the client waits for us it cannot be silent
+        if not self._is_paused:  # while the client waits for the gateway it cannot be silent
             arrivals.go_on(now)
             self._take(arrivals.ended(now), now)
             self._take(arrivals.cut(now), now)
@@ -177,9 +176,9 @@ class OverTcpSession(Session):
             self._pause()
 
     def _has_unread(self) -> bool:
-        """Whether anything stands unread that is to be looked at before a response leaves; its beginning is read.
+        """Whether bytes are unread that must be processed before a response is sent; reads their beginning.
 
-        The beginning says it all: what stands unread has come together with the last request, or later than that.
+        The beginning is enough: it arrived together with the last request, or later.
         """
         if self._is_draining or self._is_paused:
             return False
@@ -189,7 +188,7 @@ class OverTcpSession(Session):
         return count > 0
 
     def _take(self, arrived: list[Arrived], now: float) -> None:
-        """Take the requests that have been found at the same time. None is handed out before all were looked at."""
+        """Take requests that were found at the same time. All are examined before one is handed out."""
         if self._arrivals.noise > MOST_NOISE:
             self._give_up()
             raise NotModbus(f"{self._arrivals.noise} bytes without a request")
@@ -197,27 +196,27 @@ class OverTcpSession(Session):
             self._queue(arrived, now)
         if (self._awaited is not None or self._waiting) and self._arrivals.has_begun_later:
             self._give_up()
-            self._happens(LATER)
+            self._apply(LATER)
 
     def _queue(self, arrived: list[Arrived], now: float) -> None:
         for (unit, pdu), at in arrived:
-            happening = TOGETHER if self._arrivals.came_together(at) else LATER
-            if happening == LATER:
+            event = TOGETHER if self._arrivals.came_together(at) else LATER
+            if event == LATER:
                 self._give_up()
-            self._happens(happening)
+            self._apply(event)
             request = Request(unit, pdu, self, now)
-            if self._is_to_wait(request):
+            if self._must_wait(request):
                 self._in_flight += 1
                 self._waiting.append(request)
         self.last_asked = now
 
-    def _is_to_wait(self, request: Request) -> bool:
+    def _must_wait(self, request: Request) -> bool:
         if self._gets_response(request):
             return self._state != UNANSWERED
         return self._in_flight < self._limit + MOST_BROADCASTS
 
     def _hand_out(self, now: float) -> None:
-        """Hand out what waits, up to the next request that gets a response."""
+        """Hand out waiting requests, up to the next one that gets a response."""
         most = self._settings.in_flight
         while self._waiting and self._awaited is None and not self._back_pressure.is_on:
             if self._in_flight - len(self._waiting) > most:
@@ -225,23 +224,23 @@ class OverTcpSession(Session):
             request = self._waiting.popleft()
             if self._gets_response(request):
                 self._awaited = request
-                self._happens(HANDED_OUT)
+                self._apply(HANDED_OUT)
             self._router.submit(request, now)
 
     def _deliver(self) -> None:
-        """The client gets the response, which is in `_out`."""
-        self._happens(READ_UP)
+        """Send the response that is in `_out`."""
+        self._apply(READ_UP)
         self._awaited = None
         self._in_flight -= 1
 
     def _give_up(self) -> None:
-        """The client has had its time-out: it waits for no response any more."""
+        """The client's time-out has passed: it waits for no response any more."""
         if self._state == ANSWERED:
             self._out.clear()
-        self._let_go()
+        self._abandon_all()
 
-    def _let_go(self) -> None:
-        """Nothing that is under way gets a response, nor what waits; broadcasts are still handed out."""
+    def _abandon_all(self) -> None:
+        """Drop all requests in progress or waiting; broadcasts are still handed out."""
         if self._awaited is not None:
             self._awaited = None
             self._in_flight -= 1
@@ -250,9 +249,9 @@ class OverTcpSession(Session):
             self._in_flight -= len(self._waiting) - len(broadcasts)
             self._waiting = deque(broadcasts)
 
-    def _happens(self, happening: str) -> None:
-        self._state = _NEXT[self._state][happening]
+    def _apply(self, event: str) -> None:
+        self._state = _NEXT[self._state][event]
 
     def _gets_response(self, request: Request) -> bool:
-        """Nobody responds to unit 0 on a line (S 2.1)."""
+        """Requests to unit 0 get no response on a line (S 2.1)."""
         return request.unit != BROADCAST_UNIT or isinstance(self._settings.unit0, int)

@@ -1,4 +1,4 @@
-"""Our own responses on a server line that its adapter returns: as requests, a write would be carried out for ever."""
+"""Detects the gateway's own responses that the adapter of a server line echoes: a write would be executed for ever."""
 
 from typing import Final
 
@@ -6,17 +6,17 @@ from gateway.events import EchoHeard, Emit
 from gateway.lines.echo import ECHOES
 from gateway.modbus.frame import Frame
 
-#: So many seconds later than its latency allows an echo may come. Hardly a client does nothing but write the same, and
-#: each time so soon again.
+#: How much later than the port's latency an echo may arrive, in seconds. Hardly any client does nothing but repeat the
+#: same write this soon.
 _HELD_BACK: Final = 0.1
 _ADVICE: Final = 'if the adapter echoes, set echo = true; if the client has no wire, wire = "direct"'
 
 
 class OwnEcho:
-    """Tells the response that was said last from a client's request with the same content. Times in seconds.
+    """Tells the echo of the last response from a client's request with the same content. Times in seconds.
 
-    `echoes` says whether the adapter is known to return what we send. A `virtual` port returns nothing, and its client
-    may say the same at once.
+    `echoes` says whether the adapter is known to echo. A `virtual` port does not echo, and its client may send the same
+    at once.
     """
 
     __slots__ = (
@@ -25,27 +25,27 @@ class OwnEcho:
     )  # fmt: skip
 
     def __init__(self, name: str, source: str, emit: Emit, *, echoes: bool) -> None:
-        """`name` and `source` are the line's, for the event that says once that an echo was heard."""
+        """`name` and `source` are the line's, for the event that reports the first echo."""
         self.is_virtual = True
         self._name = name
         self._source = source
         self._emit = emit
         self._echoes = echoes
         self._said: Frame | None = None
-        #: Whether a client can say it too, because it is a copy of the request; until when it is an echo even so.
+        #: Whether a client can send it too, because it equals the request; until when it is an echo even then.
         self._is_repeatable = False
         self._until = 0.0
         self._in_a_row = 0
         self._has_told = False
 
-    def said(self, response: Frame, until: float, *, is_repeatable: bool) -> None:
-        """This goes on the line. No client can repeat it before `until`, and no adapter should return it later."""
+    def note_response(self, response: Frame, until: float, *, is_repeatable: bool) -> None:
+        """A response is sent on the line. No client can repeat it before `until`, and no adapter echoes it later."""
         self._said = response
         self._until = until
         self._is_repeatable = is_repeatable
 
     def is_echo(self, frame: Frame, heard_at: float) -> bool:
-        """Whether `frame` is what was said last, returned by the adapter. To be asked of each frame that is heard."""
+        """Whether `frame` is the echo of the last response. To be called for each frame received."""
         said, self._said = self._said, None
         if said is None or self._echoes:
             return frame == said

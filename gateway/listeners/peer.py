@@ -1,6 +1,6 @@
-"""One client that sends datagrams, as a machine: a datagram in, at most one response out.
+"""A Modbus UDP client as a state machine: a datagram in, at most one response out.
 
-A datagram may be lost, repeated or forged, and there is no connection to close: whatever a peer leaves here is bounded.
+A datagram may be lost, repeated or forged, and there is no connection to close: what is kept of a peer is bounded.
 """
 
 from collections.abc import Callable
@@ -15,9 +15,9 @@ from gateway.request import Request, Target
 class Peer:
     """A Modbus UDP client, known by its address and port: the Origin of its requests.
 
-    At most `in_flight` requests are under way; another one fails (06). The same request again while it is under way
-    is the same request: the client has repeated its datagram, and there is one execution and one response. Another
-    request with the same transaction identifier takes the place of the earlier one, whose response is dropped.
+    At most `in_flight` requests are in progress; another one gets 06. The same request again while it is in progress is
+    a repeated datagram: it is executed once and gets one response. Another request with the same transaction
+    identifier replaces the earlier one, whose response is dropped.
     """
 
     __slots__ = ("_limit", "_on_failure", "_router", "_send", "_under_way", "client", "gone", "host", "last_asked")
@@ -45,11 +45,11 @@ class Peer:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is under way."""
+        """Whether no request of the client is in progress."""
         return not self._under_way
 
     def received(self, adu: mbap.TcpFrame, now: float) -> None:
-        """Take one request."""
+        """Process one request."""
         self.last_asked = now
         earlier = self._under_way.get(adu.transaction)
         if earlier is not None and (earlier.unit, earlier.pdu) == (adu.unit, adu.pdu):
@@ -74,7 +74,7 @@ class Peer:
             self._send(mbap.encode(request.transaction, request.unit, pdu))
 
     def closed(self) -> None:
-        """The peer is forgotten, and with it the wish for any response."""
+        """The peer is forgotten; its responses are dropped."""
         self.gone = True
 
     def __repr__(self) -> str:

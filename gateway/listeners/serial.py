@@ -1,4 +1,4 @@
-"""Joins the session of a server line to its port and to the clock: the only part of it that knows the event loop."""
+"""Connects the session of a server line to its port and the clock: the only part that uses the event loop."""
 
 import asyncio
 from functools import partial
@@ -13,11 +13,11 @@ from gateway.request import Target
 
 
 class SerialListener:
-    """A line where we are a server. It is the owner of the line's port, as `ports.reconnector` sees it.
+    """A server line, and the owner of its port: see `ports.reconnector`.
 
     `wire` is how bytes travel; `auto` until the port is open for the first time.
 
-    An error that nobody foresaw ends here: it is told, the request under way is dropped, the port is closed and
+    An unexpected error ends here: it is logged, the request in progress is dropped, the port is closed and
     reopened.
     """
 
@@ -34,7 +34,7 @@ class SerialListener:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is under way."""
+        """Whether a request is in progress."""
         return not self.session.is_idle
 
     def port_up(self, port: Port) -> None:
@@ -45,30 +45,30 @@ class SerialListener:
         self._boundary.run(step, port.write, port.latency, self._time())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
-        """These bytes became readable."""
+        """Process received bytes."""
         self._boundary.run(partial(self.session.received, damaged=damaged), data, self._time())
 
-    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector tells why
-        """The port has gone; nobody is answered until it is back."""
+    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - logged by the reconnector
+        """The port is lost; nothing is answered until it is open again."""
         self._boundary.lost()
 
     def finish(self) -> None:
-        """Take no more requests; the one that is under way is still answered."""
+        """Take no more requests; the one in progress is still answered."""
         self.session.finish()
 
     def overdue(self, now: float) -> float:
-        """For how many seconds something should have been done, and was not."""
+        """By how many seconds a due action is late."""
         return self._boundary.overdue(now)
 
     def close(self) -> None:
-        """Wake no more."""
+        """Stop the timer."""
         self._boundary.close()
 
     def _wake(self) -> None:
         self._boundary.plan()
 
     def _tick(self) -> None:
-        """Before an answer goes out, hear what has come since: the client may not wait for it any more."""
+        """Read first what has arrived: the client may no longer wait for the response."""
         if self._boundary.port is not None:
             self._boundary.port.read_now()
         self.session.tick(self._time())

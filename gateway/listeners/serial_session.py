@@ -1,23 +1,23 @@
-"""The outside client of a line where we are a server: its requests are heard, and answered in time or not at all.
+"""The client on a server line: its requests are answered in time or not at all.
 
     | state     | what happens                | what is done                         | next state |
     |-----------|-----------------------------|--------------------------------------|------------|
     | down      | the port is open            |                                      | listening  |
-    | listening | a request for our units     | it is handed to the router           | asked      |
-    | listening | any other frame             | it is counted, a broadcast handed on | listening  |
-    | asked     | the router has answered     | the answer is kept                   | answered   |
-    | asked     | there is no answer          |                                      | listening  |
-    | asked     | anything is heard           | the answer will be dropped           | listening  |
-    | answered  | anything is heard           | the answer is dropped                | listening  |
-    | answered  | the line was quiet for t3.5 | the answer is put on the line        | listening  |
-    | asked, answered | `answer_within` is over | the answer is dropped              | listening  |
-    | any       | the port has gone           | the answer is dropped                | down       |
+    | listening | a request for its units     | it is submitted to the router        | asked      |
+    | listening | any other frame             | counted; a broadcast is passed on    | listening  |
+    | asked     | the router has answered     | the response is kept                 | answered   |
+    | asked     | there is no response        |                                      | listening  |
+    | asked     | any byte is received        | the response will be dropped         | listening  |
+    | answered  | any byte is received        | the response is dropped              | listening  |
+    | answered  | the line was idle for t3.5  | the response is sent                 | listening  |
+    | asked, answered | `answer_within` is over | the response is dropped            | listening  |
+    | any       | the port is lost            | the response is dropped              | down       |
 
-Nothing on the line ties a response to its request: the client takes the next response that fits for the answer to what
-it asked last. So an answer that may not be awaited any more is never put on the line. Other servers may be on it too:
-their frames are heard and not answered.
+Nothing on the line ties a response to its request: the client takes the next response that fits as the one to its last
+request. So a response that may no longer be awaited is never sent. Other servers may be on the line: their frames are
+received and not answered.
 
-The machine knows no clock and no descriptor, as `lines.line`.
+The machine has no clock and no I/O, like `lines.line`.
 """
 
 from collections.abc import Callable
@@ -35,16 +35,16 @@ from gateway.ports.wire import Wire
 from gateway.request import Request, Target
 from gateway.timing.characters import LineTiming
 
-#: So many bytes right behind a request are what switching an RS-485 line leaves; more are the next frame.
+#: Up to this many bytes right behind a request are glitches of an RS-485 line; more are the next frame.
 _GLITCH: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
 class ServerSettings:
-    """A line where we are a server; all times in seconds.
+    """The settings of a server line; all times in seconds.
 
-    `serves` are the units that we answer for. `idle_chars` is the silence that ends an RTU frame, in characters. `gap`
-    is the silence before each response, None for that same silence.
+    `serves` are the units that it answers for. `idle_chars` is the silence that ends an RTU frame, in characters.
+    `gap` is the silence before each response; None: the same as `idle_chars`.
     """
 
     name: str
@@ -60,12 +60,12 @@ class ServerSettings:
 
     @property
     def frame_end(self) -> float:
-        """The silence that ends a frame: none in ASCII, whose frames show their own ends."""
+        """The silence that ends a frame; 0 for ASCII, where a character does."""
         return 0.0 if self.timing.mode == "ascii" else self.timing.silence(self.idle_chars)
 
     @property
     def silence_before_response(self) -> float:
-        """How long the line is quiet before each response (S 2.5.1.1)."""
+        """The silence before each response (S 2.5.1.1)."""
         return self.frame_end if self.gap is None else self.gap
 
 
@@ -73,8 +73,8 @@ class ServerSettings:
 class Counts:
     """What has happened on a server line since it was built.
 
-    Each of the `requests` to our units gets a response (some are `exceptions`), or none: it has none, or was a failure
-    that is kept `silent`, the answer came `too_late`, or was `overtaken` by what was heard next.
+    Each of the `requests` to its units gets a response (some are `exceptions`) or not: the request has none, the
+    failure was kept `silent`, the response came `too_late`, or was `overtaken` by other bytes on the line.
     """
 
     requests: int = 0
@@ -90,12 +90,12 @@ class Counts:
 
 
 class SerialSession:
-    """The Origin of the outside client's requests, one at a time.
+    """The Origin of the client's requests, one at a time.
 
-    `wake` is called when `deadline` has changed outside of the calls that the driver makes. It must not call back.
+    `wake` is called when `deadline` changes outside the driver's calls. It must not call back.
     """
 
-    #: There is no address on a line.
+    #: A client on a line has no address.
     host = ""
 
     def __init__(self, settings: ServerSettings, router: Target, wake: Callable[[], None], emit: events.Emit) -> None:
@@ -117,13 +117,13 @@ class SerialSession:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is under way."""
+        """Whether no request of the client is in progress."""
         return self._current is None
 
     def port_up(self, write: Callable[[bytes], None], latency: float, now: float, *, virtual: bool = True) -> None:
-        """The port is open: responses go out through `write`. What is received may be late by `latency` seconds.
+        """The port is open: responses are sent by `write`. Received bytes may be late by `latency` seconds.
 
-        A `virtual` one carries bytes at once: the next request can come before a response would have left a real line.
+        A `virtual` one carries bytes at once: the next request can arrive before a real line has carried a response.
         """
         self._tune(latency)
         self._write = write
@@ -131,24 +131,24 @@ class SerialSession:
         self._quiet_at = now
 
     def port_down(self) -> None:
-        """The port has gone: nobody waits for the answer."""
+        """The port is lost: the response is dropped."""
         self._write = None
         self._drop()
         self._tune(self._latency)
 
     def finish(self) -> None:
-        """Take no more requests; the one that is under way is still answered."""
+        """Take no more requests; the one in progress is still answered."""
         self._is_ending = True
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
-        """Take bytes that became readable at `now`. No frame with all of `damaged` ones in it is a request."""
+        """Process bytes received at `now`. A frame with `damaged` characters is never a request."""
         self._heard_at = now
         self._quiet_at = max(self._quiet_at, now + self.settings.silence_before_response)
         self._hear(self._framer.received(data, now, damaged=damaged), now)
         self._go_on(now)
 
     def deadline(self) -> float | None:
-        """When `tick` wants to be called, or None while there is nothing to wait for."""
+        """When `tick` must be called, or None."""
         silence = self._framer.deadline()
         if self._current is None:
             return silence
@@ -158,18 +158,18 @@ class SerialSession:
         return min(due, self._quiet_at) if self._answer else due
 
     def tick(self, now: float) -> None:
-        """Let time pass: silence may have ended a frame, an answer may be due, or too late."""
+        """Let time pass: silence may have ended a frame, a response may be due, or too late."""
         self._hear(self._framer.tick(now), now)
         self._go_on(now)
 
     def wants(self, request: Request) -> bool:
-        """Whether a request that still waits should be sent: nobody waits for the answer to a broadcast."""
+        """Whether a waiting request should still be sent: always for a broadcast, which gets no response."""
         return request is self._current or request.unit == BROADCAST_UNIT
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Keep the answer to a request; `tick` puts it on the line when that is quiet, if the client still awaits it.
+        """Keep the response to a request; `tick` sends it when the line is quiet, if the client still waits for it.
 
-        The driver reads what has arrived before it calls `tick`.
+        The driver reads received bytes before it calls `tick`.
         """
         if request is not self._current:
             return
@@ -181,11 +181,11 @@ class SerialSession:
         self._wake()
 
     def _tune(self, latency: float) -> None:
-        """Begin to hear anew, on a port of this latency."""
+        """Start receiving on a port with this latency."""
         settings = self.settings
         self._latency = latency
         self._framer: RequestFramer = AsciiFramer()
-        if settings.timing.mode == "rtu":  # with an echo, responses come from our own units too
+        if settings.timing.mode == "rtu":  # with an echo, responses of the gateway's own units arrive too
             ours: frozenset[int] = frozenset() if settings.echo else settings.serves
             self._framer = RtuFramer(settings.frame_end + latency, ours)
 
@@ -194,7 +194,7 @@ class SerialSession:
             self._take(frame, now)
         self.counts.noise += self._framer.heard_noise
         self._framer.heard_noise = False
-        if self._current is not None and self._is_followed():
+        if self._current is not None and self._has_newer_frame():
             self._overtake(self._current, now)
 
     def _take(self, frame: Frame, now: float) -> None:
@@ -217,18 +217,18 @@ class SerialSession:
             return
         self._router.submit(request, now)
 
-    def _is_followed(self) -> bool:
-        """Whether somebody has begun to send since the request: most likely the client, which asks something else."""
+    def _has_newer_frame(self) -> bool:
+        """Whether bytes arrived after the request: most likely the client's next request."""
         behind = self._framer.behind
         return behind > _GLITCH or (behind > 0 and self._heard_at > self._glitch_until)
 
     def _go_on(self, now: float) -> None:
-        """Put the answer on the line if the client still waits for it and everybody else is silent."""
+        """Send the response if the client still waits for it and the line is quiet."""
         if self._current is None or self._write is None:
             return
         if now >= self._expires_at(self._current):
             self.counts.too_late += 1
-            self._withhold(self._current, "it was not there within answer_within", now)
+            self._withhold(self._current, "it was not available within answer_within", now)
         elif self._answer and now >= self._quiet_at and self._framer.deadline() is None:
             self._respond(self._current, self._answer, self._write, now)
 
@@ -241,15 +241,15 @@ class SerialSession:
         leaves_at = now + self.settings.timing.frame(len(pdu))
         self._quiet_at = leaves_at + self.settings.silence_before_response
         until = leaves_at + self.settings.timing.t35 + max(leaves_at - now, self._latency)
-        self._echo.said(response, until, is_repeatable=pdu == request.pdu)
+        self._echo.note_response(response, until, is_repeatable=pdu == request.pdu)
         write(adu)
 
     def _overtake(self, request: Request, now: float) -> None:
         self.counts.overtaken += 1
-        self._withhold(request, "something else was heard before it was there", now)
+        self._withhold(request, "other bytes were received before it was available", now)
 
     def _withhold(self, request: Request, reason: str, now: float) -> None:
-        """The client does not wait for this answer any more, or would take it for another one."""
+        """Drop a response that the client does not wait for, or would take for another one."""
         self._drop()
         name, source, elapsed = self.client, self.settings.source, round((now - request.received_at) * 1000, 1)
         self._emit(events.AnswerWithheld(name, request.unit, request.pdu[0], elapsed, reason, source))

@@ -1,6 +1,6 @@
-"""One client's connection as a machine: bytes in, requests out, responses back, with bounds on all of it.
+"""A client's connection as a state machine: bytes in, requests out, responses back, all of it bounded.
 
-What is the same for all clients of a TCP connection; what they speak is in `mbap.py` and `over_tcp.py`.
+What all TCP clients have in common; their framings are in `mbap.py` and `over_tcp.py`.
 """
 
 from abc import ABC, abstractmethod
@@ -14,21 +14,21 @@ from gateway.listeners.failures import OnFailure
 from gateway.modbus.functions import only_reads
 from gateway.request import Request, Target
 
-#: How long a client may take to send one ADU, in seconds, however many bytes it sends meanwhile.
+#: How long a client may take to send one ADU, in seconds.
 SENDING_DEADLINE: Final = 10.0
-#: How long a client may leave its responses untaken, in seconds.
+#: How long a client may leave its responses unread, in seconds.
 TAKING_DEADLINE: Final = 30.0
 
-#: Why a client is sent away before a byte of it is read; for other reasons see `admission`.
+#: Why a client is rejected before anything is read from it; for other reasons see `admission`.
 NOT_MEANT: Final = "it came to another address than the listener's, through a socket of systemd that takes more"
-#: When a client asked that never did.
+#: The last request of a client that has sent none.
 NEVER: Final = -inf
 
-#: The life of a session: it goes down this list, and may leave steps out.
+#: The states of a session: it goes down this list, and may skip some.
 OPEN: Final = 0
-#: The gateway takes no more requests; those that were taken are answered.
+#: The gateway takes no more requests; those in progress are answered.
 FINISHING: Final = 1
-#: The client sends no more. It gets its responses, but waits for no write.
+#: The client has closed its side. It gets its responses, but its waiting writes are not sent.
 HALF_CLOSED: Final = 2
 #: Closed, or being closed.
 GONE: Final = 3
@@ -38,11 +38,11 @@ GONE: Final = 3
 class ListenSettings:
     """One address where clients connect. Times in seconds; `idle` 0 keeps connections for ever.
 
-    Of the places of `clients`, so many as `reserve` are only for addresses that rows of the rights name.
-    `scheme` is what they speak: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
+    `reserve` of the `clients` are only for addresses that rows of the rights name.
+    `scheme` is the protocol: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
     `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
-    `on_failure` is what a client gets when nobody has answered. `line` is the one line that it is for, if it is.
-    `shares_port`: another listener has this port at another address.
+    `on_failure` is what a client gets without a response from a unit. `line` is set on a listener for one line.
+    `shares_port`: another listener uses this port at another address.
     """
 
     name: str
@@ -63,7 +63,7 @@ class ListenSettings:
 
 @dataclass(slots=True)
 class Counts:
-    """Clients that have connected, and clients that were sent away, when they connected or later."""
+    """Clients that have connected, and clients that were rejected, at once or later."""
 
     accepted: int = 0
     rejected: int = 0
@@ -73,34 +73,34 @@ class Connection(Protocol):
     """What a session can do to its connection. Nothing here calls back into the session's requests and responses."""
 
     def receive(self, room: memoryview) -> int:
-        """Put what has arrived into `room`; how many bytes those are, 0 when there are none."""
+        """Copy what has arrived into `room`; the number of bytes, 0 if there are none."""
 
     def send(self, data: bytes) -> None:
-        """Send `data`, or keep it until the client takes it."""
+        """Send `data`, or keep it until the client reads it."""
 
     def pause(self) -> None:
-        """Receive nothing more until `resume`: the client has to wait."""
+        """Receive nothing more until `resume`."""
 
     def resume(self) -> None:
         """Receive again, and call `proceed` soon for what has already been received."""
 
     def wake(self, when: float | None) -> None:
-        """Call `proceed` at `when`, soon if that has passed; None: no more, unless `resume` wants it."""
+        """Call `proceed` at `when`, soon if that has passed; None cancels it, but not a call due to `resume`."""
 
     def release_after(self, seconds: float) -> None:
-        """Call `release` once so many seconds have passed."""
+        """Call `release` after so many seconds."""
 
     def close(self) -> None:
-        """Close once everything sent has left."""
+        """Close once everything has been sent."""
 
     def reject(self, reason: str) -> None:
         """Close because of what the client did."""
 
 
 class _Gone:
-    """In place of a connection that has gone: it takes everything and does nothing."""
+    """Replaces a connection that is closed, and does nothing."""
 
-    def receive(self, room: memoryview) -> int:  # noqa: ARG002 - nothing arrives any more
+    def receive(self, room: memoryview) -> int:  # noqa: ARG002 - nothing arrives
         """See Connection."""
         return 0
 
@@ -129,8 +129,8 @@ class _Gone:
 class Session(ABC):
     """A client on a TCP connection: the Origin of its requests.
 
-    At most `in_flight` requests are under way; beyond that the gateway stops reading from the client. So it does for a
-    moment when a line has no room for a request (QueueFull).
+    At most `in_flight` requests are in progress; beyond that the gateway stops reading the client. It also stops for
+    a moment when the queue of a line refuses a request (QueueFull).
     """
 
     __slots__ = (
@@ -163,12 +163,12 @@ class Session(ABC):
         self._is_draining = False
         self._is_paused = False
         self._back_pressure = BackPressure()
-        #: When there was last no half of an ADU, as far as is known.
+        #: When the last look found no incomplete ADU.
         self._whole_at = now
 
     @abstractmethod
     def room(self) -> memoryview:
-        """Where the next bytes from the client go."""
+        """The buffer for the next bytes from the client."""
 
     @abstractmethod
     def received(self, count: int, now: float) -> None:
@@ -185,7 +185,7 @@ class Session(ABC):
 
     @abstractmethod
     def _drain(self, now: float) -> None:
-        """Submit the requests that have arrived, as far as the bounds allow. Raises NotModbus."""
+        """Submit the requests that have arrived, within the bounds. Raises NotModbus."""
 
     @property
     def gone(self) -> bool:
@@ -194,11 +194,11 @@ class Session(ABC):
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is under way."""
+        """Whether no request of the client is in progress."""
         return self._in_flight == 0
 
     def proceed(self, now: float) -> None:
-        """Submit the requests that have arrived, as far as the bounds allow; then send what was answered at once."""
+        """Submit the requests that have arrived, within the bounds; then send the responses that were ready at once."""
         self._is_draining = True
         try:
             self._drain(now)
@@ -213,46 +213,46 @@ class Session(ABC):
         self._close_when_done()
 
     def wants(self, request: Request) -> bool:
-        """Whether a request that still waits should be sent.
+        """Whether a waiting request should still be sent.
 
-        A client that sends no more may have left or may still read: it gets the answers to what it reads, but a write
-        that nobody may be waiting for is not sent any more. In case somebody is, it is answered 06.
+        A client that has closed its side may be gone or may still read. It gets the responses to its reads; its waiting
+        writes are not sent, and get 06.
         """
         return self._life != GONE and (self._life != HALF_CLOSED or only_reads(request.pdu))
 
     def block(self, now: float) -> None:
-        """The client does not take its responses: read no more requests until `unblock`."""
+        """The client does not read its responses: read no more requests until `unblock`."""
         self._back_pressure.blocked_at = now
 
     def unblock(self) -> None:
-        """The client takes its responses again."""
+        """The client reads its responses again."""
         self._back_pressure.blocked_at = None
         self._resume()
         self._close_when_done()
 
     def release(self) -> None:
-        """The client was held back for long enough after a refusal."""
+        """Stop holding the client back after a refusal."""
         self._back_pressure.is_held = False
         self._resume()
 
     def end_of_input(self) -> None:
-        """The client sends no more; it still gets its responses, then the connection is closed."""
+        """The client has closed its side; it still gets its responses, then the connection is closed."""
         if self._life != GONE:
             self._life = HALF_CLOSED
             self._close_when_done()
 
     def finish(self) -> None:
-        """Take no more requests; the connection is closed once those under way have been answered."""
+        """Take no more requests; the connection is closed once those in progress have been answered."""
         if self._life == OPEN:
             self._life = FINISHING
         self._limit = 0
         self._close_when_done()
 
-    def complaint(self, now: float) -> str:
-        """Why the client cannot be kept any longer; empty when it can.
+    def find_fault(self, now: float) -> str:
+        """Which rule the client breaks; empty if none.
 
-        To be asked every now and then: the request path keeps no time for it, so an ADU counts as begun when the last
-        call without one was.
+        Called periodically. The request path does not note times for it: an ADU counts as begun at the last call that
+        found none.
         """
         blocked_at = self._back_pressure.blocked_at
         if blocked_at is not None and now - blocked_at >= TAKING_DEADLINE:
@@ -264,9 +264,9 @@ class Session(ABC):
         return ""
 
     def closed(self) -> None:
-        """The connection has gone, and with it the wish for any response. Nothing here holds it any more.
+        """The connection is closed; its responses are dropped. The session no longer refers to it.
 
-        It holds the session: two that hold each other at a reload would stay for ever (`service.garbage`).
+        The connection refers to the session: as a cycle, both would never be freed after a reload (`service.garbage`).
         """
         self._life = GONE
         self._connection = _Gone()
@@ -278,7 +278,7 @@ class Session(ABC):
         return self._in_flight < self._limit and not self._back_pressure.is_on
 
     def _hold_back(self, request: Request) -> None:
-        """Take no more from the client for a moment, if there was no room for this request of its."""
+        """Stop reading from the client for a moment if the queue refused this request."""
         if not isinstance(request.error, QueueFull):
             self._back_pressure.recover()
         elif seconds := self._back_pressure.hold():
@@ -301,9 +301,9 @@ class Session(ABC):
             self._connection.send(data)
 
     def _go_on(self) -> None:
-        """A request has been finished: send its response, read again if that has stopped, and close if it was the last.
+        """A request is finished: send its response, resume reading, and close if it was the last.
 
-        While what has arrived is being submitted, `proceed` does that for all of them together.
+        While requests are being submitted, `proceed` does that for all of them together.
         """
         if not self._is_draining:
             self._flush()

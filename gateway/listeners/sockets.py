@@ -1,4 +1,4 @@
-"""A listener's sockets: bound to its address, with bounds on what they keep."""
+"""A listener's sockets: bound to its address, with bounded buffers."""
 
 import errno
 import os
@@ -12,14 +12,14 @@ from gateway.listeners.session import ListenSettings
 from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.lookup import AddressInfo, look_up
 
-#: What the system may keep of a connection's bytes, each way: many requests, and no memory for clients to fill.
+#: The kernel's buffer for each direction of a connection: enough for many requests, too small to exhaust memory.
 KERNEL_BUFFER: Final = 64 * 1024
-#: Keep-alive (T 4.3.2): a peer that vanished is noticed after a minute. Seconds, seconds, probes.
+#: Keep-alive (T 4.3.2): a peer that disappears is detected after a minute. Seconds, seconds, probes.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 30, 10, 3
-#: The same for a peer that vanished while something was sent to it, in milliseconds. It also ends the wait for the last
-#: probe: the system's timers may be two seconds late each, and the minute is to hold.
+#: The same for a peer that disappears while data is sent to it, in milliseconds. It also limits the wait for the last
+#: probe: each of the kernel's timers may be two seconds late, and the total must stay below a minute.
 USER_TIMEOUT: Final = 50_000
-#: How long it may take to find a listener's addresses, in seconds: the system asks a second name server after 5 s.
+#: How long looking up a listener's addresses may take, in seconds: the second name server is asked after 5 s.
 LOOKUP_DEADLINE: Final = 15.0
 #: Connections that may wait to be accepted.
 BACKLOG: Final = 1024
@@ -31,7 +31,7 @@ _ADVICE: Final = {
     errno.ENFILE: "the machine has no file descriptors left",
     socket.EAI_AGAIN: "no name server answers",
 }
-#: What is said of a port to which we have no right, and of one that a socket of systemd has.
+#: Errors for a port that needs more rights, and for one that a socket of systemd has.
 _NO_RIGHT: Final = (
     "permission denied; a port below 1024 needs root, CAP_NET_BIND_SERVICE, or a socket of systemd: "
     "give modbus-gateway.socket {}"
@@ -47,9 +47,9 @@ _IPV4_MAPPED: Final = "::ffff:"
 
 
 class OpenSockets:
-    """Sockets that are bound already: by systemd, which keeps clients waiting during a restart.
+    """Sockets that are already bound: by systemd, which keeps clients waiting during a restart.
 
-    And those of listeners that are `leaving`: they are used again too, or give way to others on their ports.
+    Also those of listeners that are `leaving`: they are used again, or give up their ports to others.
     """
 
     def __init__(self, sockets: Iterable[socket.socket] = (), leaving: Iterable[socket.socket] = ()) -> None:
@@ -60,7 +60,7 @@ class OpenSockets:
     def take(self, kind: int, address: tuple[Any, ...], *, ipv6_only: bool) -> socket.socket | None:
         """A copy of the socket at this address, if there is one; the original stays open.
 
-        Whether one of systemd's takes IPv4 too is settled by its BindIPv6Only=.
+        BindIPv6Only= decides whether one of systemd's takes IPv4 too.
         """
         leaving = (sock for sock in self._leaving if _is_ipv6_only(sock) == ipv6_only)
         for sock in (*self.all, *leaving):
@@ -69,14 +69,14 @@ class OpenSockets:
         return None
 
     def take_wider(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
-        """A copy of one of systemd's that takes connections to this address among others: see `is_meant`."""
+        """A copy of one of systemd's that accepts connections to this address among others: see `is_meant`."""
         for sock in self.all:
             if kind == sock.type == socket.SOCK_STREAM and _covers(sock, address):
                 return sock.dup()
         return None
 
     def bind(self, sock: socket.socket, address: tuple[Any, ...]) -> None:
-        """Bind `sock`, in the place of those that are leaving if it must be. Clients that still wait there are reset.
+        """Bind `sock`, replacing those that are leaving if necessary. Clients that still wait there are reset.
 
         Raises:
             OSError: as `socket.bind`.
@@ -86,42 +86,42 @@ class OpenSockets:
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
                 raise
-            self._make_way(sock.type, address[1])
-            with _sharing(sock):
+            self._free_port(sock.type, address[1])
+            with _allow_sharing(sock):
                 sock.bind(address)
 
     def put_back(self) -> None:
-        """Let those that gave way go on: they stay. Whoever has come in their place was closed before."""
+        """Let the replaced sockets listen again: they stay. Their replacements must be closed before."""
         for sock in self._gave_way:
             if sock.type == socket.SOCK_STREAM:
                 sock.listen(BACKLOG)
             else:
-                _let_share(sock, is_shared=False)
+                _set_sharing(sock, is_shared=False)
 
     def at(self, kind: int, port: int) -> list[str]:
-        """The addresses of those of systemd with this port."""
+        """The addresses of systemd's sockets with this port."""
         return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
 
     def without(self, used: Iterable[socket.socket]) -> list[str]:
-        """The addresses of those of systemd through which no listener in `used` is reached: `tcp://0.0.0.0:502`."""
+        """The addresses of systemd's sockets that none of the `used` ones belongs to: `tcp://0.0.0.0:502`."""
         names = {(sock.type, sock.getsockname()) for sock in used}
         return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in names]
 
-    def _make_way(self, kind: int, port: int) -> None:
-        """See that those at this port are in nobody's way. They stay bound; those of systemd are not ours to stop."""
+    def _free_port(self, kind: int, port: int) -> None:
+        """Free the port: its sockets stop listening but stay bound. Those of systemd are left alone."""
         if self.at(kind, port):
             return
         for sock in self._leaving:
             if (sock.type, sock.getsockname()[1]) == (kind, port) and sock not in self._gave_way:
                 self._gave_way.append(sock)
                 if kind == socket.SOCK_STREAM:
-                    sock.shutdown(socket.SHUT_RDWR)  # it listens no more
+                    sock.shutdown(socket.SHUT_RDWR)  # stop listening
                 else:
-                    _let_share(sock, is_shared=True)
+                    _set_sharing(sock, is_shared=True)
 
 
 async def addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[AddressInfo]:
-    """The addresses of a listener.
+    """Look up the addresses of a listener.
 
     Raises:
         ListenError: its host has none, or no name server answers.
@@ -129,16 +129,16 @@ async def addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[A
     try:
         found = await look_up(settings.host, settings.port, kind, LOOKUP_DEADLINE)
     except (OSError, UnicodeError) as error:
-        raise cannot_listen(settings, error) from error
+        raise make_listen_error(settings, error) from error
     return list(dict.fromkeys(found))
 
 
-def bound_sockets(
+def bind_sockets(
     settings: ListenSettings, addresses: Iterable[AddressInfo], ready: OpenSockets | None = None
 ) -> list[socket.socket]:
-    """A socket for each of a listener's addresses, through which nobody can come yet. `::` takes IPv4 clients as well.
+    """Bind a socket to each of a listener's addresses; it does not listen yet. `::` takes IPv4 clients as well.
 
-    Sockets that are `ready` are used instead of new ones. Who comes through them is not always meant: see `is_meant`.
+    Sockets that are `ready` are used instead of new ones. They may accept clients of others too: see `is_meant`.
 
     Raises:
         ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
@@ -147,72 +147,72 @@ def bound_sockets(
     try:
         return _bound(addresses, ready, settings)
     except OSError as error:
-        raise cannot_listen(settings, error, ready) from error
+        raise make_listen_error(settings, error, ready) from error
 
 
 def is_meant(client: socket.socket, listening: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
-    """Whether a listener at these addresses is for `client`. One that came through a wider socket may want another."""
+    """Whether `client` connected to one of these addresses. A wider socket accepts clients for others too."""
     ours = {address[0] for *_, address in addresses}
     if listening.getsockname()[0] in ours:
         return True
-    asked = plain(client.getsockname()[0])
+    asked = show_host(client.getsockname()[0])
     return asked in ours or (_EVERY_IPV4_ADDRESS in ours and ":" not in asked)
 
 
-def bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
-    """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, the configured one when there is none."""
+def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
+    """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, or the configured one if none is bound."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)
     if host in {_EVERY_ADDRESS, _EVERY_IPV4_ADDRESS}:  # perhaps of a wider socket
         host = settings.host
     return url(settings.scheme, host, port)
 
 
-def cannot_listen(
+def make_listen_error(
     settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets | None = None
 ) -> ListenError:
-    """Why nobody can connect to a listener, with its place in the config. `ready` are sockets that were open before."""
+    """The error that says why a listener cannot listen, with its place in the config. `ready` as in `bind_sockets`."""
     place = f"{settings.source}: " if settings.source else ""
-    reason = _matter_of_systemd(settings, error, ready or OpenSockets()) or why(error)
+    reason = _advise_on_systemd(settings, error, ready or OpenSockets()) or explain(error)
     return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {reason}")
 
 
 def url(scheme: str, host: str, port: int) -> str:
     """A listener's address: `tcp://127.0.0.1:5020`."""
-    return f"{scheme}://{written(host, port)}"
+    return f"{scheme}://{join_host_port(host, port)}"
 
 
-def plain(host: str) -> str:
-    """A peer's address; that of an IPv4 client which came to an IPv6 socket as IPv4: `10.0.0.7`."""
+def show_host(host: str) -> str:
+    """A peer's address; that of an IPv4 client on an IPv6 socket as IPv4: `10.0.0.7`."""
     return host.removeprefix(_IPV4_MAPPED) if "." in host else host
 
 
-def written(host: str, port: int) -> str:
-    """An address as people write it: `10.0.0.7:502`, `[fe80::1]:502`."""
-    host = plain(host)
+def join_host_port(host: str, port: int) -> str:
+    """Host and port as text: `10.0.0.7:502`, `[fe80::1]:502`."""
+    host = show_host(host)
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def why(error: OSError | UnicodeError) -> str:
-    """What an operator should know of `error`."""
+def explain(error: OSError | UnicodeError) -> str:
+    """What `error` means for an operator."""
     if isinstance(error, UnicodeError):
         return "this is not a valid host name"
     if error.errno in _ADVICE:
         return _ADVICE[error.errno]
     if error.errno is not None and error.errno > 0:
         return os.strerror(error.errno).lower()
-    return str(error.strerror).lower()  # a name that cannot be resolved: its number is none of the system's
+    return str(error.strerror).lower()  # a name that cannot be resolved has no errno
 
 
-def _matter_of_systemd(settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets) -> str:
-    """What to change in modbus-gateway.socket; empty if that is no remedy.
+def _advise_on_systemd(settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets) -> str:
+    """What to change in modbus-gateway.socket; empty if that does not help.
 
-    Without rights the system says EACCES of a port that is in use, too.
+    Without rights, a port that is in use also gives EACCES.
     """
     if not isinstance(error, OSError) or error.errno not in {errno.EACCES, errno.EADDRINUSE}:
         return ""
     is_udp = settings.scheme == "udp"
     key = "ListenDatagram" if is_udp else "ListenStream"
-    wanted = f"{key}={written(settings.host, settings.port)}, then systemctl restart modbus-gateway.socket"
+    wanted = f"{key}={join_host_port(settings.host, settings.port)}, then systemctl restart modbus-gateway.socket"
     if ours := ready.at(socket.SOCK_DGRAM if is_udp else socket.SOCK_STREAM, settings.port):
         taken = _SHARED_WITH_US if settings.shares_port else _TAKEN_BY_US
         return taken.format(", ".join(ours), wanted)
@@ -242,8 +242,8 @@ def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, settings: Liste
 
 
 def _set_scope(sock: socket.socket, *, ipv6_only: bool) -> None:
-    """What else may have the port: connections that have ended, and IPv4 beside IPv6."""
-    _let_share(sock, is_shared=sock.type == socket.SOCK_STREAM)
+    """Allow reuse of the port after closed connections, and set whether IPv4 is included."""
+    _set_sharing(sock, is_shared=sock.type == socket.SOCK_STREAM)
     if sock.family == socket.AF_INET6:
         sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, ipv6_only)
 
@@ -253,7 +253,7 @@ def _is_ipv6_only(sock: socket.socket) -> bool:
 
 
 def _covers(sock: socket.socket, address: tuple[Any, ...]) -> bool:
-    """Whether `sock` takes connections to every address of a kind, and this is one of them."""
+    """Whether `sock` is bound to the wildcard address that includes `address`."""
     host, port = sock.getsockname()[:2]
     is_ipv6 = ":" in address[0]
     every = host == _EVERY_ADDRESS if is_ipv6 or sock.family == socket.AF_INET6 else host == _EVERY_IPV4_ADDRESS
@@ -261,15 +261,15 @@ def _covers(sock: socket.socket, address: tuple[Any, ...]) -> bool:
 
 
 @contextmanager
-def _sharing(sock: socket.socket) -> Iterator[None]:
-    """In it `sock` can be bound beside others that share their port: no longer, or it would share its own too."""
+def _allow_sharing(sock: socket.socket) -> Iterator[None]:
+    """In this context `sock` can be bound to a port that others share. Afterwards it does not share its own."""
     is_shared = sock.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
-    _let_share(sock, is_shared=True)
+    _set_sharing(sock, is_shared=True)
     yield
-    _let_share(sock, is_shared=bool(is_shared))
+    _set_sharing(sock, is_shared=bool(is_shared))
 
 
-def _let_share(sock: socket.socket, *, is_shared: bool) -> None:
+def _set_sharing(sock: socket.socket, *, is_shared: bool) -> None:
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, is_shared)
 
 

@@ -1,4 +1,4 @@
-"""TCP: the listening sockets, and those who come through them."""
+"""TCP listeners: accept clients and close those that cannot be kept."""
 
 import asyncio
 import socket
@@ -13,31 +13,31 @@ from gateway.listeners.sockets import (
     BACKLOG,
     OpenSockets,
     addresses,
-    bound_address,
-    bound_sockets,
-    cannot_listen,
+    bind_sockets,
+    explain,
     is_meant,
-    plain,
-    why,
-    written,
+    join_host_port,
+    make_listen_error,
+    show_bound_address,
+    show_host,
 )
 from gateway.listeners.spare_descriptor import SpareDescriptor
 from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
-#: How long a connection that is being closed may take to send what it still has, in seconds.
+#: How long a connection that is being closed may take to send its remaining data, in seconds.
 CLOSING_DEADLINE: Final = 2.0
-#: How often a listener looks for connections that cannot be kept, in seconds: all their deadlines hold within that.
+#: How often a listener checks its connections, in seconds: the precision of all their deadlines.
 SWEEP_STEP: Final = 0.25
-#: How long nobody is accepted when that has failed for good, in seconds.
+#: How long no client is accepted after accepting has failed, in seconds.
 ACCEPT_PAUSE: Final = 0.1
 
 
 class TcpListener:
     """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
 
-    `connections` are those that count for `clients`. One that is being closed counts no more; what was sent to its
-    client has CLOSING_DEADLINE to leave.
+    `connections` are those that count for `clients`. One that is being closed no longer counts; it has
+    CLOSING_DEADLINE to send its remaining data.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -56,7 +56,7 @@ class TcpListener:
     @property
     def address(self) -> str:
         """The bound address, `tcp://127.0.0.1:5020`; the configured one while it is not bound."""
-        return bound_address(self.settings, self._sockets)
+        return show_bound_address(self.settings, self._sockets)
 
     @property
     def sockets(self) -> tuple[socket.socket, ...]:
@@ -65,12 +65,12 @@ class TcpListener:
 
     @property
     def clients(self) -> int:
-        """Connections that count for the bound."""
+        """The number of connections that count for `clients`."""
         return len(self.connections)
 
     @property
     def connected_clients(self) -> tuple[TcpConnection, ...]:
-        """Who they are."""
+        """The connections that count for `clients`."""
         return tuple(self.connections)
 
     @property
@@ -82,21 +82,21 @@ class TcpListener:
         """Look up the addresses to be bound.
 
         Raises:
-            ListenError: nobody knows the host's name.
+            ListenError: the host name cannot be resolved.
         """
         self._addresses = await addresses(self.settings, socket.SOCK_STREAM)
 
     def bind(self, ready: OpenSockets | None = None) -> None:
-        """Take the addresses without letting anybody come; sockets that are `ready` for them are used.
+        """Bind the addresses without listening yet; sockets that are `ready` for them are used.
 
         Raises:
             ListenError: one is in use, needs more rights, or is no address of this machine.
         """
-        self._sockets = bound_sockets(self.settings, self._addresses, ready)
+        self._sockets = bind_sockets(self.settings, self._addresses, ready)
         self._spare_descriptor.hold()
 
     def listen(self) -> None:
-        """Let clients come, and wait until they are accepted.
+        """Let clients connect and wait; `start` accepts them.
 
         Raises:
             ListenError: another socket on this port was quicker.
@@ -105,7 +105,7 @@ class TcpListener:
             for listening in self._sockets:
                 listening.listen(BACKLOG)
         except OSError as error:
-            raise cannot_listen(self.settings, error) from error
+            raise make_listen_error(self.settings, error) from error
 
     def start(self) -> None:
         """Accept clients."""
@@ -115,18 +115,18 @@ class TcpListener:
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
-        """Accept nobody any more and take no more requests; each client is closed once it has its responses."""
+        """Accept no more clients or requests; each client is closed once it has its responses."""
         self._stop_accepting()
         for connection in self.connections:
             connection.finish()
 
     def close(self) -> None:
-        """Accept nobody any more and drop every connection."""
+        """Accept no more clients and drop every connection."""
         self._stop_accepting()
         if self._sweeping is not None:
             self._sweeping.cancel()
         for connection in [*self.connections, *self._closing]:
-            connection.abort("the gateway ends")
+            connection.abort("the gateway is stopping")
 
     def connected(self, connection: TcpConnection) -> None:
         """A client has connected."""
@@ -135,7 +135,7 @@ class TcpListener:
         self.emit(events.ClientConnected(self.settings.name, connection.client))
 
     def closing(self, connection: TcpConnection) -> None:
-        """A connection is being closed: its place is free."""
+        """A connection is being closed and no longer counts for `clients`."""
         self.connections.leave(connection, _now())
         self._closing.setdefault(connection, _now() + CLOSING_DEADLINE)
 
@@ -146,28 +146,28 @@ class TcpListener:
         self.emit(events.ClientClosed(self.settings.name, connection.client, reason))
 
     def rejected(self, client: str, reason: str) -> None:
-        """A client is sent away."""
+        """A client is rejected."""
         self.counts.rejected += 1
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
     def failed(self, part: str, error: Exception) -> None:
-        """An error that nobody foresaw has ended at one of this module's error boundaries."""
+        """An unexpected error was caught at one of this module's error boundaries."""
         self.emit(events.PartFailed.of(part, error))
 
     async def _accept(self, listening: socket.socket) -> None:
-        """Take one client after the other, each in a turn of the loop of its own."""
+        """Accept clients, one in each iteration of the event loop."""
         loop = asyncio.get_running_loop()
         while True:
             try:
                 sock, address = await loop.sock_accept(listening)
             except OSError as error:
-                await self._refuse(listening, why(error))
+                await self._refuse(listening, explain(error))
             else:
-                await self._welcome(sock, listening, *address[:2])
+                await self._connect(sock, listening, *address[:2])
             await asyncio.sleep(0)
 
-    async def _welcome(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
-        host, client = plain(host), written(host, port)
+    async def _connect(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
+        host, client = show_host(host), join_host_port(host, port)
         loop = asyncio.get_running_loop()
         try:
             if not is_meant(sock, listening, self._addresses):
@@ -184,7 +184,7 @@ class TcpListener:
             self.failed(f"client {client}", error)
 
     async def _refuse(self, listening: socket.socket, reason: str) -> None:
-        """Nobody could be accepted, most likely for lack of descriptors: those who wait must not wait for ever."""
+        """Accepting failed, probably for lack of descriptors: reject the waiting clients."""
         client = self._spare_descriptor.send_away(listening)
         self.rejected(client or "unknown", reason)
         if client is None:
@@ -197,11 +197,11 @@ class TcpListener:
         self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
 
     def _sweep(self) -> None:
-        """Close the connections that cannot be kept, and end those that have been closing for too long."""
+        """Close the connections that cannot be kept, and abort those that have been closing for too long."""
         now = _now()
         self.connections.look(now)
         for connection in self.connections:
-            connection.look_over(now, self.settings.idle)
+            connection.check_client(now, self.settings.idle)
         for connection, deadline in list(self._closing.items()):
             if now >= deadline:
                 connection.abort()
@@ -212,7 +212,7 @@ class TcpListener:
         for task in self._accepting:
             task.cancel()
         for listening in self._sockets:
-            loop.remove_reader(listening)  # now: when the task has its turn, the descriptor may be somebody else's
+            loop.remove_reader(listening)  # now: when the task runs, the descriptor may be reused
             listening.close()
         self._accepting, self._sockets = [], []
         self._spare_descriptor.release()

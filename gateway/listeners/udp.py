@@ -1,4 +1,4 @@
-"""Modbus UDP: each datagram is one ADU with the header of Modbus TCP; the response goes to the one who sent it."""
+"""Modbus UDP: each datagram is one ADU with the header of Modbus TCP; the response goes to its sender."""
 
 import asyncio
 import socket
@@ -11,32 +11,39 @@ from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Peer
 from gateway.listeners.session import Counts, ListenSettings
-from gateway.listeners.sockets import OpenSockets, addresses, bound_address, bound_sockets, plain, written
+from gateway.listeners.sockets import (
+    OpenSockets,
+    addresses,
+    bind_sockets,
+    join_host_port,
+    show_bound_address,
+    show_host,
+)
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
 from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
-#: How often a listener looks for peers that have been idle for too long, in seconds.
+#: How often a listener looks for idle peers, in seconds.
 SWEEP_STEP: Final = 0.25
 
-#: Room for what the system says about a datagram: `struct in6_pktinfo`, and more than that.
+#: Room for the ancillary data of a datagram: `struct in6_pktinfo` and more.
 _ANCILLARY_SIZE: Final = 128
 #: From linux/in.h; Python has it from 3.14 on.
 _IP_PKTINFO: Final = 8
 #: Any interface, in `struct in_pktinfo` at the beginning, in `struct in6_pktinfo` at the end.
 _NO_INTERFACE: Final = bytes(4)
 
-#: What `recvmsg` tells of a datagram: the address of ours that it was sent to; and what `sendmsg` takes back.
+#: Ancillary data of `recvmsg`: the local address that a datagram was sent to; `sendmsg` takes the same.
 Asked = list[tuple[int, int, bytes]]
 
 
 @dataclass(slots=True)
 class DatagramCounts(Counts):
-    """And datagrams: `unsent` are responses that the system refused.
+    """Also counts datagrams: `unsent` are responses that the system refused.
 
-    `malformed` are those that are not exactly one request. An exception response is none: answered like a request of an
-    unknown function, it would go to and fro between two servers for ever once somebody has forged the first one.
+    `malformed` are those that are not exactly one request. An exception response is malformed too: answered like a
+    request with an unknown function, one forged datagram would bounce between two servers for ever.
     """
 
     malformed: int = 0
@@ -44,10 +51,10 @@ class DatagramCounts(Counts):
 
 
 class UdpListener:
-    """One `[[listen]]` table with udp://: answers datagrams, forgets peers that ask nothing any more.
+    """One `[[listen]]` table with udp://: answers datagrams, forgets idle peers.
 
-    Datagrams from an address without any right are dropped. At most `clients` peers are known at a time; who is
-    forgotten for another one, or whose datagrams are dropped, `admission` says.
+    Datagrams from an address without any right are dropped. At most `clients` peers are known at a time; `admission`
+    decides which one is forgotten for a new one, and whose datagrams are dropped.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -64,7 +71,7 @@ class UdpListener:
     @property
     def address(self) -> str:
         """The bound address, `udp://127.0.0.1:5020`; the configured one while it is not bound."""
-        return bound_address(self.settings, self._sockets)
+        return show_bound_address(self.settings, self._sockets)
 
     @property
     def sockets(self) -> tuple[socket.socket, ...]:
@@ -73,39 +80,39 @@ class UdpListener:
 
     @property
     def clients(self) -> int:
-        """Peers that are known."""
+        """The number of known peers."""
         return len(self._peers)
 
     @property
     def connected_clients(self) -> tuple[Peer, ...]:
-        """Who they are."""
+        """The known peers."""
         return tuple(self._peers.values())
 
     @property
     def has_clients(self) -> bool:
-        """Whether any peer has a request under way."""
+        """Whether any peer has a request in progress."""
         return not all(peer.is_idle for peer in self._peers.values())
 
     async def find(self) -> None:
         """Look up the addresses to be bound.
 
         Raises:
-            ListenError: nobody knows the host's name.
+            ListenError: the host name cannot be resolved.
         """
         self._addresses = await addresses(self.settings, socket.SOCK_DGRAM)
 
     def bind(self, ready: OpenSockets | None = None) -> None:
-        """Take the addresses without reading anything yet; sockets that are `ready` for them are used.
+        """Bind the addresses without reading yet; sockets that are `ready` for them are used.
 
         Raises:
             ListenError: one is in use, needs more rights, or is no address of this machine.
         """
-        self._sockets = bound_sockets(self.settings, self._addresses, ready)
+        self._sockets = bind_sockets(self.settings, self._addresses, ready)
         for sock in self._sockets:
-            _tell_which_address_was_asked(sock)
+            _request_local_address(sock)
 
     def listen(self) -> None:
-        """Nothing: datagrams come and wait from `bind` on."""
+        """Does nothing: datagrams arrive and wait from `bind` on."""
 
     def start(self) -> None:
         """Take requests."""
@@ -116,7 +123,7 @@ class UdpListener:
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
-        """Take no more requests; those under way are still answered."""
+        """Take no more requests; those in progress are still answered."""
         loop = asyncio.get_running_loop()
         for sock in self._sockets:
             loop.remove_reader(sock)
@@ -127,21 +134,21 @@ class UdpListener:
         if self._sweeping is not None:
             self._sweeping.cancel()
         for key in list(self._peers):
-            self._forget(key, "the gateway ends")
+            self._forget(key, "the gateway is stopping")
         for sock in self._sockets:
             sock.close()
         self._sockets = []
 
     def _readable(self, sock: socket.socket) -> None:
-        """Take one datagram; for the next one the loop comes back, after it has served everybody else."""
+        """Process one datagram; the loop calls again for the next one, after it has served all others."""
         try:
             data, asked, _, address = sock.recvmsg(MAX_TCP_ADU + 1, _ANCILLARY_SIZE)
-        except OSError:  # nothing there after all: its check sum was wrong
+        except OSError:  # no datagram after all: its checksum was wrong
             return
         try:
             self._received(sock, data, asked, address)
         except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
-            self.emit(events.PartFailed.of(f"client {written(*address[:2])}", error))
+            self.emit(events.PartFailed.of(f"client {join_host_port(*address[:2])}", error))
 
     def _received(self, sock: socket.socket, data: bytes, asked: Asked, address: tuple[Any, ...]) -> None:
         adu = mbap.decode(data)
@@ -154,18 +161,18 @@ class UdpListener:
             peer.received(adu, now)
 
     def _peer(self, sock: socket.socket, asked: Asked, address: tuple[Any, ...], now: float) -> Peer | None:
-        """Who sent a datagram to one of our addresses; None when it may do nothing, or there is no room for it."""
+        """The sender of a datagram; None if it has no rights, or the listener is full."""
         key = (*address, *asked)
         peer = self._peers.get(key)
         if peer is not None:
             return peer
-        client, host = written(*address[:2]), plain(address[0])
+        client, host = join_host_port(*address[:2]), show_host(address[0])
         why_not = self._admission.refusal(host, self.router.rights, self.settings, now, self._dismiss)
         if why_not:
             self.counts.rejected += 1
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
             return None
-        send = partial(self._send, sock, _from_where_it_was_asked(asked), address)
+        send = partial(self._send, sock, _reply_control(asked), address)
         peer = Peer(
             client,
             host=host,
@@ -183,7 +190,7 @@ class UdpListener:
     def _send(self, sock: socket.socket, asked: Asked, address: tuple[Any, ...], data: bytes) -> None:
         try:
             sock.sendmsg([data], asked, 0, address)
-        except OSError:  # as good as lost on its way, and the client knows what to do then
+        except OSError:  # as if lost on the network: the client repeats its request
             self.counts.unsent += 1
 
     def _dismiss(self, peer: Peer) -> None:
@@ -199,7 +206,7 @@ class UdpListener:
         self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
 
     def _sweep(self) -> None:
-        """Forget the peers that asked nothing for too long."""
+        """Forget the peers that have been idle for too long."""
         now = asyncio.get_running_loop().time()
         self._admission.look(now)
         since = now - self.settings.idle
@@ -210,15 +217,15 @@ class UdpListener:
         self._sweep_later()
 
 
-def _tell_which_address_was_asked(sock: socket.socket) -> None:
+def _request_local_address(sock: socket.socket) -> None:
     if sock.family == socket.AF_INET6:
         sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO, 1)
     else:
         sock.setsockopt(socket.IPPROTO_IP, _IP_PKTINFO, 1)
 
 
-def _from_where_it_was_asked(asked: Asked) -> Asked:
-    """Our address that was asked, without the interface: a response may have to leave through another one."""
+def _reply_control(asked: Asked) -> Asked:
+    """The local address as source of the response, without the interface: the route may use another one."""
     return [
         (level, kind, _NO_INTERFACE + data[4:] if level == socket.IPPROTO_IP else data[:-4] + _NO_INTERFACE)
         for level, kind, data in asked

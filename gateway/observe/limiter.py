@@ -39,7 +39,7 @@ def _without_port(part: str, value: object) -> object:
 
 
 @dataclass(slots=True)
-class _Story:
+class _History:
     """What has been told of a subject: since when it goes on, when it came last, when lines were written."""
 
     since: float
@@ -66,7 +66,7 @@ class Limiter:
     seconds: float = 1.0
     steady: float = STEADY
     #: The subject that rests longest is the first.
-    _stories: dict[Subject, _Story] = field(default_factory=dict)
+    _histories: dict[Subject, _History] = field(default_factory=dict)
     #: What is counted at the moment, and when that is due.
     _suppressed: dict[Subject, int] = field(default_factory=dict)
     _due: list[tuple[float, int, Subject]] = field(default_factory=list)
@@ -79,14 +79,14 @@ class Limiter:
 
     def admits(self, subject: Subject, now: float, events: int = 1) -> bool:
         """Whether a line about `subject` may be written; if not, the `events` that it tells of are counted."""
-        subject = self._told_apart(subject, now)
-        story = self._stories.pop(subject, None) or _Story(now, now, deque(maxlen=self.lines))
-        self._stories[subject] = story
-        story.came(now)
-        is_steady = now - story.since >= self.steady
+        subject = self._distinguish(subject, now)
+        history = self._histories.pop(subject, None) or _History(now, now, deque(maxlen=self.lines))
+        self._histories[subject] = history
+        history.came(now)
+        is_steady = now - history.since >= self.steady
         room = self.lines - (self._keeps_a_line and subject in self._suppressed)
-        if not is_steady and sum(time > now - self.seconds for time in story.written) < room:
-            story.written.append(now)
+        if not is_steady and sum(time > now - self.seconds for time in history.written) < room:
+            history.written.append(now)
             return True
         if subject not in self._suppressed:
             self._suppressed[subject] = 0
@@ -98,25 +98,25 @@ class Limiter:
         """The counts that are due: to be written, each as one line about its subject."""
         while self._due and self._due[0][0] <= now:
             _, _, subject = heappop(self._due)
-            if self._keeps_a_line and subject in self._stories:
-                self._stories[subject].written.append(now)
+            if self._keeps_a_line and subject in self._histories:
+                self._histories[subject].written.append(now)
             yield subject, self._suppressed.pop(subject)
 
     @property
     def _keeps_a_line(self) -> bool:
         return self.lines > 1
 
-    def _told_apart(self, subject: Subject, now: float) -> Subject:
+    def _distinguish(self, subject: Subject, now: float) -> Subject:
         """The subject, or what it counts as when there are too many."""
-        if subject in self._stories or len(self._stories) < MOST_SUBJECTS:
+        if subject in self._histories or len(self._histories) < MOST_SUBJECTS:
             return subject
         self._forget(now)
-        return subject if len(self._stories) < MOST_SUBJECTS else subject._replace(key=())
+        return subject if len(self._histories) < MOST_SUBJECTS else subject._replace(key=())
 
     def _forget(self, now: float) -> None:
         """Forget the subjects that have rested for `seconds`: no line about them counts any more."""
-        while self._stories:
-            subject, story = next(iter(self._stories.items()))
-            if max([story.latest, *story.written]) > now - self.seconds:
+        while self._histories:
+            subject, history = next(iter(self._histories.items()))
+            if max([history.latest, *history.written]) > now - self.seconds:
                 return
-            del self._stories[subject]
+            del self._histories[subject]

@@ -56,7 +56,7 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
     if log_format == "journald" and Path(JOURNAL).exists():
         return Journal().write
     stream = StandardError() if stream is None else stream
-    render = _as_json if log_format == "json" else _for_people(stream)
+    render = _as_json if log_format == "json" else _make_console_renderer(stream)
     return lambda entry: stream.write(render(entry))
 
 
@@ -86,7 +86,7 @@ def _as_json(entry: Entry) -> str:
     return json.dumps({**entry.fields, **_what_and_when(entry, stamp)}, default=repr) + "\n"
 
 
-def _for_people(stream: Stream) -> Callable[[Entry], str]:
+def _make_console_renderer(stream: Stream) -> Callable[[Entry], str]:
     import structlog  # noqa: PLC0415 - it is large, and a service has no use for it
 
     colors = stream.isatty() and "NO_COLOR" not in os.environ

@@ -56,15 +56,15 @@ def control_path(
 
 @asynccontextmanager
 async def control_open(path: Path, verbs: Mapping[str, Verb], emit: Emit) -> AsyncIterator[None]:
-    """In its context other processes can ask for `verbs` at `path`. Where that cannot be, it is told, and no more."""
+    """In its context other processes can ask for `verbs` at `path`. If that fails, it is only logged."""
     conversations: set[asyncio.Task[None]] = set()
 
     def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(conversations) >= MOST_CONNECTIONS:
-            writer.write(_line(_refused(f"{MOST_CONNECTIONS} others are connected already; try again later")))
+            writer.write(_line(_refuse(f"{MOST_CONNECTIONS} others are connected already; try again later")))
             writer.close()
             return
-        conversation = asyncio.create_task(_converse(reader, writer, verbs, emit), name="control")
+        conversation = asyncio.create_task(_serve_connection(reader, writer, verbs, emit), name="control")
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 
@@ -80,7 +80,7 @@ async def control_open(path: Path, verbs: Mapping[str, Verb], emit: Emit) -> Asy
         server.close()
         for conversation in conversations:
             conversation.cancel()
-        _take_away(path)
+        _remove(path)
 
 
 def _bound(path: Path) -> socket.socket:
@@ -89,7 +89,7 @@ def _bound(path: Path) -> socket.socket:
     Raises:
         OSError: there cannot be one.
     """
-    _make_room(path)
+    _remove_stale_socket(path)
     sock = socket.socket(socket.AF_UNIX)
     try:
         sock.bind(str(path))
@@ -100,12 +100,12 @@ def _bound(path: Path) -> socket.socket:
     return sock
 
 
-def _take_away(path: Path) -> None:
+def _remove(path: Path) -> None:
     with suppress(OSError):
         path.unlink()
 
 
-def _make_room(path: Path) -> None:
+def _remove_stale_socket(path: Path) -> None:
     """Take away what a gateway that was killed has left.
 
     Raises:
@@ -128,7 +128,7 @@ def _make_room(path: Path) -> None:
             raise FileExistsError(0, "another modbus-gateway answers there")
 
 
-async def _converse(
+async def _serve_connection(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, verbs: Mapping[str, Verb], emit: Emit
 ) -> None:
     writer.transport.set_write_buffer_limits(0)  # `drain` waits until the system has all of an answer
@@ -145,27 +145,27 @@ async def _converse(
 
 async def _answer(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb], emit: Emit) -> bytes:
     try:
-        return _line(await _answered(line, is_there, verbs))
+        return _line(await _run_verb(line, is_there, verbs))
     except Exception as error:  # noqa: BLE001 - the error boundary of a request
         emit(PartFailed.of("control socket", error))
-        return _line(_refused("a defect in the gateway; its log says more"))
+        return _line(_refuse("a defect in the gateway; its log says more"))
 
 
-async def _answered(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb]) -> dict[str, Any]:
+async def _run_verb(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb]) -> dict[str, Any]:
     try:
         request = json.loads(line)
     except (ValueError, RecursionError):
-        return _refused("this is not JSON")
+        return _refuse("this is not JSON")
     verb = request.get("verb") if isinstance(request, dict) else None
     if not isinstance(verb, str) or verb not in verbs:
-        return _refused(f'"verb" must be one of {", ".join(verbs)}')
+        return _refuse(f'"verb" must be one of {", ".join(verbs)}')
     try:
         return {"ok": True, **await verbs[verb](request, is_there)}
     except WrongQuestion as wrong:
-        return _refused(str(wrong))
+        return _refuse(str(wrong))
 
 
-def _refused(why: str) -> dict[str, Any]:
+def _refuse(why: str) -> dict[str, Any]:
     return {"ok": False, "error": why}
 
 

@@ -67,19 +67,19 @@ class Reloader:
     def order(self) -> asyncio.Task[Outcome]:
         """Reload soon. Orders that come before a reload has begun are one; the file counts as it is then."""
         if self._next is None:
-            self._next = asyncio.create_task(self._when_possible(), name="reload")
+            self._next = asyncio.create_task(self._run(), name="reload")
             self._tasks.add(self._next)
             self._next.add_done_callback(self._tasks.discard)
         return self._next
 
     async def close(self) -> None:
-        """Give up what is under way."""
+        """Give up what is in progress."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _when_possible(self) -> Outcome:
+    async def _run(self) -> Outcome:
         async with self._turn:
             await self._running.ready.wait()
             self._next = None
@@ -115,7 +115,9 @@ class Reloader:
         garbage.settle()
         self._running.reload_succeeded = not defect
         warnings = tuple(map(str, loaded.problems))
-        outcome = replace(differences(old, new), restart=settled(self._at_start, new), warnings=warnings, defect=defect)
+        outcome = replace(
+            differences(old, new), restart=find_settled(self._at_start, new), warnings=warnings, defect=defect
+        )
         warn(loaded.problems, self._running.emit)
         self._running.emit(
             events.ConfigApplied(str(self._file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
@@ -171,7 +173,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
     }
 
 
-def settled(at_start: Plan, new: Plan) -> tuple[str, ...]:
+def find_settled(at_start: Plan, new: Plan) -> tuple[str, ...]:
     """What `new` has otherwise, and was settled at the start."""
     fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control), ("web", at_start.web, new.web))
     return tuple(name for name, one, other in fixed if one != other)

@@ -15,14 +15,14 @@ from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
 from gateway.service.recent import Recent
 
-#: How long requests that are under way, and the clients that take their responses, may take when their part ends, in
+#: How long requests that are in progress, and the clients that take their responses, may take when their part ends, in
 #: seconds; and how long ports may take to close then. With the end of the process that is less than 5 s. Only a disk
 #: that hangs adds to it: 1 s for the files of the state folder, or 2 s where persistent images are.
 DRAIN_TIME: Final = 3.0
 CLOSING_TIME: Final = 1.5
 #: How often those who wait for them look whether they are done, in seconds.
 _DRAIN_STEP: Final = 0.02
-#: How long a line rests whose task met an error that nobody foresaw, in seconds.
+#: How long a line rests after an unexpected error in its task, in seconds.
 _RESTART_PAUSE: Final = 1.0
 
 
@@ -96,7 +96,7 @@ class Running:
             listener.close()
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
-        """Take no more clients and requests, and let what is under way finish, unless that becomes urgent.
+        """Take no more clients and requests, and let what is in progress finish, unless that becomes urgent.
 
         What is not finished after DRAIN_TIME is answered as if its line had gone: 0B when it was sent, 0A when it was
         not.
@@ -109,7 +109,7 @@ class Running:
         await _until(lambda: is_urgent() or not _any_under_way(listeners, servers))
         for driver in drivers:
             if not isinstance(driver, SerialListener):
-                driver.port_down(PortError("the gateway ends"))
+                driver.port_down(PortError("the gateway is stopping"))
 
     async def switch(self, new: Gateway) -> None:
         """Go over to another gateway. Parts that both have go on as if nothing happened.
@@ -165,9 +165,9 @@ class Running:
                 raise error
         for listener in come:
             listener.bind(sockets)
-        self._check_that_all_are_used(gateway)
+        self._check_inherited_sockets(gateway)
 
-    def _check_that_all_are_used(self, gateway: Gateway) -> None:
+    def _check_inherited_sockets(self, gateway: Gateway) -> None:
         """Clients of a socket that nobody looks after would wait for ever."""
         left_over = self._sockets.without(sock for one in gateway.listeners for sock in one.sockets)
         if left_over:
@@ -188,7 +188,7 @@ class Running:
         self._going.remove(listener)
 
     async def _retire(self, part: Part) -> None:
-        """End a part once what is under way has finished; what waits is refused."""
+        """End a part once what is in progress has finished; what waits is refused."""
         part.driver.finish()
         await _until(lambda: not part.driver.is_busy)
         await self._end([part])

@@ -68,7 +68,7 @@ class SharedFile:
         try:
             content = read_content(self.file, self._is_entry)
             if content.damage:
-                content = self._mend()
+                content = self._repair()
         except OSError as error:
             reason = f"it cannot be read: {error.strerror}"
             if content.damage:
@@ -77,13 +77,13 @@ class SharedFile:
         self._entries = content.entries
         return dict(content.entries)
 
-    def _mend(self) -> Content:
+    def _repair(self) -> Content:
         """Move a damaged file aside and keep what could be read of it, unless another gateway has done so meanwhile.
 
         Raises:
             OSError: it cannot be read or moved.
         """
-        with _locked(self.file):
+        with _lock(self.file):
             content = read_content(self.file, self._is_entry)
             if content.damage:
                 self._move_aside(content)
@@ -117,7 +117,7 @@ class SharedFile:
         pause = FIRST_PAUSE
         while changes := self._next():
             try:
-                with _locked(self.file):
+                with _lock(self.file):
                     self._replace(changes)
             except Exception as error:  # noqa: BLE001 - whatever a file holds, later changes must find a writer
                 self._failed(getattr(error, "strerror", None) or str(error))
@@ -157,7 +157,7 @@ class SharedFile:
             self._move_aside(content)
             entries = self._entries | entries
         self._entries = {key: entry for key, entry in (entries | changes).items() if entry is not None}
-        _write_anew(self.file, self._entries)
+        _replace_content(self.file, self._entries)
 
     def _move_aside(self, content: Content) -> None:
         aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S-%f}")
@@ -209,7 +209,7 @@ def _text(file: Path) -> bytes:
 
 
 @contextmanager
-def _locked(file: Path) -> Iterator[None]:
+def _lock(file: Path) -> Iterator[None]:
     """In its context no other gateway changes the file.
 
     Raises:
@@ -217,15 +217,15 @@ def _locked(file: Path) -> Iterator[None]:
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + LOCK_DEADLINE
-    with _opened(file.with_suffix(".lock"), 0) as lock:
-        while not _has_locked(lock):
+    with _open(file.with_suffix(".lock"), 0) as lock:
+        while not _try_lock(lock):
             if time.monotonic() > deadline:
                 raise TimeoutError(None, f"another program holds {lock.name}")
             time.sleep(_LOCK_STEP)
         yield
 
 
-def _opened(file: Path, flags: int) -> TextIO:
+def _open(file: Path, flags: int) -> TextIO:
     """A file of ours to write, never one that a link leads to; it belongs to whom the folder belongs to.
 
     Raises:
@@ -240,7 +240,7 @@ def _opened(file: Path, flags: int) -> TextIO:
     return stream
 
 
-def _has_locked(lock: TextIO) -> bool:
+def _try_lock(lock: TextIO) -> bool:
     try:
         flock(lock, LOCK_EX | LOCK_NB)
     except BlockingIOError:
@@ -248,11 +248,11 @@ def _has_locked(lock: TextIO) -> bool:
     return True
 
 
-def _write_anew(file: Path, entries: Entries) -> None:
+def _replace_content(file: Path, entries: Entries) -> None:
     """Let `entries` be the content of the file, on the disk when this returns; it is never half there."""
     fresh = file.with_suffix(".new")
     fresh.unlink(missing_ok=True)
-    with _opened(fresh, os.O_EXCL) as stream:
+    with _open(fresh, os.O_EXCL) as stream:
         stream.write(json.dumps(entries, indent=2) + "\n")
         stream.flush()
         os.fsync(stream.fileno())

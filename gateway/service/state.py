@@ -51,7 +51,7 @@ class Memory:
         """Nothing more is remembered."""
 
 
-def kept_in(folder: Path) -> Memory:
+def read_memory(folder: Path) -> Memory:
     """What is remembered in `folder`, to look at.
 
     Raises:

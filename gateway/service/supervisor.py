@@ -13,7 +13,7 @@ from gateway.service.watchdog import summary, watch
 
 
 class Stop:
-    """The order to end: the first one lets requests under way finish, the second one does not wait for them."""
+    """The order to end: the first one lets requests in progress finish, the second one does not wait for them."""
 
     def __init__(self) -> None:
         self.reason = ""
@@ -26,7 +26,7 @@ class Stop:
         self.reason = self.reason or reason
         self._asked.set()
 
-    async def asked(self) -> None:
+    async def wait(self) -> None:
         """Wait for the order."""
         await self._asked.wait()
 
@@ -43,9 +43,9 @@ async def serve(
     """
     systemd = systemd or Notifier({})
     try:
-        is_bound = await _done_before(stop, running.bind())
+        is_bound = await _complete_before(stop, running.bind())
         async with running.lines_open():
-            if is_bound and await _done_before(stop, running.tried()):
+            if is_bound and await _complete_before(stop, running.tried()):
                 running.start_listening()
                 await _serve_until(stop, running, systemd)
             if reloader is not None:
@@ -76,15 +76,15 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     running.ready.set()
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
-    await stop.asked()
+    await stop.wait()
     running.ready.clear()
     watching.cancel()
     sampling.cancel()
 
 
-async def _done_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:
+async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:
     """Whether `step` was done before the order to stop; if not, it is given up. Raises what `step` raises."""
-    doing, asked = asyncio.create_task(step, name="start"), asyncio.create_task(stop.asked(), name="stop")
+    doing, asked = asyncio.create_task(step, name="start"), asyncio.create_task(stop.wait(), name="stop")
     await asyncio.wait((doing, asked), return_when=asyncio.FIRST_COMPLETED)
     asked.cancel()
     if not doing.done():

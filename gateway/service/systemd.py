@@ -69,7 +69,7 @@ class Notifier:
         return True
 
 
-def inherited_sockets(environment: Mapping[str, str] = os.environ) -> list[socket.socket]:
+def take_inherited_sockets(environment: Mapping[str, str] = os.environ) -> list[socket.socket]:
     """The sockets that systemd has opened for this process (socket activation)."""
     if environment.get("LISTEN_PID") != str(os.getpid()):
         return []

@@ -18,7 +18,7 @@ _MISSING = "{} is not installed: pip install 'mbgw[web]'"
 
 @asynccontextmanager
 async def web_pages(plan: WebPlan | None, running: Running) -> AsyncIterator[None]:
-    """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more."""
+    """In its context the gateway answers over HTTP if the config says so. If that fails, it is only logged."""
     async with AsyncExitStack() as stack:
         if plan is not None:
             try:

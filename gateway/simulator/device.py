@@ -53,7 +53,7 @@ class Device:
         self.baud = baud
         self.faults = faults
 
-    def hear(self, frame: Frame, now: float, baud: int) -> Answer | None:
+    def receive(self, frame: Frame, now: float, baud: int) -> Answer | None:
         """Take a frame that has ended at `now`; None when it is not for this device or nobody answers it.
 
         `baud` is the rate at which the frame came.

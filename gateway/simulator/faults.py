@@ -26,13 +26,13 @@ class Faults:
             return adu
         if dice.random() < 0.5:
             return dice.randbytes(dice.randint(1, _MOST_NOISE)) + adu
-        return with_flipped_bit(adu, dice.randrange(8 * len(adu)))
+        return flip_bit(adu, dice.randrange(8 * len(adu)))
 
 
 NO_FAULTS: Final = Faults()
 
 
-def with_flipped_bit(data: bytes, bit: int) -> bytes:
+def flip_bit(data: bytes, bit: int) -> bytes:
     """`data` with one bit wrong, counted from the lowest one of the first byte. CRC and LRC notice each such error."""
     at, place = divmod(bit, 8)
     return data[:at] + bytes((data[at] ^ 1 << place,)) + data[at + 1 :]

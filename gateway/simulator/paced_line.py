@@ -81,9 +81,9 @@ class PacedLine:
             self._begin("device", answer, others, disturbed=port_sends or self._any_sends(now, others))
         return station.take(now)
 
-    def _begin(self, sender: Sender, sent: Transmission, hearers: Sequence[Station], *, disturbed: bool) -> None:
+    def _begin(self, sender: Sender, sent: Transmission, receivers: Sequence[Station], *, disturbed: bool) -> None:
         self._tell(sender, sent.data)
-        for station in hearers:
+        for station in receivers:
             station.receive(sent)
         if disturbed:
             for station in self._stations:

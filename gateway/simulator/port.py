@@ -83,7 +83,7 @@ def _link(path: Path, device: str) -> None:
 def _replace_left_over(path: Path, device: str) -> None:
     if path.is_char_device() and not path.resolve().is_relative_to(_VIRTUAL_PORTS):
         raise PortError(f"{path} is a real port; devices are simulated on a virtual one only: name a path that is free")
-    if path.exists() and not _leads_to_somebody_else(path):
+    if path.exists() and not _points_elsewhere(path):
         is_ours = path.is_symlink() and path.resolve().is_relative_to(_VIRTUAL_PORTS)
         advice = ", or remove this link if no simulator uses it" if is_ours else ""
         raise PortError(f"{path} exists already; name a path that is free{advice}")
@@ -95,7 +95,7 @@ def _replace_left_over(path: Path, device: str) -> None:
         raise PortError(f"{path} cannot be replaced: {error.strerror}") from error
 
 
-def _leads_to_somebody_else(path: Path) -> bool:
+def _points_elsewhere(path: Path) -> bool:
     """Whether `path` is a link to a virtual terminal that did not exist yet when the link was made."""
     is_virtual = path.is_symlink() and path.resolve().is_relative_to(_VIRTUAL_PORTS)
     return is_virtual and path.stat().st_ctime_ns > path.lstat().st_mtime_ns

@@ -45,7 +45,7 @@ class Station:
         """Take what was heard to its end by `now`, and prepare the answer."""
         for frame in self._framer.take(now):
             if self._answer is None and self._timing is not None:
-                self._answer = self._prepared(frame, now, self._timing)
+                self._answer = self._prepare(frame, now, self._timing)
 
     def begin(self, now: float) -> Transmission | None:
         """The answer, if this is the moment at which it begins."""
@@ -78,8 +78,8 @@ class Station:
             return None
         return self._answer.next_arrival() if self._sends else self._answer.start
 
-    def _prepared(self, frame: Frame, now: float, timing: LineTiming) -> Transmission | None:
-        answer = self._device.hear(frame, now, timing.baud)
+    def _prepare(self, frame: Frame, now: float, timing: LineTiming) -> Transmission | None:
+        answer = self._device.receive(frame, now, timing.baud)
         if answer is None:
             return None
         adu = self._encode(answer.frame.unit, answer.frame.pdu)

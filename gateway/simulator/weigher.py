@@ -88,11 +88,11 @@ class Weigher(Device):
 
     def is_meant(self, frame: Frame) -> bool:
         """A question at address 0 is for whoever hears it (3)."""
-        return super().is_meant(frame) or _asks_anybody(frame)
+        return super().is_meant(frame) or _is_broadcast_read(frame)
 
     def answers(self, frame: Frame) -> bool:
         """It answers a question at address 0, from its real address (3)."""
-        return super().answers(frame) or _asks_anybody(frame)
+        return super().answers(frame) or _is_broadcast_read(frame)
 
     def has(self, asked: RequestPdu) -> bool:
         """What can be written cannot be read, and the other way round."""
@@ -148,7 +148,7 @@ _COMMANDS: Final[dict[int, tuple[Callable[[Weigher, bytes, float], None], int]]]
 }
 
 
-def _asks_anybody(frame: Frame) -> bool:
+def _is_broadcast_read(frame: Frame) -> bool:
     return frame.unit == BROADCAST_UNIT and frame.pdu[0] == FunctionCode.READ_HOLDING_REGISTERS
 
 

@@ -55,7 +55,7 @@ class Answers(Protocol):
         """Why the gateway is not ready; empty if it is."""
 
     def failed(self, error: Exception) -> None:
-        """An error that nobody foresaw has ended a request."""
+        """An unexpected error ended a request."""
 
 
 @asynccontextmanager

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gateway.cli.main import FINE, INTERRUPTED, PROBLEM_FOUND, main
-from gateway.cli.status import picture
+from gateway.cli.status import show_status
 from gateway.lines.counts import Counts
 from gateway.service.status import (
     ClientStatus,
@@ -104,7 +104,7 @@ def as_told(status: Status) -> Any:
 
 def notes(**unit: Any) -> str:
     """What is noted about a unit like this."""
-    text = picture(as_told(replace(STATUS, units=(replace(UNIT, **unit),))), 200)
+    text = show_status(as_told(replace(STATUS, units=(replace(UNIT, **unit),))), 200)
     return text.partition("Notes\n")[2].strip()
 
 
@@ -227,7 +227,7 @@ def test_a_unit_that_fails_says_what_to_check() -> None:
 def test_a_line_says_why_it_is_down_and_that_it_is_too_busy(monkeypatch, capsys) -> None:
     down = replace(LINE, state="down", reason="/dev/ttyUSB0 does not exist", busy_share=None, requests_per_s=None)
     busy = replace(LINE, name="hall-b", busy_share=0.97)
-    text = picture(as_told(replace(STATUS, lines=(down, busy), units=())), 100)
+    text = show_status(as_told(replace(STATUS, lines=(down, busy), units=())), 100)
     assert "hall-a: down: /dev/ttyUSB0 does not exist" in text
     assert "hall-b: busy for 97% of the time: ask less often or raise its speed" in text
     assert "  down   -     -  " in text

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.cli.usage import WrongUsageError
-from gateway.cli.words import Command, assignments, points_to_read
+from gateway.cli.words import Command, find_assignments, find_points
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 
@@ -14,11 +14,11 @@ POINTS = (WEIGHT, SPEED, ZERO)
 
 
 def read(*words, points=POINTS, swap="none"):
-    return points_to_read(Command("read", "silo", points, swap), words)
+    return find_points(Command("read", "silo", points, swap), words)
 
 
 def write(*words, points=POINTS, swap="none"):
-    return assignments(Command("write", "silo", points, swap), words)
+    return find_assignments(Command("write", "silo", points, swap), words)
 
 
 def places(points):

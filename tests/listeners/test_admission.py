@@ -5,7 +5,7 @@ from ipaddress import ip_network
 
 import pytest
 
-from gateway.listeners.admission import ALL_BUSY, MEMORY, MOST_REMEMBERED, NO_RIGHTS, NOBODY_GOES, Admission
+from gateway.listeners.admission import ALL_BUSY, MEMORY, MOST_REMEMBERED, NO_RIGHTS, NONE_REPLACEABLE, Admission
 from gateway.listeners.session import NEVER, ListenSettings
 from gateway.routing.access import DEFAULT_ROWS, READING, EntryPoint, Rights, Row
 
@@ -160,7 +160,7 @@ def test_who_asks_as_usual_stays_and_the_one_who_comes_is_sent_away(lobby: Lobby
         for client in clients:
             client.last_asked = lobby.now
         lobby.passes(1)
-    assert lobby.comes("E") == NOBODY_GOES
+    assert lobby.comes("E") == NONE_REPLACEABLE
     lobby.passes(1.1)
     assert lobby.makes_room("E") in clients
 
@@ -188,7 +188,7 @@ def test_whoever_floods_a_listener_only_drives_out_itself(lobby: Lobby) -> None:
     assert other not in lobby.closed
     for client in lobby.room:
         client.is_idle = client is other
-    assert lobby.comes("A") == NOBODY_GOES
+    assert lobby.comes("A") == NONE_REPLACEABLE
     assert len(lobby.closed) == 7
 
 

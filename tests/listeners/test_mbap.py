@@ -294,7 +294,7 @@ def watch(client: Client, begin: float, end: float, drip: bytes = b"") -> float 
         piece, drip = drip[:1], drip[1:]
         if piece:
             client.send(piece, now)
-        if client.session.complaint(now):
+        if client.session.find_fault(now):
             return now
         now += STEP
     return None
@@ -305,7 +305,7 @@ def test_an_adu_that_stays_half_sent_is_complained_about_after_ten_seconds(clien
     assert watch(client, 0, begun_at) is None
     client.send(encode(1, 7, READ)[:6], begun_at)
     assert watch(client, 100.5, 200) == pytest.approx(begun_at + SENDING_DEADLINE, abs=STEP)
-    assert client.session.complaint(200) == LATE
+    assert client.session.find_fault(200) == LATE
 
 
 def test_the_deadline_counts_from_the_first_byte_not_from_the_latest(client: Client) -> None:
@@ -333,7 +333,7 @@ def test_what_waits_because_of_us_is_not_late(client: Client) -> None:
 def test_a_client_that_takes_no_responses_is_complained_about_after_thirty_seconds(client: Client) -> None:
     client.session.block(7.0)
     assert watch(client, 7, 100) == 7 + TAKING_DEADLINE
-    assert client.session.complaint(100) == UNTAKEN
+    assert client.session.find_fault(100) == UNTAKEN
 
 
 def test_a_client_that_takes_its_responses_late_is_not_complained_about(client: Client) -> None:

@@ -728,10 +728,10 @@ def test_a_frame_that_is_never_finished_is_complained_about(client: Client) -> N
     begun_at = client.now
     for byte in drip:
         client.send(bytes((byte,)))
-        if client.session.complaint(client.now):
+        if client.session.find_fault(client.now):
             break
         client.wait(SILENCE * 0.8)
-    assert client.session.complaint(client.now) == f"sent no whole request within {SENDING_DEADLINE:g} s"
+    assert client.session.find_fault(client.now) == f"sent no whole request within {SENDING_DEADLINE:g} s"
     assert client.now - begun_at == pytest.approx(SENDING_DEADLINE, abs=1)
 
 

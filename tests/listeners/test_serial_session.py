@@ -95,7 +95,7 @@ class TestOnBothKindsOfLine:
         assert bench.take_written() == []
         assert bench.counts.too_late == 1
         assert bench.told(AnswerWithheld) == [
-            AnswerWithheld("panel", 41, 3, 300.0, "it was not there within answer_within", "a.toml:7")
+            AnswerWithheld("panel", 41, 3, 300.0, "it was not available within answer_within", "a.toml:7")
         ]
 
     @pytest.mark.parametrize(

@@ -8,7 +8,15 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
-from gateway.listeners.sockets import OpenSockets, bound_address, bound_sockets, cannot_listen, plain, why, written
+from gateway.listeners.sockets import (
+    OpenSockets,
+    bind_sockets,
+    explain,
+    join_host_port,
+    make_listen_error,
+    show_bound_address,
+    show_host,
+)
 from kit.ipv6 import needs_ipv6
 
 
@@ -23,7 +31,7 @@ from kit.ipv6 import needs_ipv6
     ],
 )
 def test_addresses_are_written_as_people_write_them(host: str, text: str) -> None:
-    assert written(host, 502) == text
+    assert join_host_port(host, 502) == text
 
 
 @pytest.mark.parametrize(
@@ -31,7 +39,7 @@ def test_addresses_are_written_as_people_write_them(host: str, text: str) -> Non
     [("10.0.0.7", "10.0.0.7"), ("::ffff:10.0.0.7", "10.0.0.7"), ("::1", "::1"), ("fe80::1%eth0.5", "fe80::1%eth0.5")],
 )
 def test_rights_see_the_address_of_an_ipv4_client_as_such(host: str, text: str) -> None:
-    assert plain(host) == text
+    assert show_host(host) == text
 
 
 @pytest.mark.parametrize(
@@ -45,7 +53,7 @@ def test_rights_see_the_address_of_an_ipv4_client_as_such(host: str, text: str) 
     ],
 )
 def test_errors_are_said_in_words(error: OSError | UnicodeError, text: str) -> None:
-    assert why(error) == text
+    assert explain(error) == text
 
 
 @pytest.fixture
@@ -58,7 +66,7 @@ def ours() -> Iterator[socket.socket]:
 @pytest.mark.parametrize("number", [errno.EACCES, errno.EADDRINUSE])
 def test_a_port_that_systemd_has_is_given_away_in_its_unit(ours: socket.socket, number: int) -> None:
     port = ours.getsockname()[1]
-    told = cannot_listen(ListenSettings("scada", "10.2.0.1", port), OSError(number, ""), OpenSockets([ours]))
+    told = make_listen_error(ListenSettings("scada", "10.2.0.1", port), OSError(number, ""), OpenSockets([ours]))
     assert str(told) == (
         f"cannot listen on tcp://10.2.0.1:{port}: tcp://127.0.0.1:{port} has this port, by modbus-gateway.socket: "
         f"name that address, or change it there to ListenStream=10.2.0.1:{port}, "
@@ -71,7 +79,7 @@ def test_a_port_that_systemd_has_is_given_away_in_its_unit(ours: socket.socket, 
     [("tcp", "::", "ListenStream=[::]:503"), ("udp", "0.0.0.0", "ListenDatagram=0.0.0.0:503")],
 )
 def test_a_port_that_takes_rights_can_be_opened_by_systemd(scheme: str, host: str, stream: str) -> None:
-    told = cannot_listen(ListenSettings("scada", host, 503, scheme=scheme), OSError(errno.EACCES, ""))
+    told = make_listen_error(ListenSettings("scada", host, 503, scheme=scheme), OSError(errno.EACCES, ""))
     assert str(told).partition(":503: ")[2] == (
         "permission denied; a port below 1024 needs root, CAP_NET_BIND_SERVICE, or a socket of systemd: "
         f"give modbus-gateway.socket {stream}, then systemctl restart modbus-gateway.socket"
@@ -79,7 +87,7 @@ def test_a_port_that_takes_rights_can_be_opened_by_systemd(scheme: str, host: st
 
 
 def test_a_port_of_another_program_is_no_matter_of_systemd(ours: socket.socket) -> None:
-    told = cannot_listen(ListenSettings("scada", "::", 503), OSError(errno.EADDRINUSE, ""), OpenSockets([ours]))
+    told = make_listen_error(ListenSettings("scada", "::", 503), OSError(errno.EADDRINUSE, ""), OpenSockets([ours]))
     assert "another program has this port" in str(told)
 
 
@@ -95,16 +103,16 @@ def opened(ready: socket.socket, host: str, *, shares_port: bool = False) -> str
     port = ready.getsockname()[1]
     settings = ListenSettings("scada", host, port, shares_port=shares_port)
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
-    (sock,) = bound_sockets(settings, found, OpenSockets([ready]))
+    (sock,) = bind_sockets(settings, found, OpenSockets([ready]))
     with sock:
         assert sock.getsockname() == ready.getsockname()
-        return bound_address(settings, [sock])
+        return show_bound_address(settings, [sock])
 
 
 @needs_ipv6
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1", "::", "::1"])
 def test_a_socket_at_every_address_serves_a_listener_at_one_of_them(everywhere: socket.socket, host: str) -> None:
-    assert opened(everywhere, host) == f"tcp://{written(host, everywhere.getsockname()[1])}"
+    assert opened(everywhere, host) == f"tcp://{join_host_port(host, everywhere.getsockname()[1])}"
 
 
 @needs_ipv6

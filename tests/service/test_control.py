@@ -2,7 +2,7 @@
 
 import asyncio
 
-from gateway.service.control import _converse
+from gateway.service.control import _serve_connection
 
 
 class Transport:
@@ -41,7 +41,7 @@ async def spoken(writer: Writer, *lines: bytes) -> float:
     reader.feed_data(b"".join(lines))
     loop = asyncio.get_running_loop()
     begun = loop.time()
-    await _converse(reader, writer, {}, [].append)
+    await _serve_connection(reader, writer, {}, [].append)
     return loop.time() - begun
 
 

@@ -125,7 +125,7 @@ def test_at_the_end_it_is_tried_once_more(shared, told) -> None:
 def test_what_another_gateway_has_mended_meanwhile_stays(shared, told, monkeypatch) -> None:
     shared.file.parent.mkdir()
     shared.file.write_text("{")
-    lock = shared_file._locked
+    lock = shared_file._lock
 
     @contextmanager
     def locked_late(file):
@@ -133,7 +133,7 @@ def test_what_another_gateway_has_mended_meanwhile_stays(shared, told, monkeypat
             file.write_text('{"of-another": 2}')
             yield
 
-    monkeypatch.setattr(shared_file, "_locked", locked_late)
+    monkeypatch.setattr(shared_file, "_lock", locked_late)
     assert shared.read() == {"of-another": 2}
     assert told == []
 

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.errors import StateError
 from gateway.events import Event, StateDamaged, StateNotKept
-from gateway.service.state import FILE_NAME, Memory, StateFile, kept_in, state_folder
+from gateway.service.state import FILE_NAME, Memory, StateFile, read_memory, state_folder
 
 SOMEBODY = 61_184
 
@@ -116,7 +116,7 @@ def test_the_sound_entries_of_a_damaged_file_are_kept(tmp_path: Path) -> None:
 def test_check_says_what_becomes_of_a_damaged_file_and_leaves_it(tmp_path: Path, content: str) -> None:
     (tmp_path / FILE_NAME).write_text(content)
     with pytest.raises(StateError, match=r"addresses\.json is damaged .*; the gateway moves it aside"):
-        kept_in(tmp_path)
+        read_memory(tmp_path)
     assert (tmp_path / FILE_NAME).read_text() == content
 
 

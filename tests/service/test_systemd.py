@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.service.systemd import Notifier, inherited_sockets
+from gateway.service.systemd import Notifier, take_inherited_sockets
 from gateway.service.watchdog import stuck, summary, watch
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -104,8 +104,8 @@ def test_signs_of_life_are_wanted_from_the_process_that_is_named(environment: di
 
 
 def test_sockets_for_another_process_are_not_ours() -> None:
-    assert inherited_sockets({}) == []
-    assert inherited_sockets({"LISTEN_PID": "1", "LISTEN_FDS": "1"}) == []
+    assert take_inherited_sockets({}) == []
+    assert take_inherited_sockets({"LISTEN_PID": "1", "LISTEN_FDS": "1"}) == []
 
 
 class Watched:

@@ -5,7 +5,7 @@ from random import Random
 import pytest
 
 from gateway.modbus.checks import crc_fits
-from gateway.simulator.faults import NO_FAULTS, Faults, with_flipped_bit
+from gateway.simulator.faults import NO_FAULTS, Faults, flip_bit
 from gateway.simulator.generic import Generic
 from simulator.playing import CHARACTER, arrivals, ask, rtu_frame, rtu_line, write
 
@@ -36,7 +36,7 @@ def test_noise_comes_before_an_answer_or_flips_a_bit_of_it():
 
 @pytest.mark.parametrize(("bit", "expected"), [(0, "0100"), (7, "8000"), (8, "0001"), (15, "0080")])
 def test_a_flipped_bit(bit, expected):
-    assert with_flipped_bit(bytes(2), bit).hex() == expected
+    assert flip_bit(bytes(2), bit).hex() == expected
 
 
 def test_a_silent_device_neither_answers_nor_acts():

@@ -1,4 +1,4 @@
-"""A line at its real pace: when devices hear a frame end, when each character of their answers comes, who is heard."""
+"""A line at its real pace: when frames end for devices, when each character arrives, who is received."""
 
 import pytest
 

@@ -327,7 +327,7 @@ def served(port: Path, device: Device, framer: RtuFramer | AsciiFramer, baud: in
 
     def answer() -> None:
         for frame in framer.received(serial.read(serial.in_waiting), time.monotonic()):
-            heard = device.hear(frame, time.monotonic(), baud)
+            heard = device.receive(frame, time.monotonic(), baud)
             if heard is not None:
                 serial.write(framer.encode(*heard.frame))
 

@@ -245,7 +245,7 @@ async def test_when_all_are_busy_the_new_client_is_sent_away() -> None:
         await until(lambda: len(bench.plant.waiting) == 2)
         refused = await bench.client()
         assert await refused.is_closed()
-        reason = "too many clients, and all of them have requests under way"
+        reason = "too many clients, and all of them have requests in progress"
         assert bench.reason(refused, ClientRejected) == reason
         bench.plant.answer_all()
         assert [await client.answer() for client in busy] == [1, 1]
@@ -412,7 +412,7 @@ async def test_a_half_closed_client_is_answered_then_closed() -> None:
         bench.plant.answer_all()
         assert await client.answer() == 1
         assert await client.is_closed()
-        assert await bench.closes(client) == "the client has closed it"
+        assert await bench.closes(client) == "the client closed it"
 
 
 async def test_a_reset_marks_what_is_under_way_as_unwanted() -> None:
@@ -568,7 +568,7 @@ async def test_a_listener_that_finishes_accepts_nobody_and_takes_no_more_request
         bench.plant.answer_all()
         assert await busy.answer() == 1
         assert await busy.is_closed()
-        assert await bench.closes(idle) == await bench.closes(busy) == "the gateway ends"
+        assert await bench.closes(idle) == await bench.closes(busy) == "the gateway is stopping"
         assert not bench.listener.has_clients
 
 
@@ -578,7 +578,7 @@ async def test_a_listener_that_closes_ends_all_connections() -> None:
         client.ask(PATIENT)
         await until(lambda: bench.plant.waiting)
         bench.listener.close()
-        assert await bench.closes(client) == "the gateway ends"
+        assert await bench.closes(client) == "the gateway is stopping"
         assert not bench.plant.waiting[0].origin.wants(bench.plant.waiting[0])
 
 

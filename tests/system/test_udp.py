@@ -249,7 +249,7 @@ async def test_when_all_are_busy_the_datagram_of_another_one_is_dropped() -> Non
         busy.ask(PATIENT)
         other.ask()
         assert await other.hears_nothing()
-        reason = "too many clients, and all of them have requests under way"
+        reason = "too many clients, and all of them have requests in progress"
         assert bench.told(ClientRejected) == [ClientRejected("field", other.name, reason)]
         assert bench.listener.counts.rejected == 1
         bench.plant.requests[0].respond(RESPONSE)
@@ -311,7 +311,7 @@ async def test_a_listener_that_closes_forgets_everybody() -> None:
         await until(lambda: bench.plant.requests)
         bench.listener.close()
         assert not bench.plant.requests[0].origin.wants(bench.plant.requests[0])
-        assert bench.told(ClientClosed) == [ClientClosed("field", client.name, "the gateway ends")]
+        assert bench.told(ClientClosed) == [ClientClosed("field", client.name, "the gateway is stopping")]
         bench.plant.requests[0].respond(RESPONSE)
         assert bench.listener.address == "udp://127.0.0.1:0"
 
