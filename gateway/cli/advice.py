@@ -1,4 +1,4 @@
-"""What the rows of `status` say about what to do: a note for each line and unit that needs a look."""
+"""The notes of `status`: what to do about lines and units that need attention."""
 
 from collections.abc import Callable, Iterator, Mapping
 from math import ceil
@@ -7,55 +7,55 @@ from typing import Any, Final
 from gateway.config.duration import show_duration
 from gateway.lines.counts import RESULTS
 
-#: From which share of the limit on, or of a line's time, a row deserves a note, and below which share of answers.
+#: A row gets a note from these shares on (of the time limit, of a line's time), and below this share of answers.
 CLOSE: Final = 0.8
 BUSY: Final = 0.9
 ANSWERED: Final = 0.95
-#: Fewer requests than this say nothing yet.
+#: Fewer requests than this are not significant.
 _ENOUGH: Final = 20
 
 _Row = Mapping[str, Any]
 
-#: What mostly stands behind an error that a unit had last.
+#: The usual cause of a unit's last error.
 _CAUSES: Final[Mapping[str, str]] = {
     "timeout": "check its power, wiring and address",
     "bad_frame": "check baud rate, format, wiring and termination",
-    "ambiguous": "another client asks it on the line",
+    "ambiguous": "another client on the line polls it",
     "line_lost": "its port was lost",
 }
 
 
 def count_ok(one: _Row) -> int:
-    """Requests that were answered by the device, exceptions included, and broadcasts."""
+    """Requests that the device answered, with an exception or not, and broadcasts."""
     counts = one["counts"]
     return int(counts["ok"] + counts["exception"] + counts["broadcast"])
 
 
 def count_failed(one: _Row) -> int:
-    """Requests that were not. A result that the daemon does not know has not happened there."""
+    """Requests that failed. A result that an older daemon does not know counts as 0."""
     counts: Mapping[str, int] = one["counts"]
     return sum(counts.get(result, 0) for result in RESULTS) - count_ok(one)
 
 
 def for_part(part: _Row) -> Iterator[str]:
-    """About a line, a server line or an upstream."""
+    """Notes about a line, a server line or an upstream."""
     if part["state"] == "down":
         yield f"down: {part['reason']}"
 
 
 def for_line(line: _Row) -> Iterator[str]:
-    """About a line where we ask."""
+    """Notes about a client line."""
     yield from for_part(line)
     busy = line["busy_share"]
     if busy is not None and busy >= BUSY:
-        yield f"busy for {busy:.0%} of the time: ask less often or raise its speed"
+        yield f"busy for {busy:.0%} of the time: poll less often or raise the baud rate"
     echoes = line["counts"]["echoes"]
     if echoes:
         yield f"{echoes} requests came back: if the adapter echoes, set echo = true"
 
 
 def for_unit(unit: _Row) -> Iterator[str]:
-    """About a unit that was asked."""
+    """Notes about a unit that was polled."""
     yield from _about_failures(unit)
     share, late = unit["times"]["limit_share_p99"], unit["counts"]["late_responses"]
     if late:
@@ -80,7 +80,7 @@ def _ago(milliseconds: float | None) -> str:
 
 
 def show_age(milliseconds: float) -> str:
-    """A time that has passed, in one figure and its unit: `3 s`, `2 h`."""
+    """Elapsed time as one number and unit: `3 s`, `2 h`."""
     seconds = milliseconds / 1000
     for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
         if seconds >= 2 * length:
@@ -88,7 +88,7 @@ def show_age(milliseconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-#: Whose rows get notes, and which.
+#: The notes for the rows of each section.
 ADVICE: Final[Mapping[str, Callable[[_Row], Iterator[str]]]] = {
     "lines": for_line,
     "servers": for_part,

@@ -1,4 +1,4 @@
-"""`check`: what is wrong with a config file, and what it means."""
+"""`check`: the problems of a config file, and its effect."""
 
 import argparse
 import json
@@ -43,7 +43,7 @@ Set each client's time-out above the longest wait of the units that it polls.
 The longest wait is valid for up to in_flight requests at once per connection;
 further requests are read later."""
 
-_SILENCE: Final = "no answer in place of 06, 0A and 0B."
+_SILENCE: Final = "no response instead of 06, 0A and 0B."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print every problem, and the picture of a file without errors. 1 when there is an error."""
+    """Print every problem, and the effect of a file without errors; 1 if there is an error."""
     loaded = _load_and_look(args.config)
     plan = None if loaded.config is None else resolve(loaded.config)
     print(json.dumps(_as_json(loaded, plan), indent=2, ensure_ascii=False) if args.json else _as_text(loaded, plan))
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _load_and_look(file: str) -> Loaded:
-    """The file, with what would keep this machine's service from using it."""
+    """Load the file, and add what would keep the service of this machine from using it."""
     loaded = load(file, address_trouble)
     trouble = None if loaded.config is None else file_trouble(file)
     return loaded if trouble is None else replace(loaded, problems=(trouble, *loaded.problems))
@@ -83,7 +83,7 @@ class _Unit:
 
 
 def _units(plan: LinePlan, whole: Plan) -> list[_Unit]:
-    """The units of a line. A mirror may stand in front of one that passes through."""
+    """The units of a line; for passed-through units, without those that a mirror hides."""
     if plan.passes_through:
         mirrors = {mirror.unit for mirror in whole.mirrors}
         shared = [device for device in plan.shared if device.known_as not in mirrors]
@@ -174,7 +174,7 @@ def _failures(line: LineSettings) -> Iterator[str]:
 
 
 def _list_listeners(plan: LinePlan, whole: Plan) -> Iterator[str]:
-    """By which numbers the listeners for this line lead to it."""
+    """The addresses that the listeners for this line lead to."""
     names = ", ".join(f'"{name}"' for name in _listeners_for(plan, whole))
     if names:
         others = "" if plan.shared else " and no other listener"
@@ -202,7 +202,7 @@ def _row(unit: _Unit) -> tuple[str, ...]:
 
 
 def _round_up(seconds: float) -> str:
-    """To three figures, as they are shown, and never less."""
+    """The time rounded up to the three digits that are shown."""
     if not seconds:
         return "at once"
     step = max(0.01, 10.0 ** (floor(log10(seconds)) - 2))
@@ -217,17 +217,17 @@ def _server(server: ServerPlan, plan: Plan) -> str:
         [
             f"Server line {line.name}: {server.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, silence before a response {silence}, wire {wire}",
-            align([("UNIT", "WHO ANSWERS", "LONGEST WAIT"), *rows], "  "),
-            f"  An answer that is not there within {show_duration(line.answer_within)} is not put on the line.",
+            align([("UNIT", "ANSWERED BY", "LONGEST WAIT"), *rows], "  "),
+            f"  A response that takes longer than {show_duration(line.answer_within)} is not sent.",
             *([f"  On failure: {_SILENCE}"] if line.on_failure == "silent" else []),
             f"  Broadcasts go to: {server.broadcast_to}.",
-            f"  Set the outside client's time-out above {_round_up(longest_wait_outside(server, plan))}.",
+            f"  Set the time-out of the client on this line above {_round_up(longest_wait_outside(server, plan))}.",
         ]
     )
 
 
 def _limits(units: list[_Unit]) -> list[str]:
-    """A table for each kind of device on the line."""
+    """A table of time limits for each kind of device on the line."""
     alike: dict[tuple[str, tuple[FunctionLimits, ...]], list[_Unit]] = {}
     for unit in units:
         alike.setdefault((unit.device.profile.name, unit.limits), []).append(unit)
@@ -269,7 +269,7 @@ def _upstream(plan: UpstreamPlan) -> str:
 
 
 def _remembered(plan: Plan) -> list[str]:
-    """What the gateway will go by instead of the config, if it is run by the same user."""
+    """The values that the gateway uses instead of the config, if the same user runs it."""
     try:
         rows = [f"  {each.line}: {_describe_remembered(each)}; {each.advice}" for each in _in_force(plan)]
     except StateError as error:
@@ -278,7 +278,7 @@ def _remembered(plan: Plan) -> list[str]:
 
 
 def _remembered_as_json(plan: Plan) -> list[dict[str, Any]] | None:
-    """None: the file cannot be read."""
+    """The remembered values; None if the file cannot be read."""
     try:
         return [asdict(each) for each in _in_force(plan)]
     except StateError:
@@ -291,7 +291,7 @@ def _in_force(plan: Plan) -> Iterator[AddressRemembered | BaudRemembered]:
 
 def _describe_remembered(each: AddressRemembered | BaudRemembered) -> str:
     if isinstance(each, AddressRemembered):
-        return f"{each.device} is asked at {each.unit}, the config says {each.configured}"
+        return f"{each.device} is polled at {each.unit}, the config says {each.configured}"
     return f"{each.baud} baud, the config says {each.configured}"
 
 
@@ -407,7 +407,7 @@ def _unit_as_json(unit: _Unit) -> dict[str, Any]:
 
 
 def limits_as_json(limits: tuple[FunctionLimits, ...]) -> list[dict[str, Any]]:
-    """The limits of each function; that of functions which are not known here has none."""
+    """The limits of each function; `function` is None for all others."""
     return [
         {
             "function": one.function,
@@ -420,5 +420,5 @@ def limits_as_json(limits: tuple[FunctionLimits, ...]) -> list[dict[str, Any]]:
 
 
 def milliseconds(seconds: float) -> float:
-    """A time as JSON tells it."""
+    """A time as in JSON output."""
     return round(seconds * 1000, 3)

@@ -1,4 +1,4 @@
-"""Plain tables for people."""
+"""Plain text tables."""
 
 from collections.abc import Collection, Sequence
 
@@ -8,13 +8,13 @@ _NARROWEST = 8
 
 
 def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
-    """The rows with their columns under one another; the first row is the headings."""
+    """The rows as text with aligned columns; the first row has the headings."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(indent + _BETWEEN.join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
 def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int) -> list[list[str]]:
-    """The rows with the texts of the `flexible` columns shortened until a row fits into `width` characters."""
+    """The rows with the `flexible` columns shortened until each row fits into `width` characters."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     while sum(widths) + len(_BETWEEN) * (len(widths) - 1) > width:
         widest = max(flexible, key=widths.__getitem__, default=None)
@@ -25,7 +25,7 @@ def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int)
 
 
 def shorten(text: str, width: int) -> str:
-    """`text` in at most `width` characters: what names a thing stands at its beginning and at its end."""
+    """`text` in at most `width` characters; the middle is cut out."""
     if len(text) <= width:
         return text
     end = (width - 1) * 2 // 3

@@ -1,4 +1,4 @@
-"""A running gateway, as other commands of this program ask it: through its control socket."""
+"""Requests to a running gateway through its control socket."""
 
 import argparse
 import json
@@ -14,35 +14,35 @@ from gateway.cli.main import DEFAULT_CONFIG
 from gateway.errors import DaemonError
 from gateway.service.control import SYSTEM_SOCKET, control_path
 
-#: How long the daemon may take to answer, in seconds. A reload may need 10 to read the file, 15 to look names up, 3 for
-#: requests that are in progress, and 1.5 to close ports.
+#: How long the daemon may take to answer, in seconds. A reload may need 10 to read the file, 15 to look up names, 3 for
+#: requests in progress, and 1.5 to close ports.
 _PATIENCE: Final = 40.0
-#: What is shown instead of something that a daemon of another version does not tell.
+#: Shown for values that a daemon of another version does not have.
 UNKNOWN: Final = "unknown"
 
 
 def add_control_argument(parser: argparse.ArgumentParser) -> None:
-    """Where the daemon can be asked."""
+    """Add `--control`."""
     parser.add_argument(
         "--control", metavar="PATH", help=f"the daemon's control socket (default: as {DEFAULT_CONFIG} says)"
     )
 
 
 def ask(verb: str, control: str | None) -> dict[str, Any]:
-    """What the daemon answers. It is told on standard error when that is of another version, and may lack something.
+    """The daemon's answer to one request. A daemon of another version is reported on standard error.
 
     Raises:
-        DaemonError: it does not answer, or refuses the question.
+        DaemonError: it does not answer, or refuses the request.
     """
     with Conversation(control) as daemon:
         return daemon.ask(verb)
 
 
 class Conversation:
-    """A connection to the daemon, for any number of questions; in its context it is open.
+    """A connection to the daemon for any number of requests; open inside the context.
 
     Raises:
-        DaemonError: nobody can be reached, or the daemon does not answer, or refuses a question.
+        DaemonError: no daemon can be reached, or it does not answer, or refuses a request.
     """
 
     def __init__(self, control: str | None) -> None:
@@ -59,14 +59,14 @@ class Conversation:
         self._sock.close()
 
     def wait_for(self, seconds: float) -> None:
-        """Answers may take so long, if that is longer than usual."""
+        """Allow this time for an answer, if it is longer than the usual one."""
         self._patience = max(_PATIENCE, seconds)
         self._sock.settimeout(self._patience)
 
     def ask(self, verb: str, **details: object) -> dict[str, Any]:
-        """What the daemon answers to a question."""
+        """The daemon's answer to a request."""
         try:
-            with suppress(ConnectionError):  # it has hung up, perhaps with a word of why
+            with suppress(ConnectionError):  # it has closed the connection, perhaps after an error message
                 self._sock.sendall(json.dumps({"verb": verb, **details}).encode() + b"\n")
             line = self._stream.readline()
         except TimeoutError:
@@ -86,7 +86,7 @@ def _read_answer(line: bytes, *, compares: bool = True) -> dict[str, Any]:
     except (ValueError, AttributeError):
         raise DaemonError("what answers there is not modbus-gateway") from None
     if compares:
-        _compare_versions(answer.get("version", "an earlier version"))
+        _compare_versions(answer.get("version", "an earlier one"))
     if error is not None:
         raise DaemonError(f"the daemon says: {error}")
     return answer
@@ -95,7 +95,7 @@ def _read_answer(line: bytes, *, compares: bool = True) -> dict[str, Any]:
 def _compare_versions(daemon: object) -> None:
     if daemon != __version__:
         remedy = "restart the daemon if this command was upgraded"
-        print(f"the daemon is of {daemon}, this command of {__version__}: {remedy}", file=sys.stderr)
+        print(f"versions differ: the daemon has {daemon}, this command {__version__}: {remedy}", file=sys.stderr)
 
 
 def _connect(control: str | None) -> socket.socket:
@@ -116,12 +116,12 @@ def _connect(control: str | None) -> socket.socket:
         else:
             return sock
     if forbidden:
-        raise DaemonError(f"only root, the gateway's user and its group may ask at {forbidden[0]}: use sudo")
+        raise DaemonError(f"only root, the gateway's user and its group may use {forbidden[0]}: use sudo")
     raise DaemonError(f"no running gateway found ({'; '.join(reasons)}); --control PATH says where its socket is")
 
 
 def _read_config(reasons: list[str]) -> list[Path]:
-    """Where the service's config has the socket, if it says so. What keeps it from being read joins the reasons."""
+    """The socket in the service's config, if set. Why the config cannot be read is added to `reasons`."""
     try:
         config = tomllib.loads(Path(DEFAULT_CONFIG).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""`demo`: simulated lines, a gateway in front of them, and every document's devices asked once through Modbus TCP."""
+"""`demo`: a gateway with simulated lines; the requests of each device manual are sent once through Modbus TCP."""
 
 import argparse
 import asyncio
@@ -31,14 +31,14 @@ from gateway.service.systemd import Notifier
 from gateway.service.verbs import verbs
 from gateway.simulator.panel import Panel
 
-#: Where users expect the demo; any other port when somebody is there already.
+#: The port of the demo; any free port if it is in use.
 _PORT: Final = 5020
 #: How long simulators and gateway may take to start, in seconds.
 _PATIENCE: Final = 20.0
 
 
 class DemoError(GatewayError):
-    """The demo cannot begin."""
+    """The demo cannot start."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show the main job; 1 if an answer was not what it must be.
+    """Run the demo; 1 if a response was wrong.
 
     Raises:
         DemoError: a simulator or the gateway did not start.
@@ -90,7 +90,7 @@ async def _demo(*, once: bool) -> int:
 
 
 async def _play(stage: Stage, panel: Panel) -> int:
-    """Ask everything; how many answers were wrong."""
+    """Send all requests; the number of wrong responses."""
     stage.introduce()
     right = [await stage.first(FIRST_QUESTION), await stage.panel_asks(panel, FIRST_QUESTION)]
     for chapter in CHAPTERS:
@@ -98,7 +98,7 @@ async def _play(stage: Stage, panel: Panel) -> int:
         right += [await stage.ask(question) for question in chapter.questions]
     right.append(await stage.ask_all_at_once())
     wrong = right.count(False)
-    print(f"\n{len(right)} requests, {wrong} wrong or missing answers.")
+    print(f"\n{len(right)} requests, {wrong} wrong or missing responses.")
     return wrong
 
 
@@ -112,7 +112,7 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
         stdout=asyncio.subprocess.PIPE,
         stdin=asyncio.subprocess.DEVNULL,
         start_new_session=True,
-        # The program may lie in a folder of its own, which only the one who started us knows.
+        # The package may be in a folder that only PYTHONPATH of this process names.
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )
     try:
@@ -127,7 +127,7 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
 
 
 def _write_config(folder: Path) -> Path:
-    """The config as a user would write it."""
+    """Write the config as a user would."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         free = probe.connect_ex(("127.0.0.1", _PORT)) != 0
@@ -140,7 +140,7 @@ def _write_config(folder: Path) -> Path:
 
 
 def _control(folder: Path) -> Path:
-    """The control socket: where commands look for it, unless another gateway answers there."""
+    """The control socket: the default path, unless another gateway uses it."""
     usual = control_path(Path("gateway.toml"))
     with socket.socket(socket.AF_UNIX) as probe:
         try:

@@ -1,4 +1,4 @@
-"""What the demo shows: its lines, its config, and the questions with the answers that the documents print."""
+"""The demo's lines, config, and requests with the responses that the device manuals print."""
 
 from dataclasses import dataclass
 from struct import unpack
@@ -9,7 +9,7 @@ from gateway.registers.bits import unpack_bits
 
 @dataclass(frozen=True, slots=True)
 class DemoLine:
-    """A simulated line: the words for `simulate`, and what stands in the config beside its port."""
+    """A simulated line: the arguments for `simulate`, and its config without the port."""
 
     name: str
     simulate: tuple[str, ...]
@@ -18,9 +18,9 @@ class DemoLine:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A request to `unit` and the answer it must get, both as PDUs in hexadecimal.
+    """A request to `unit` and its expected response, both as PDUs in hexadecimal.
 
-    `printed` are the frames on the line, if a document prints them; `shows` says how to read the answer.
+    `printed` are the frames on the line, if a manual prints them; `shows` says how to read the response.
     """
 
     unit: int
@@ -71,7 +71,7 @@ LINES: Final = (
     ),
 )
 
-#: Where an operator panel asks: here the gateway is the server.
+#: The line of the HMI: here the gateway is the server.
 PANEL: Final = "panel"
 PANEL_LINE: Final = (
     'mode = "ascii"\nbaud = 19200\nformat = "7E1"\nrole = "server"\nserves = [41, 46]\nanswer_within = "5 s"\n'
@@ -81,7 +81,7 @@ IMAGE: Final = '[[image]]\nunit = 200\nname = "shift-data"\nholding = 100\n'
 
 
 def _quote(unit: int, about: str, request: str, response: str, shows: str = "") -> Question:
-    """A question in the frames of its document: unit identifier, PDU, CRC."""
+    """A question made of the frames in a manual: unit identifier, PDU, CRC."""
     return Question(unit, about, request[3:-6], response[3:-6], shows, (request, response))
 
 
@@ -147,7 +147,7 @@ CHAPTERS: Final = (
 
 
 def reading(shows: str, answer: bytes) -> str:
-    """The values in an answer, as `shows` says, or what else it means."""
+    """The values in a response, read as `shows` says, or its exception."""
     if answer[0] & 0x80:
         return f"exception {answer[1]:02X}"
     if shows == "float32":

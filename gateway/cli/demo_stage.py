@@ -1,4 +1,4 @@
-"""What the demo prints: questions and answers, hop by hop, at 80 columns."""
+"""What the demo prints: requests and responses, hop by hop, in 80 columns."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -20,13 +20,13 @@ from gateway.service.build import Gateway
 from gateway.service.control import control_path
 from gateway.simulator.panel import Panel
 
-#: How long an answer may take, in seconds: longer than any limit of the demo.
+#: How long a response may take, in seconds: longer than any limit of the demo.
 _PATIENCE: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Hop:
-    """What passed on a line for one request: the frames as text, and times in milliseconds."""
+    """One transaction on a line: the frames as text, times in milliseconds."""
 
     line: str
     request: str
@@ -36,7 +36,7 @@ class Hop:
 
 
 class Stage:
-    """A Modbus TCP client of the gateway with this plan; it shows what it does. `config` is the gateway's file."""
+    """A Modbus TCP client that prints what it does. `plan` and `config` are the gateway's."""
 
     _reader: asyncio.StreamReader
     _writer: asyncio.StreamWriter
@@ -52,7 +52,7 @@ class Stage:
 
     @asynccontextmanager
     async def connected(self, gateway: Gateway) -> AsyncIterator[None]:
-        """As a client of `gateway`, with an eye on its lines."""
+        """Connect to `gateway` and observe its lines."""
         self._address = gateway.listeners[0].address
         for part in gateway.lines:
             part.driver.line.observer = partial(self._observe, part.driver.line)
@@ -64,7 +64,7 @@ class Stage:
             self._writer.close()
 
     def tell(self, event: events.Event) -> None:
-        """Take an event of the gateway; it is shown below the question that brought it about."""
+        """Take an event of the gateway; it is printed below the request that caused it."""
         if self._is_over:
             return
         if isinstance(event, events.AddressMoved | events.BaudChanged):
@@ -73,7 +73,7 @@ class Stage:
             self._told.append(f"{event.name}: {event.elapsed_ms:.0f} ms, limit {event.limit_ms:.0f} ms")
 
     def introduce(self) -> None:
-        """The address, the lines, the devices."""
+        """Print the address, the lines and the devices."""
         print(f"  clients   {self._address}")
         for line in self._plan.lines:
             timing = line.line.timing
@@ -87,7 +87,7 @@ class Stage:
         print(f"  config    {self._config}")
 
     async def first(self, question: Question) -> bool:
-        """Ask, and show every hop."""
+        """Send a request, and print every hop."""
         print(f"\nThe first request, hop by hop: {question.about}\n")
         request, answer, right = await self._exchange(question)
         hop = self._hops[-1]
@@ -100,7 +100,7 @@ class Stage:
         return right
 
     async def panel_asks(self, panel: Panel, question: Question) -> bool:
-        """Let the outside client of the server line ask the same, and show every hop."""
+        """Let the HMI on the server line send the same request, and print every hop."""
         print("\nAn old HMI sends the same request over a serial line, in ASCII\n")
         request = Frame(question.unit, bytes.fromhex(question.request))
         self._hops.clear()
@@ -113,7 +113,7 @@ class Stage:
         return answer == Frame(question.unit, bytes.fromhex(question.answer))
 
     async def ask(self, question: Question) -> bool:
-        """Ask, and show the frames on the line."""
+        """Send a request, and print the frames on the line."""
         _, answer, right = await self._exchange(question)
         mark = "ok " if right else "BAD"
         value = reading(question.shows, answer[7:])
@@ -128,7 +128,7 @@ class Stage:
         return right
 
     async def ask_all_at_once(self) -> bool:
-        """One segment with a question to every line: each line works for itself."""
+        """Send one segment with a request to every line: the lines work independently."""
         units = [device.known_as for line in self._plan.lines for device in line.devices]
         units += [image.unit for image in self._plan.images]
         print("\nOne TCP segment with a request to each unit; responses in order of arrival\n")
@@ -144,7 +144,7 @@ class Stage:
         return sorted(answered) == sorted(units)
 
     def invite(self, control: Path) -> None:
-        """What to try next; `control` is the gateway's control socket."""
+        """Print what to try next; `control` is the gateway's control socket."""
         port = self._address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
         self._is_over = True

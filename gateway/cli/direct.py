@@ -1,4 +1,4 @@
-"""A unit that is asked without a gateway: on a serial port, or behind a Modbus TCP server. Built on pymodbus."""
+"""Direct access to a unit without a gateway: on a serial port or behind a Modbus TCP server. Uses pymodbus."""
 
 import argparse
 import logging
@@ -59,7 +59,7 @@ class DirectUnit:
             NoResponseError: no response came, or what came is not the response to this request.
         """
         request = self._decoder.decode(pdu)
-        assert request is not None  # noqa: S101 - only functions that pymodbus knows are asked for
+        assert request is not None  # noqa: S101 - only functions that pymodbus knows are used
         request.dev_id = self.number
         self._frames.clear()
         started = time.monotonic()
@@ -68,17 +68,17 @@ class DirectUnit:
             elapsed = time.monotonic() - started
             answer = bytes((response.function_code, *response.encode()))
         except (ModbusException, OSError, ValueError) as wrong:
-            what = "what came is no valid response" if self._frames.get(False) else "no response"
+            what = "the response is damaged" if self._frames.get(False) else "no response"
             raise NoResponseError(f"unit {self.number}: {what}; {self._advice}") from wrong
         if not parse_request(pdu).accepts(answer):
             came = answer.hex(" ").upper()
-            raise NoResponseError(f"unit {self.number}: what came is no response to this request: {came}")
+            raise NoResponseError(f"unit {self.number}: this is not the response to this request: {came}")
         frames = self._frames
         return Answer(answer, round(elapsed * 1000, 1), "", frames.get(True, b""), frames.get(False, b""))
 
 
 class _Place:
-    """Where the unit is, and what is known of its kind. `frames` are the last ones sent (True) and received (False)."""
+    """Where the unit is, and its profile. `frames` are the last ones sent (True) and received (False)."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         self.frames: dict[bool, bytes] = {}
@@ -92,7 +92,7 @@ class _Place:
             self.advice = f"the limit is {seconds} (--timeout); does this server know the unit?"
 
     def take(self, kind: ProfileTable) -> tuple[Point, ...]:
-        """The points of this kind of device; what else its profile says is kept."""
+        """Keep the profile's functions and limits; returns its points."""
         self.functions = None if kind.functions is None else frozenset(kind.functions)
         self.limits = kind.limits
         if kind.mode is not None and not self._is_mode_given:
@@ -100,23 +100,23 @@ class _Place:
         return points_of(kind.points)
 
     def trace(self, sending: bool, data: bytes) -> bytes:  # noqa: FBT001 - called by pymodbus
-        """See what passes."""
+        """Keep the frames that pymodbus sends and receives."""
         self.frames[sending] = data
         return data
 
 
 @contextmanager
 def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]:
-    """The unit with this number on the port or behind the server that the arguments name.
+    """Open the unit with this number on the port or behind the server that the arguments name.
 
     Raises:
-        WrongUsageError: an argument cannot be meant.
+        WrongUsageError: an argument is wrong.
         DirectError: port or server cannot be opened.
     """
     if not wanted.isdecimal():
-        raise WrongUsageError(f'"{wanted}" is a name, and only the daemon knows names', "write the number of the unit")
+        raise WrongUsageError(f'"{wanted}" is a name, and only the daemon knows names', "use the unit number")
     if int(wanted) > 255 or (args.port and not FIRST_UNIT <= int(wanted) <= LAST_UNIT):
-        raise WrongUsageError(f"{wanted} is no number of a unit", f"units are {FIRST_UNIT} to {LAST_UNIT}")
+        raise WrongUsageError(f"{wanted} is not a unit number", f"units are {FIRST_UNIT} to {LAST_UNIT}")
     place = _Place(args)
     points = _points(args.profile, place)
     with ExitStack() as open_parts:
@@ -161,7 +161,7 @@ def _socket_client(
 
 
 def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) -> _Client:
-    """A client for a device server, or for a serial port, which is opened as the gateway does it."""
+    """A client for a device server, or for a serial port, opened in the same way as the gateway does."""
     try:
         port = parse_port(args.port)
         format_ = DEFAULT_FORMATS[place.mode] if args.format is None else parse_format(args.format)
@@ -174,7 +174,7 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
     try:
         serial = open_parts.enter_context(open_blocking(SerialSettings(port, args.baud, format_), args.timeout))
     except PortError as error:
-        remedy = "if a gateway has this port, leave out --port and ask through it"
+        remedy = "if a gateway uses this port, leave out --port to go through it"
         raise DirectError(f"{error}\n  help: {remedy}" if Path(port).exists() else str(error)) from error
     client = ModbusSerialClient(
         port,
@@ -197,7 +197,7 @@ def _reason(told: list[str]) -> str:
 
 @contextmanager
 def _collect_pymodbus_log() -> Iterator[list[str]]:
-    """What pymodbus logs in the context. It gives reasons nowhere else, and nobody is to see them twice."""
+    """Collect what pymodbus logs: it reports reasons nowhere else. Nothing of it is printed."""
     told: list[str] = []
     handler = logging.Handler()
     handler.emit = lambda record: told.append(record.getMessage())  # type: ignore[method-assign]

@@ -1,12 +1,12 @@
-"""The command `modbus-gateway`: finds the verb's module and hands over.
+"""The command `modbus-gateway`: finds the module of the verb and runs it.
 
 Each verb is a module of this package with its name. It offers
 
     def add_arguments(parser: argparse.ArgumentParser) -> None    its own arguments
     def run(args: argparse.Namespace) -> int                      the work; returns the exit code
 
-and is imported only when it was asked for, so that `--help` is quick. A verb with several words has an underscore
-in its module's name. What stops a verb is raised as a GatewayError: its text is all that the user needs.
+and is imported only when it is used, so that `--help` is quick. A verb of several words has underscores in its
+module's name. Errors for the user are raised as a GatewayError, whose text is complete.
 """
 
 import argparse
@@ -24,7 +24,7 @@ PROBLEM_FOUND: Final = 1
 WRONG_USAGE: Final = 2
 INTERRUPTED: Final = 130
 
-#: Where the config is when no other place is named.
+#: The default config file.
 DEFAULT_CONFIG: Final = "/etc/modbus-gateway/gateway.toml"
 
 VERBS: Final[Mapping[str, str]] = {
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except OSError as error:
-        # Nobody takes the output any more. Python would complain when it flushes at exit: there is nobody to hear it.
+        # The reader of the output has gone; Python would report an error when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             print(f"modbus-gateway: error: {error}", file=sys.stderr)
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for these words: only the verb among them knows its arguments."""
+    """The parser for these words; only the verb among them gets its arguments."""
     parser = argparse.ArgumentParser(
         prog="modbus-gateway",
         description="Modbus gateway: TCP, UDP and serial clients on one side, serial lines on the other.",

@@ -1,4 +1,4 @@
-"""Who knows mbpoll types its options: they are answered with the words that mean the same here."""
+"""Options of mbpoll: for users who type them by habit, the error shows the same command in this program's words."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ _TYPES: Final[Mapping[str, str]] = {"int16": "int16", "int": "int32", "float": "
 
 
 class _Habit(argparse.Action):
-    """Keeps an option of mbpoll for `refuse_habits`."""
+    """Stores an option of mbpoll for `refuse_habits`."""
 
     def __call__(
         self,
@@ -35,25 +35,25 @@ class _Habit(argparse.Action):
 
 
 def add_habits(parser: argparse.ArgumentParser) -> None:
-    """The options of mbpoll, which are not shown."""
+    """Add the options of mbpoll; `--help` does not show them."""
     for option in _WITH_VALUE:
         parser.add_argument(option, dest="habits", action=_Habit, help=argparse.SUPPRESS)
     parser.add_argument(_BIG_ENDIAN, dest="habits", action=_Habit, nargs=0, help=argparse.SUPPRESS)
 
 
 def refuse_habits(verb: str, args: argparse.Namespace) -> None:
-    """Say what to type instead, if options of mbpoll were typed.
+    """Refuse options of mbpoll, and say what to type instead.
 
     Raises:
         WrongUsageError: they were.
     """
     habits: Mapping[str, Any] = args.habits or {}
     if habits:
-        raise WrongUsageError(f"{', '.join(sorted(habits))}: that is mbpoll's way", _translate(verb, args, habits))
+        raise WrongUsageError(f"{', '.join(sorted(habits))}: options of mbpoll", _translate(verb, args, habits))
 
 
 def _translate(verb: str, args: argparse.Namespace, habits: Mapping[str, Any]) -> str:
-    """The command that mbpoll's options mean, as far as they say it; it counts from 1, unless -0 is there."""
+    """The command that mbpoll's options mean, as far as they say; mbpoll counts from 1 unless -0 is given."""
     number, _, kind = str(habits.get("-t", "4")).partition(":")
     area, data_type = _AREAS.get(number, Area.HOLDING), _TYPES.get(kind, "")
     values = [word for word in args.words if word not in ("-0", "-1")]

@@ -1,4 +1,4 @@
-"""`ports`: the serial ports of this machine, and which path of each belongs in a config."""
+"""`ports`: the serial ports of this machine, each with the path to use in a config."""
 
 import argparse
 import json
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the ports. Always 0: a machine without serial ports is no problem of its own."""
+    """List the ports. Always 0, also without any port."""
     ports = serial_ports()
     if args.json:
         print(json.dumps([asdict(port) for port in ports], indent=2, ensure_ascii=False))
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
         print(_table([_HEADINGS, *(_row(port) for port in ports)]))
         print(f'\nUse the path in the first column in the config: port = "{ports[0].path}"')
     else:
-        print("No serial port found. Is the adapter plugged in? `dmesg` shows what the kernel made of it.")
+        print("No serial port found. Is the adapter plugged in? `dmesg` shows whether the kernel has found it.")
     return 0
 
 

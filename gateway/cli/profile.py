@@ -1,4 +1,4 @@
-"""`profile`: what a kind of device accepts, how fast it answers, and the time limits that follow."""
+"""`profile`: what a kind of device accepts, how fast it responds, and the resulting time limits."""
 
 import argparse
 import json
@@ -23,7 +23,7 @@ from gateway.profiles.profile import Profile, Range
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 
-#: How a point can be written, for people.
+#: The text for whether a point can be written.
 _WRITING: Final[Mapping[str, str]] = {"no": "no", "yes": "yes", "only": "only, never read"}
 
 
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print one profile, or the list of them. 1 when the config file has errors, 2 when what is asked for is none."""
+    """Print one profile, or a list of all; 1 if the config file has errors, 2 if there is no such profile."""
     tables = _tables(args.config)
     if tables is None:
         return PROBLEM_FOUND
@@ -79,7 +79,7 @@ def _format(text: str) -> CharacterFormat:
 
 
 def _tables(config: str | None) -> Mapping[str, ProfileTable] | None:
-    """The built-in profiles and those of a config file, or None when that has errors."""
+    """The built-in profiles and those of a config file, or None if that has errors."""
     if config is None:
         return builtin_profiles()
     loaded = load(config)
@@ -137,7 +137,7 @@ def _timing_table(profile: Profile) -> str:
 
 
 def _points_table(points: Iterable[PointTable]) -> str:
-    """One row for each table: a range of points is told as one."""
+    """One row for each table of the config: a range of points is one row."""
     rows = [
         (table.name, area, _span(addresses), type_of(table, area), table.unit, _WRITING[table.write])
         for table in points

@@ -1,4 +1,4 @@
-"""Reading points of a unit: in as few requests as the unit allows, and what could not be read."""
+"""Read points of a unit in as few requests as possible."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -10,14 +10,14 @@ from gateway.profiles.batches import Batch, batches
 from gateway.profiles.point import Point
 from gateway.registers.items import items_read, read_request
 
-#: After these a part of a request may be answered: an address that does not exist, a request that is too long.
+#: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})
 
 
 def read_points(unit: Unit, points: Sequence[Point]) -> Outcome:
-    """Read points; the readings are in their order.
+    """Read points; the readings keep their order.
 
-    Named points stand for themselves: if the unit refuses some together, they are read one by one.
+    If the unit refuses named points together, they are read one by one.
     """
     outcome = Outcome()
     for batch in batches(points, unit.limits):

@@ -1,4 +1,4 @@
-"""`reload`: let the running gateway read its config again."""
+"""`reload`: make the running gateway read its config again."""
 
 import argparse
 import json
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Reload, and print what that changed; 1 when the file was rejected, or something went wrong.
+    """Reload, and print what has changed; 1 if the file was rejected or an error occurred.
 
     Raises:
         DaemonError: no daemon answers.
@@ -46,6 +46,6 @@ def _lines(answer: dict[str, Any]) -> list[str]:
 
 
 def _told(answer: dict[str, Any], key: str, *otherwise: str) -> list[str]:
-    """A list of the answer, or what is said of one that a daemon of another version does not have."""
+    """A list in the answer, or `otherwise` if a daemon of another version does not have it."""
     told = answer.get(key, otherwise)
     return [str(each) for each in told] if isinstance(told, (list, tuple)) else [UNKNOWN]

@@ -1,4 +1,4 @@
-"""Who may do what, as `check` prints it."""
+"""The access rights as `check` prints them."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -12,14 +12,14 @@ _WORDS = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING:
 
 
 def rights_as_text(plan: Plan) -> str:
-    """The table of rights, and what goes beyond it."""
+    """The table of rights, with rules that are not rows."""
     shown = [_show_row(row, plan) for row in plan.access]
     rows = [("FROM", "THROUGH", "UNITS", "RIGHTS"), *shown, *_rest(plan)]
     return "\n".join(["Rights: first match wins", align(rows, "  "), *_datagrams(plan)])
 
 
 def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
-    """The table of rights; null stands for all."""
+    """The table of rights; null means all."""
     return [
         {
             "from": None if row.networks is None else list(map(str, row.networks)),
@@ -41,7 +41,7 @@ def _show_row(row: Row, plan: Plan) -> tuple[str, ...]:
 
 
 def _is_by_address(row: Row, plan: Plan) -> bool:
-    """Whether it names listeners for one line, whose units are addresses."""
+    """Whether the row names listeners for one line, where units are addresses."""
     return any(listener.line and listener.name in (row.listeners or ()) for listener in plan.listeners)
 
 
@@ -64,7 +64,7 @@ def _may(right: Right) -> str:
 
 
 def _rest(plan: Plan) -> Iterator[tuple[str, ...]]:
-    """Who is in no row: nobody has written one for them, or nobody needs to."""
+    """The rights of clients that match no row."""
     if not any((row.networks, row.listeners, row.units) == (None, None, None) for row in plan.access):
         yield "all else", "", "", "nothing"
     for server in plan.servers:

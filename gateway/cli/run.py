@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         StateError: what was remembered cannot be read.
     """
     if sys.stderr is not None:
-        faulthandler.enable()  # what it did when a watchdog ended it
+        faulthandler.enable()  # print a traceback if the watchdog ends the process
     file = Path(args.config)
     loaded = load(file)
     if loaded.config is None:
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _tell_journal(rejected: events.ConfigRejected) -> None:
-    """What main prints of it has no priority in systemd's journal, and no fields."""
+    """Log it to systemd's journal too: what main prints has no priority and no fields there."""
     if leads_to_journal(2):
         with open_log("error", "journald") as emit:
             emit(rejected)
@@ -82,7 +82,7 @@ def _serve(plan: Plan, file: Path, control: Path, emit: events.Emit) -> None:
     with (
         closing(StateFile(folder, emit)) as memory,
         closing(LeftBehind(SharedFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
-        closing(Store(folder, emit)) as store,  # the first to be closed: meanwhile the files of the others are written
+        closing(Store(folder, emit)) as store,  # closed first: meanwhile the other files are written
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
@@ -90,7 +90,7 @@ def _serve(plan: Plan, file: Path, control: Path, emit: events.Emit) -> None:
 
 
 class _State(NamedTuple):
-    """What outlives the process."""
+    """The state that outlives the process."""
 
     memory: Memory
     store: Store
@@ -119,7 +119,7 @@ async def _run(plan: Plan, file: Path, control: Path, state: _State, emit: event
 
 
 def _hang_up(reloader: Reloader, stop: Stop) -> None:
-    """SIGHUP: a terminal that was closed ends what runs in it; a daemon is asked to read its config again."""
+    """SIGHUP: stop if the terminal was closed; reload the config as a daemon."""
     if sys.stderr is not None and sys.stderr.isatty():
         stop.order("SIGHUP")
     else:

@@ -1,4 +1,4 @@
-"""`simulate`: devices on a virtual serial port, to try things with."""
+"""`simulate`: simulated devices on a virtual serial port."""
 
 import argparse
 import asyncio
@@ -25,7 +25,7 @@ from gateway.simulator.paced_line import Sender, Tell, tell_nobody
 from gateway.simulator.weigher import PRINTED_WEIGHT, Weigher
 from gateway.timing.characters import CharacterFormat
 
-#: The rate of the line in the config that is shown: the one the device's document shows.
+#: The rate in the printed config: the one in the device's manual.
 _USUAL_BAUD: Final = {"weigher": 9600}
 _DEFAULT_BAUD: Final = 19200
 
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_units,
         default=(),
         metavar="UNITS",
-        help="weighers that change their weight in spite of --weight",
+        help="weighers whose weight changes, regardless of --weight",
     )
     add("--silent", action="store_true", help="no device responds")
     add("--silent-unit", type=_units, default=(), metavar="UNITS", help="devices that do not respond")
@@ -70,10 +70,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate until SIGINT or SIGTERM. 2 when the devices cannot be on one line.
+    """Simulate until SIGINT or SIGTERM; 2 if the devices cannot be on one line.
 
     Raises:
-        PortError: there can be no port at the path.
+        PortError: the port cannot be created at the path.
     """
     groups = [_Group(kind, units or args.unit) for kind, units in args.profile]
     mode: Mode = args.mode or ("ascii" if groups[0].kind == "mint" else "rtu")
@@ -102,7 +102,7 @@ async def _serve(line: SimulatedLine, introduction: str, end: asyncio.Event) -> 
 
 
 def _devices(groups: list[_Group], args: argparse.Namespace) -> list[Device]:
-    """The devices that were asked for.
+    """The devices that the arguments name.
 
     Raises:
         ValueError: they cannot be on one line.
@@ -110,7 +110,7 @@ def _devices(groups: list[_Group], args: argparse.Namespace) -> list[Device]:
     units = parse_units([unit for group in groups for unit in group.units])
     for named in (*args.silent_unit, *args.moving_unit):
         if named not in units:
-            raise ValueError(f"there is no unit {named} on this line: it has {show_units(units)}")
+            raise ValueError(f"there is no unit {named} on this line; it has {show_units(units)}")
     return [_device(group.kind, unit, args) for group in groups for unit in group.units]
 
 
@@ -124,7 +124,7 @@ def _device(kind: str, unit: int, args: argparse.Namespace) -> Device:
 
 
 def _print_frames(mode: Mode, end: asyncio.Event) -> Tell:
-    """Prints each frame with the time at which it begins; when nobody reads that any more, it ends the simulation."""
+    """A function that prints each frame with its starting time; ends the simulation if the output is closed."""
 
     def tell(sender: Sender, data: bytes) -> None:
         text = data.hex(" ").upper() if mode == "rtu" else ascii(data.decode("latin-1"))[1:-1]
@@ -138,12 +138,12 @@ def _print_frames(mode: Mode, end: asyncio.Event) -> Tell:
 
 
 def _name_groups(groups: list[_Group]) -> str:
-    """Such as `weigher 1-2, v80 6`."""
+    """The devices as text: `weigher 1-2, v80 6`."""
     return ", ".join(f"{group.kind} {show_units(group.units)}" for group in groups)
 
 
 def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, format_: CharacterFormat) -> str:
-    """The line as a table of a config file, for this rate or the usual one."""
+    """The `[[line]]` table for these devices, with this rate or the usual one."""
     port = args.port.absolute()
     baud = args.baud or _USUAL_BAUD.get(groups[0].kind, _DEFAULT_BAUD)
     rows = [
@@ -157,7 +157,7 @@ def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, form
 
 
 def _group(text: str) -> tuple[str, tuple[int, ...] | None]:
-    """A kind of device, and the units that stand behind it."""
+    """Parse `PROFILE[:UNITS]`."""
     kind, colon, units = text.partition(":")
     if kind not in KINDS:
         raise argparse.ArgumentTypeError(f'there is no profile "{kind}" to simulate; {did_you_mean(kind, KINDS)}')
@@ -183,7 +183,7 @@ def _baud(text: str) -> int:
 
 
 def _share(text: str) -> float:
-    """5% or 0.05."""
+    """Parse 5% or 0.05."""
     try:
         share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError:
@@ -194,7 +194,7 @@ def _share(text: str) -> float:
 
 
 def _parse_argument(parse: Callable[[object], _T], value: object) -> _T:
-    """What `parse` makes of a value, or what is wrong with it in argparse's terms."""
+    """Parse a value, with errors as argparse expects them."""
     try:
         return parse(value)
     except WrongValue as wrong:

@@ -1,4 +1,4 @@
-"""`status`: how the running gateway is doing."""
+"""`status`: the state of the running gateway."""
 
 import argparse
 import json
@@ -18,18 +18,18 @@ from gateway.cli.main import FINE
 from gateway.config.duration import show_duration
 from gateway.errors import DaemonError
 
-#: How often `-w` looks, in seconds.
+#: The interval of `-w`, in seconds.
 _WATCH_STEP: Final = 1.0
-#: What makes a cell of the picture empty: nothing to tell.
+#: The text of an empty cell.
 _NOTHING: Final = "-"
 _INDENT: Final = "  "
 
-#: For terminals: to the upper left; what is right of a line's end, and below, away.
+#: Terminal sequences: go to the upper left; clear to the end of the line; clear below.
 _HOME: Final = "\x1b[H"
 _CLEAR_LINE: Final = "\x1b[K"
 _CLEAR_BELOW: Final = "\x1b[J"
 
-#: A key of a row, or what makes its text of the row.
+#: A key of a row, or a function from the row to the text.
 _Column = str | Callable[[Mapping[str, Any]], object]
 
 
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _redraw(text: str, rows: int) -> str:
-    """`text` over what stands on a terminal of so many rows."""
+    """`text` with the sequences that draw it over the present content of a terminal with so many rows."""
     lines = text.splitlines()
     if len(lines) >= rows:
         lines = [*lines[: rows - 2], f"{len(lines) - rows + 2} more lines: make the window higher"]
@@ -72,7 +72,7 @@ def _redraw(text: str, rows: int) -> str:
 
 
 def show_status(status: Mapping[str, Any], width: int = 80) -> str:
-    """The status as tables of so many characters, if names and addresses are not too long for that."""
+    """The status as tables, `width` characters wide unless names and addresses are too long."""
     units = _rows(status, "units")
     asked = [unit for unit in units or () if _cell(_was_polled, unit)]
     shown = {**status, "units": None if units is None else asked}
@@ -85,7 +85,7 @@ def show_status(status: Mapping[str, Any], width: int = 80) -> str:
 
 
 def _rows(status: Mapping[str, Any], section: str) -> list[Any] | None:
-    """A section; None if this daemon has none."""
+    """A section of the status; None if this daemon does not have it."""
     rows = status.get(section)
     return rows if isinstance(rows, list) else None
 
@@ -101,7 +101,7 @@ def _table(title: str, rows: list[Any] | None, columns: Mapping[str, _Column], w
 
 
 def _notes(status: Mapping[str, Any], width: int) -> str:
-    """What to do, a paragraph for each note."""
+    """The notes, a paragraph for each."""
     notes = [
         textwrap.fill(f"{_name(row)}: {note}", width, initial_indent=_INDENT, subsequent_indent=2 * _INDENT)
         for section, advise in ADVICE.items()
@@ -116,7 +116,7 @@ def _name(row: Mapping[str, Any]) -> str:
 
 
 def _told(advise: Callable[[Mapping[str, Any]], Iterator[str]], row: Any) -> list[str]:
-    """The notes about a row; none about one that this version does not understand."""
+    """The notes about a row; none if another version's daemon has sent it in another form."""
     try:
         return list(advise(row))
     except _NOT_UNDERSTOOD:
@@ -124,7 +124,7 @@ def _told(advise: Callable[[Mapping[str, Any]], Iterator[str]], row: Any) -> lis
 
 
 def _cell(column: _Column, row: Any) -> object:
-    """What stands in a column. Daemons of other versions may lack it, or tell it in another way."""
+    """The text in a column. A daemon of another version may lack the value, or send it in another form."""
     try:
         return row[column] if isinstance(column, str) else column(row)
     except _NOT_UNDERSTOOD:
@@ -173,7 +173,7 @@ def _limit(unit: Mapping[str, Any]) -> str:
 
 
 def _answered(unit: Mapping[str, Any]) -> str:
-    """The share of the requests that were answered; 100 % only if all were."""
+    """The share of requests that were answered; 100 % only if all were."""
     ok, failed = count_ok(unit), count_failed(unit)
     return _NOTHING if not ok + failed else f"{100 * ok // (ok + failed)} %"
 
@@ -206,13 +206,13 @@ def _share(share: float | None) -> str:
     return _NOTHING if share is None else f"{100 * share:.0f} %"
 
 
-#: What a row raises that tells something in another way than expected.
+#: What a row in an unexpected form raises.
 _NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
 
 #: The columns whose texts may be shortened.
 _FLEXIBLE: Final = frozenset({"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER"})
 
-#: The tables: what each is called, the section of the status that it shows, and its columns.
+#: The tables: heading, section of the status, and columns.
 _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
     (
         "Lines (busy and requests/s: of the last minute)",

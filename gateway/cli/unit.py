@@ -1,4 +1,4 @@
-"""A unit that a command asks: through the daemon, or directly."""
+"""A unit to read or write: through the daemon or directly."""
 
 import argparse
 from collections.abc import Iterator, Mapping
@@ -13,21 +13,21 @@ from gateway.errors import DaemonError, ExceptionCode, GatewayError
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.profiles.point import Point
 
-#: How much longer than the longest wait of a unit its answer may take to come here, in seconds.
+#: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
 _SPARE_TIME: Final = 5.0
 
-#: Why the gateway itself has answered with an exception, and what to do, by the result that the daemon tells.
+#: Why the gateway itself has answered with an exception, and what to do, by the daemon's `result`.
 _REASONS: Final[Mapping[str, str]] = {
-    "timeout": "nothing came within its time limit",
-    "bad_frame": "what came within its time limit was damaged, or for somebody else",
-    "ambiguous": "another client was heard on the line, so the response may be for that one",
+    "timeout": "no response within its time limit",
+    "bad_frame": "the response was damaged, or was not for this request",
+    "ambiguous": "another client is on the line, and the response may be for that one",
     "line_lost": "the port was lost while the request was on the line; the unit may have acted",
-    "resting": "it has failed too often and is left alone for a while; modbus-gateway status shows until when",
+    "resting": "it backs off after several failures; modbus-gateway status shows for how long",
     "overdue": "a late response to an earlier request may still come; try again in a moment",
     "echo_suspected": "the adapter echoes; set echo = true for the line",
     "stale": "the mirror's last poll is stale: its device does not answer",
-    "no_route": "there is no such unit; modbus-gateway check shows which there are",
-    "denied": "[[access]] gives the control socket no right to it",
+    "no_route": "there is no such unit; modbus-gateway check lists the units",
+    "denied": "[[access]] does not allow it for the control socket",
     "queue_full": "too many requests wait for the line; try again",
     "expired": "the line was busy for longer than its max_wait; try again",
     "line_down": "its line is down; modbus-gateway status shows why",
@@ -35,15 +35,15 @@ _REASONS: Final[Mapping[str, str]] = {
 
 
 class NoResponseError(GatewayError):
-    """A unit that was asked directly has not answered, or not to this request."""
+    """A unit that was accessed directly has not responded, or not to this request."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
     """A response PDU, and how long it took.
 
-    `reason` says why it is an exception of the gateway's own. `sent` and `received` are the frames, as far as they are
-    seen here.
+    `reason` says why the gateway itself answered with an exception. `sent` and `received` are the frames, as far as
+    they are known here.
     """
 
     pdu: bytes
@@ -65,9 +65,9 @@ class Answer:
 
 
 class Unit(Protocol):
-    """A unit that can be asked. `number` and `name` are what clients call it; it has no name if that is not known.
+    """A unit that can be read and written. `number` is its unit ID for clients; `name` is empty if it is not known.
 
-    `functions` None means all, or that it is not known; `limits` is the most items of a function.
+    `functions` is None for all or unknown; `limits` is the most items for a function.
     """
 
     number: int
@@ -81,7 +81,7 @@ class Unit(Protocol):
 
 
 def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which unit, and how it is reached."""
+    """Add the arguments that say how the unit is reached, and how values are shown."""
     add = parser.add_argument
     add("--swap", choices=("none", "words", "bytes", "both"), default="none", help="order in registers (default none)")
     add("--raw", action="store_true", help="show request and response in hexadecimal too")
@@ -89,21 +89,21 @@ def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
     add_control_argument(parser)
     direct = parser.add_argument_group("without a daemon")
     add = direct.add_argument
-    add("--port", metavar="PORT", help="ask on this serial port: /dev/ttyUSB0, or rtu+tcp://host:port")
+    add("--port", metavar="PORT", help="use this serial port: /dev/ttyUSB0, or rtu+tcp://host:port")
     add("--baud", type=_baud, default=19200, metavar="N", help="its rate (default 19200)")
     add("--format", metavar="F", help="its character format (default 8E1, ASCII 7E1)")
-    add("--mode", choices=("rtu", "ascii"), help="what is spoken there (default rtu)")
-    add("--tcp", metavar="HOST[:PORT]", help="ask this Modbus TCP server (default port 502)")
+    add("--mode", choices=("rtu", "ascii"), help="its mode (default rtu)")
+    add("--tcp", metavar="HOST[:PORT]", help="use this Modbus TCP server (default port 502)")
     add("--timeout", type=parsed_by(parse_duration), default=1.0, metavar="TIME", help="time limit (default 1s)")
     add("--profile", metavar="NAME", help="the kind of device, for its points: mint, v80, weigher")
 
 
 @contextmanager
 def open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
-    """The unit of this number or name, by the way that the arguments name.
+    """Open the unit with this number or name, in the way that the arguments name.
 
     Raises:
-        DaemonError: the daemon cannot be reached, or knows no such unit.
+        DaemonError: the daemon cannot be reached, or has no such unit.
         DirectError: the port or the server cannot be reached.
         WrongUsageError: the arguments do not fit together.
     """
@@ -125,7 +125,7 @@ class DaemonUnit:
     """A unit of the running gateway.
 
     Raises:
-        DaemonError: it knows no such unit.
+        DaemonError: the daemon has no such unit.
     """
 
     def __init__(self, daemon: Conversation, wanted: str) -> None:
@@ -152,7 +152,7 @@ class DaemonUnit:
 
 
 def _point(told: Mapping[str, Any]) -> Point:
-    """A point as the daemon tells it. One of another version may tell more."""
+    """A point from the daemon. A daemon of another version may send more fields."""
     known = {name: told[name] for name in Point.__dataclass_fields__ if name in told}
     labels = {int(number): label for number, label in known.get("labels", {}).items()}
     return Point(**{**known, "area": Area(known["area"]), "labels": labels})
@@ -167,5 +167,5 @@ def _name(code: int) -> str:
 
 def _baud(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is no rate; write a number such as 9600')
+        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
     return int(text)

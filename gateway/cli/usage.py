@@ -1,4 +1,4 @@
-"""Arguments that cannot be understood: what is wrong with them, and what to type instead."""
+"""Wrong arguments: what is wrong with them, and what to type instead."""
 
 import argparse
 import sys
@@ -10,7 +10,7 @@ from gateway.config.problem import WrongValue
 
 
 class WrongUsageError(Exception):
-    """What was typed cannot be meant. `remedy` is what to do instead, often a whole command."""
+    """The arguments are wrong. `remedy` is what to do instead, often a whole command."""
 
     def __init__(self, what: str, remedy: str = "") -> None:
         super().__init__(what)
@@ -18,7 +18,7 @@ class WrongUsageError(Exception):
 
 
 def tell_wrong_usage(wrong: WrongUsageError) -> int:
-    """Print what is wrong, and give the exit code."""
+    """Print the error; returns the exit code."""
     print(f"modbus-gateway: error: {wrong}", file=sys.stderr)
     if wrong.remedy:
         print(f"  help: {wrong.remedy}", file=sys.stderr)
@@ -26,7 +26,7 @@ def tell_wrong_usage(wrong: WrongUsageError) -> int:
 
 
 def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
-    """A `type` for argparse out of a function that reads values of the config."""
+    """A `type` for argparse from a function that parses values of the config."""
 
     def argument(text: str) -> Any:
         try:
@@ -39,11 +39,11 @@ def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
 
 
 def let_options_stand_anywhere(parser: argparse.ArgumentParser) -> None:
-    """Options may stand between words: argparse takes the words behind an option for unknown ones otherwise."""
+    """Allow options between words: argparse would reject the words after an option."""
     plain = parser.parse_known_args
 
     def parse(args: Sequence[str] | None = None, namespace: Any = None) -> Any:
-        setattr(parser, "parse_known_args", plain)  # noqa: B010 - what follows calls it
+        setattr(parser, "parse_known_args", plain)  # noqa: B010 - called below
         return parser.parse_known_intermixed_args(args, namespace)
 
     setattr(parser, "parse_known_args", parse)  # noqa: B010 - a method of one parser

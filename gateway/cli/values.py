@@ -1,4 +1,4 @@
-"""Values of a unit as they are shown: rows of a table, or JSON."""
+"""Values of a unit as a table or as JSON."""
 
 import json
 import math
@@ -15,13 +15,13 @@ from gateway.registers.datatypes import Value
 from gateway.registers.items import has_bits
 from gateway.registers.reference import reference
 
-#: What stands where there is nothing to show.
+#: The text of an empty cell.
 _NOTHING: Final = "-"
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A point and the items that were read or written there; `before` are those that were there before a write."""
+    """A point and the items that were read or written; `before` are those before a write."""
 
     point: Point
     items: bytes
@@ -29,7 +29,7 @@ class Reading:
 
     @property
     def value(self) -> Value:
-        """What the items mean."""
+        """The value of the items."""
         return self.point.value(self.items)
 
     @property
@@ -42,14 +42,14 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A request that got an exception, what it was to read or write, and what else can be tried."""
+    """A request that got an exception, its addresses, and what else to try."""
 
     span: Span
     answer: Answer
     advice: str = ""
 
     def text(self, unit: Unit) -> str:
-        """The failure in a sentence, and the advice on a line of its own."""
+        """The failure in one sentence, and the advice on a second line."""
         last = "" if self.span.count == 1 else f"-{self.span.end - 1}"
         what = f"{_called(unit)}, {self.span.area} {self.span.start}{last}: {self.answer.complaint}"
         return f"{what}\n  help: {self.advice}" if self.advice else what
@@ -57,7 +57,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What was read or written, what failed, and every answer on the way."""
+    """What was read or written, what failed, and all answers."""
 
     readings: list[Reading] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
@@ -65,7 +65,7 @@ class Outcome:
 
 
 def table(readings: Sequence[Reading], time: str = "") -> str:
-    """A row for each value; where points have names, these stand first."""
+    """A row for each value; names of points come first."""
     named, written = any(each.point.name for each in readings), any(each.before is not None for each in readings)
     headings = [
         *(["TIME"] if time else []),
@@ -82,7 +82,7 @@ def table(readings: Sequence[Reading], time: str = "") -> str:
 
 
 def picture(unit: Unit, area: Area | None, outcome: Outcome) -> dict[str, Any]:
-    """The same as JSON: of one area, or of points, which have each its own."""
+    """The same as JSON: of one area, or of points, which each have their own."""
     result: dict[str, Any] = {"unit": unit.number}
     if unit.name:
         result["name"] = unit.name
@@ -115,7 +115,7 @@ def frames_as_json(answers: Sequence[Answer]) -> list[dict[str, str]]:
 
 
 def as_json(what: object, *, one_line: bool) -> str:
-    """JSON text; on one line where more will follow."""
+    """JSON text; on one line if more will follow."""
     return json.dumps(what, indent=None if one_line else 2, ensure_ascii=False)
 
 
@@ -160,7 +160,7 @@ def _called(unit: Unit) -> str:
 
 
 def _hex(data: bytes) -> str:
-    """A frame in hexadecimal; one in ASCII is text already."""
+    """A frame in hexadecimal; an ASCII frame as it is."""
     if data.startswith(b":") and data.endswith(b"\r\n") and data.strip().isascii():
         return data.decode("ascii").strip()
     return data.hex(" ").upper() or _NOTHING

@@ -1,4 +1,4 @@
-"""What the words behind `read UNIT` and `write UNIT` mean: points of the unit, or an area, addresses and a type."""
+"""Parses the words after `read UNIT` and `write UNIT`: names of points, or an area, addresses and a type."""
 
 import re
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ Verb = Literal["read", "write"]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The command so far, from which a better one is made: the verb, the unit, and the points that the unit has."""
+    """The verb, the unit and its points; used to suggest a correct command."""
 
     verb: Verb
     unit: str
@@ -29,27 +29,27 @@ class Command:
     swap: str = "none"
 
     def like(self, *words: object) -> str:
-        """A command with other words."""
+        """The command with other words."""
         return " ".join(["modbus-gateway", self.verb, self.unit, *map(str, words)])
 
 
 class Assignment(NamedTuple):
-    """A point and what is to be written there."""
+    """A point and the text of its new value."""
 
     point: Point
     text: str
 
 
 def find_points(command: Command, words: Sequence[str]) -> list[Point]:
-    """What is to be read: all points of the unit, some of them, or values at addresses.
+    """The points to read: all points of the unit, some of them, or values at addresses.
 
     Raises:
-        WrongUsageError: the words mean nothing.
+        WrongUsageError: the words cannot be understood.
     """
     if not words:
         found = [point for point in command.points if point.write != "only"]
         if not found:
-            what = f"{command.unit} has no points, so it must be said what to read"
+            what = f"{command.unit} has no points; say what to read"
             raise WrongUsageError(what, command.like("holding", "0-9"))
         return found
     if words[0] not in set(Area):
@@ -59,19 +59,19 @@ def find_points(command: Command, words: Sequence[str]) -> list[Point]:
 
 
 def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]:
-    """What is to be written where: a value to a point, or values from an address on.
+    """What to write: a value to a point, or values from an address on.
 
     Raises:
-        WrongUsageError: the words mean nothing, or what is meant cannot be written.
+        WrongUsageError: the words cannot be understood, or the place cannot be written.
     """
     if words and words[0] in set(Area):
         return _assign_to_addresses(command, words)
     if not words:
-        raise WrongUsageError("it must be said what to write", _example(command))
+        raise WrongUsageError("say what to write", _example(command))
     point = _find_point(command, words[0], words)
     if point.write == "no":
-        what = f"{point.name} is not to be written"
-        raise WrongUsageError(what, "if it is, add write = true to the point in the config")
+        what = f"{point.name} is read-only"
+        raise WrongUsageError(what, "to allow writing, add write = true to the point in the config")
     if len(words) != 2:
         raise WrongUsageError(
             f"{point.name} takes one value" + (f", not {len(words) - 1}" if words[1:] else ""),
@@ -91,23 +91,23 @@ def _assign_to_addresses(command: Command, words: Sequence[str]) -> list[Assignm
     first, last = _addresses(command, [area, words[1]])
     size = _size(data_type, values)
     if last is not None and last - first + 1 != size * len(values):
-        what = f"{first}-{last} are {last - first + 1} {_items(area)}, and the values need {size * len(values)}"
+        what = f"{first}-{last} are {last - first + 1} {_items(area)}, but the values need {size * len(values)}"
         raise WrongUsageError(what, command.like(area, first, *words[2:]))
     _check_type(command, area, data_type, [area, first, *values])
     end = first + size * len(values) - 1
     if end > _LAST_ADDRESS:
-        raise WrongUsageError(f"the last address is {_LAST_ADDRESS}, and the values end at {end}")
+        raise WrongUsageError(f"the last address is {_LAST_ADDRESS}, but the values end at {end}")
     points = (_value(command, area, first + index * size, data_type, size) for index in range(len(values)))
     return [Assignment(point, text) for point, text in zip(points, values, strict=True)]
 
 
 def _place(command: Command, words: Sequence[str]) -> tuple[tuple[int, int | None], str]:
-    """Addresses and type behind an area."""
+    """The addresses and the type after an area."""
     area = Area(words[0])
     if len(words) < 2:
         raise WrongUsageError(f"which {area}? The address is missing", command.like(area, "0"))
     if len(words) > 3:
-        raise WrongUsageError(f'"{words[3]}" is a word too much', command.like(*words[:3]))
+        raise WrongUsageError(f'"{words[3]}" is one word too many', command.like(*words[:3]))
     addresses = _addresses(command, words)
     data_type = words[2] if len(words) > 2 else _usual_type(area)
     _check_type(command, area, data_type, words[:2])
@@ -115,16 +115,16 @@ def _place(command: Command, words: Sequence[str]) -> tuple[tuple[int, int | Non
 
 
 def _addresses(command: Command, words: Sequence[str]) -> tuple[int, int | None]:
-    """First and last address; None if only the first one is named."""
+    """First and last address; None if there is only one."""
     area, text, rest = words[0], words[1], words[2:]
     match = _ADDRESSES.fullmatch(text)
     if match is None:
-        raise WrongUsageError(f'"{text}" is no address', command.like(area, "0", *rest))
+        raise WrongUsageError(f'"{text}" is not an address', command.like(area, "0", *rest))
     first, last = int(match[1], 0 if "x" in text else 10), match[2] and int(match[2], 0 if "x" in match[2] else 10)
     if max(first, last or 0) > _LAST_ADDRESS:
         place = place_of(text)
         remedy = command.like(*place, *rest) if place else f"addresses are 0 to {_LAST_ADDRESS}"
-        raise WrongUsageError(f"{text} is no address" + (", but a reference number" if place else ""), remedy)
+        raise WrongUsageError(f"{text} is {'a reference number, ' if place else ''}not an address", remedy)
     if isinstance(last, int) and last < first:
         raise WrongUsageError(f"{text} counts backwards", command.like(area, f"{last}-{first}", *rest))
     return first, last if isinstance(last, int) else None
@@ -140,10 +140,10 @@ def _values(command: Command, area: Area, addresses: tuple[int, int | None], dat
         size = count
     typed = () if data_type == _usual_type(area) else (data_type,)
     if count % size:
-        what = f"{first}-{last} are {count} registers, and each {data_type} takes {size}"
+        what = f"{first}-{last} are {count} registers, but each {data_type} takes {size}"
         raise WrongUsageError(what, command.like(area, f"{first}-{first + (count // size + 1) * size - 1}", *typed))
     if last > _LAST_ADDRESS:
-        raise WrongUsageError(f"the last address is {_LAST_ADDRESS}, and the value ends at {last}")
+        raise WrongUsageError(f"the last address is {_LAST_ADDRESS}, but the value ends at {last}")
     return [_value(command, area, at, data_type, size) for at in range(first, last + 1, size)]
 
 
@@ -152,7 +152,7 @@ def _value(command: Command, area: Area, address: int, data_type: str, size: int
 
 
 def _size(data_type: str, values: Sequence[str]) -> int:
-    """How many registers each value needs; text as many as it takes."""
+    """How many registers each value needs; text as many as the longest one."""
     if data_type == "string":
         return max((len(text.encode()) + 1) // 2 for text in values)
     return registers_of(data_type)
@@ -163,25 +163,27 @@ def _usual_type(area: Area) -> str:
 
 
 def _check_type(command: Command, area: Area, data_type: str, words: Sequence[object]) -> None:
-    """See that an area can have the type; `words` are those without it."""
+    """Check that an area can have the type; `words` are the words without it."""
     if data_type not in DATA_TYPES:
-        what = f'"{data_type}" is no type'
+        what = f'"{data_type}" is not a type'
         raise WrongUsageError(what, did_you_mean(data_type, DATA_TYPES) or f"types are {', '.join(DATA_TYPES)}")
     if has_bits(area) != (data_type == "bit"):
-        what = f"{area} are bits, not {data_type}" if has_bits(area) else f"{area} registers are no bits"
+        what = f"{area} are bits, not {data_type}" if has_bits(area) else f"{area} registers are not bits"
         raise WrongUsageError(what, command.like(*words))
     if command.swap != "none" and has_bits(area):
-        raise WrongUsageError("there is nothing to swap in bits", command.like(*words))
+        raise WrongUsageError("bits have no order to swap", command.like(*words))
 
 
 def _require_readable(point: Point, command: Command) -> Point:
     if point.write == "only":
-        raise WrongUsageError(f"{point.name} can be written, but not read", f"{command.like()} reads all that can be")
+        raise WrongUsageError(
+            f"{point.name} can be written, but not read", f"{command.like()} reads all readable points"
+        )
     return point
 
 
 def _find_point(command: Command, word: str, words: Sequence[str]) -> Point:
-    """The point that is called so."""
+    """The point with this name."""
     point = next((point for point in command.points if point.name == word), None)
     if point is not None:
         return point

@@ -294,12 +294,12 @@ def test_a_server_line_shows_what_its_client_must_be_set_to(config, capsys):
             """\
         Server line panel: /dev/zero
           ascii 19200 7E1, silence before a response none, wire serial
-          UNIT  WHO ANSWERS  LONGEST WAIT
+          UNIT  ANSWERED BY  LONGEST WAIT
           41    silo-1       3.16 s
           200   shift-data   at once
-          An answer that is not there within 1 s is not put on the line.
+          A response that takes longer than 1 s is not sent.
           Broadcasts go to: images.
-          Set the outside client's time-out above 1.28 s.
+          Set the time-out of the client on this line above 1.28 s.
         """
         )
         in capsys.readouterr().out
@@ -435,8 +435,8 @@ def test_what_happens_after_a_failure_where_that_is_not_the_default(
     assert main(["check", path]) == 0
     said = [line.strip() for line in capsys.readouterr().out.splitlines()]
     assert [line for line in said if line.startswith(("retries", "rest "))] == shown
-    assert "Through scada: no answer in place of 06, 0A and 0B." in said
-    assert "On failure: no answer in place of 06, 0A and 0B." in said
+    assert "Through scada: no response instead of 06, 0A and 0B." in said
+    assert "On failure: no response instead of 06, 0A and 0B." in said
     footnote = "With retries it is max_wait + gap + retry_within, if that is longer."
     assert (footnote in said) == bool(retries)
     main(["check", "--json", path])
@@ -453,7 +453,7 @@ def test_what_was_remembered_is_shown_with_how_to_forget_it(config, capsys, tmp_
     assert main(["check", config(FILE)]) == 0
     shown = capsys.readouterr().out
     assert "Remembered from an earlier run\n  hall-a: 9600 baud, the config says 19200; " in shown
-    assert "  hall-a: silo-1 is asked at 5, the config says 1; it moved in an earlier run; set unit = 5 in" in shown
+    assert "  hall-a: silo-1 is polled at 5, the config says 1; it moved in an earlier run; set unit = 5 in" in shown
     main(["check", config(FILE), "--json"])
     rate, address = json.loads(capsys.readouterr().out)["remembered"]
     assert (rate["baud"], address["device"], address["unit"], address["configured"]) == (9600, "silo-1", 5, 1)

@@ -33,7 +33,7 @@ def own(tmp_path, monkeypatch):
 
 def test_a_user_without_the_right_is_told_who_has_it(own):
     with pytest.raises(
-        DaemonError, match=rf"^only root, the gateway's user and its group may ask at {SERVICE}: use sudo$"
+        DaemonError, match=rf"^only root, the gateway's user and its group may use {SERVICE}: use sudo$"
     ):
         ask("status", None)
 
@@ -60,8 +60,11 @@ def test_a_path_that_is_too_long_for_a_socket_is_said_to_be(tmp_path):
     ("version", "said"),
     [
         ({"version": __version__}, ""),
-        ({"version": "9.0"}, f"the daemon is of 9.0, this command of {__version__}: restart the daemon if"),
-        ({}, f"the daemon is of an earlier version, this command of {__version__}: restart the daemon if"),
+        (
+            {"version": "9.0"},
+            f"versions differ: the daemon has 9.0, this command {__version__}: restart the daemon if",
+        ),
+        ({}, f"versions differ: the daemon has an earlier one, this command {__version__}: restart the daemon if"),
     ],
 )
 def test_a_daemon_of_another_version_is_told(version, said, capsys):
@@ -76,4 +79,4 @@ def test_a_daemon_of_another_version_is_told(version, said, capsys):
 def test_a_verb_that_an_older_daemon_does_not_have_is_told_with_the_versions(capsys):
     with pytest.raises(DaemonError, match='the daemon says: "verb" must be one of status'):
         daemon._read_answer(b'{"ok": false, "error": "\\"verb\\" must be one of status"}')
-    assert "earlier version" in capsys.readouterr().err
+    assert "earlier one" in capsys.readouterr().err

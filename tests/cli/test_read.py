@@ -120,7 +120,7 @@ def test_an_exception_of_the_device_is_told_and_status_1(daemon, capsys):
 def test_an_exception_of_the_gateway_comes_with_its_reason(daemon, capsys):
     daemon.silent = {"result": "resting", "reason": ""}
     assert main(["read", "41", "holding", "0"]) == 1
-    assert "0B, gateway target failed to respond: it has failed too often and is left alone" in capsys.readouterr().err
+    assert "0B, gateway target failed to respond: it backs off after several failures" in capsys.readouterr().err
     daemon.silent = {"result": "refused", "reason": "profile weigher has no function 4"}
     assert main(["read", "41", "input", "0", "--json"]) == 1
     picture = json.loads(capsys.readouterr().out)
@@ -169,7 +169,7 @@ def test_a_failure_in_between_counts_and_is_no_end(daemon, capsys, monkeypatch):
     assert main(["read", "silo-1", "state", "-n", "2"]) == 1
     told = capsys.readouterr()
     assert len(told.out.splitlines()) == 2
-    assert told.err.endswith("nothing came within its time limit\n")
+    assert told.err.endswith("no response within its time limit\n")
 
 
 def test_options_may_stand_between_the_words(daemon, capsys):
@@ -200,7 +200,7 @@ def test_wrong_words_are_answered_with_what_to_type(daemon, words, complaint, ca
         ("-i x", '"x" is not a valid duration'),
         ("-n 0", '"0" is no number of times; write one such as 10'),
         ("--swap all", "invalid choice: 'all'"),
-        ("--baud fast", '"fast" is no rate; write a number such as 9600'),
+        ("--baud fast", '"fast" is not a valid rate; write a number such as 9600'),
     ],
 )
 def test_wrong_options_are_refused(option, complaint, capsys):

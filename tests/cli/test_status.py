@@ -229,7 +229,7 @@ def test_a_line_says_why_it_is_down_and_that_it_is_too_busy(monkeypatch, capsys)
     busy = replace(LINE, name="hall-b", busy_share=0.97)
     text = show_status(as_told(replace(STATUS, lines=(down, busy), units=())), 100)
     assert "hall-a: down: /dev/ttyUSB0 does not exist" in text
-    assert "hall-b: busy for 97% of the time: ask less often or raise its speed" in text
+    assert "hall-b: busy for 97% of the time: poll less often or raise the baud rate" in text
     assert "  down   -     -  " in text
 
 

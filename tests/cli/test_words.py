@@ -59,21 +59,21 @@ def test_the_swap_is_that_of_the_command():
     [
         (["wieght"], 'silo has no point "wieght"', 'did you mean "weight"?'),
         (["holdin", "3"], 'silo has no point "holdin"', 'did you mean "holding"?'),
-        (["zero"], "zero can be written, but not read", "modbus-gateway read silo reads all that can be"),
+        (["zero"], "zero can be written, but not read", "modbus-gateway read silo reads all readable points"),
         (["40108"], "40108 is a reference number: holding 107", "modbus-gateway read silo holding 107"),
         (["30001", "float32"], "30001 is a reference number: input 0", "modbus-gateway read silo input 0 float32"),
         (["5-7"], "5-7 of what?", "modbus-gateway read silo holding 5-7"),
         (["holding"], "which holding? The address is missing", "modbus-gateway read silo holding 0"),
-        (["holding", "x"], '"x" is no address', "modbus-gateway read silo holding 0"),
+        (["holding", "x"], '"x" is not an address', "modbus-gateway read silo holding 0"),
         (["holding", "9-5"], "9-5 counts backwards", "modbus-gateway read silo holding 5-9"),
-        (["holding", "70000"], "70000 is no address", "addresses are 0 to 65535"),
-        (["holding", "400108"], "400108 is no address, but a reference", "modbus-gateway read silo holding 107"),
-        (["holding", "0", "float"], '"float" is no type', 'did you mean "float32" or "float64"?'),
-        (["holding", "0", "bit"], "holding registers are no bits", "modbus-gateway read silo holding 0"),
+        (["holding", "70000"], "70000 is not an address", "addresses are 0 to 65535"),
+        (["holding", "400108"], "400108 is a reference number, not an address", "modbus-gateway read silo holding 107"),
+        (["holding", "0", "float"], '"float" is not a type', 'did you mean "float32" or "float64"?'),
+        (["holding", "0", "bit"], "holding registers are not bits", "modbus-gateway read silo holding 0"),
         (["coils", "0", "int16"], "coils are bits, not int16", "modbus-gateway read silo coils 0"),
-        (["holding", "0", "int16", "x"], '"x" is a word too much', "modbus-gateway read silo holding 0 int16"),
-        (["holding", "10-12", "float32"], "10-12 are 3 registers, and each float32 takes 2", "10-13 float32"),
-        (["holding", "65535", "float32"], "the last address is 65535, and the value ends at 65536", ""),
+        (["holding", "0", "int16", "x"], '"x" is one word too many', "modbus-gateway read silo holding 0 int16"),
+        (["holding", "10-12", "float32"], "10-12 are 3 registers, but each float32 takes 2", "10-13 float32"),
+        (["holding", "65535", "float32"], "the last address is 65535, but the value ends at 65536", ""),
     ],
 )
 def test_words_that_mean_nothing_are_answered_with_what_to_type(words, what, remedy):
@@ -90,7 +90,7 @@ def test_a_unit_without_points_needs_an_area():
 
 
 def test_bits_have_nothing_to_swap():
-    with pytest.raises(WrongUsageError, match="nothing to swap in bits"):
+    with pytest.raises(WrongUsageError, match="bits have no order to swap"):
         read("coils", "0", swap="words")
 
 
@@ -122,8 +122,8 @@ def test_text_takes_as_many_registers_as_it_needs():
 @pytest.mark.parametrize(
     ("words", "what", "remedy"),
     [
-        ([], "it must be said what to write", "modbus-gateway write silo speed 1"),
-        (["weight", "5"], "weight is not to be written", "add write = true to the point in the config"),
+        ([], "say what to write", "modbus-gateway write silo speed 1"),
+        (["weight", "5"], "weight is read-only", "add write = true to the point in the config"),
         (["speed"], "speed takes one value", "modbus-gateway write silo speed 1"),
         (["zero"], "zero takes one value", "modbus-gateway write silo zero take"),
         (["speed", "1", "2"], "speed takes one value, not 2", "modbus-gateway write silo speed 1"),
@@ -137,11 +137,11 @@ def test_text_takes_as_many_registers_as_it_needs():
         (["40108", "5"], "40108 is a reference number: holding 107", "modbus-gateway write silo holding 107 5"),
         (
             ["holding", "1-3", "5"],
-            "1-3 are 3 registers, and the values need 1",
+            "1-3 are 3 registers, but the values need 1",
             "modbus-gateway write silo holding 1 5",
         ),
         (["coils", "1", "1", "int16"], "coils are bits, not int16", "modbus-gateway write silo coils 1 1"),
-        (["holding", "65535", "1", "2"], "the last address is 65535, and the values end at 65536", ""),
+        (["holding", "65535", "1", "2"], "the last address is 65535, but the values end at 65536", ""),
     ],
 )
 def test_what_cannot_be_written_is_answered_with_what_to_type(words, what, remedy):

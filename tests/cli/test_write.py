@@ -109,9 +109,9 @@ def test_json_has_old_and_new_value(daemon, capsys):
         ("state walking", '"walking" is no number; it has the labels off, running'),
         ("valve 2", "2 is no bit: write 0 or 1, off or on"),
         ("holding 0 70000", "70000 does not fit into uint16: 0 to 65535"),
-        ("weight 5", "weight is not to be written"),
+        ("weight 5", "weight is read-only"),
         ("input 0 5", "input cannot be written; coils and holding can"),
-        ("", "it must be said what to write\n  help: modbus-gateway write silo-1 speed 1"),
+        ("", "say what to write\n  help: modbus-gateway write silo-1 speed 1"),
     ],
 )
 def test_what_cannot_be_written_is_refused_and_nothing_is_sent(daemon, words, complaint, capsys):

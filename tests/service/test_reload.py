@@ -138,7 +138,7 @@ class Service:
 
 
 @pytest.fixture(autouse=True)
-def find_settled(monkeypatch) -> list[None]:
+def settled(monkeypatch) -> list[None]:
     """An entry for each time that the collector was told to settle, which looks at the objects of all tests."""
     times: list[None] = []
     monkeypatch.setattr("gateway.service.garbage.settle", lambda: times.append(None))

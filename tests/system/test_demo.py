@@ -32,7 +32,7 @@ def shown() -> subprocess.CompletedProcess[str]:
 
 def test_it_ends_by_itself_with_status_0(shown: subprocess.CompletedProcess[str]) -> None:
     assert (shown.returncode, shown.stderr) == (0, ""), shown.stdout
-    assert shown.stdout.rstrip().endswith(" 0 wrong or missing answers.")
+    assert shown.stdout.rstrip().endswith(" 0 wrong or missing responses.")
     assert "BAD" not in shown.stdout
 
 

@@ -107,7 +107,7 @@ def test_through_the_daemon(tmp_path: Path, port: Path) -> None:
         assert "exception 02, illegal data address" in refused.stderr
         busy = command("read", "6", "holding", "0", "--port", str(port), "--baud", "9600")
         assert busy.returncode == 1
-        assert "leave out --port and ask through it" in busy.stderr
+        assert "leave out --port to go through it" in busy.stderr
 
 
 def test_points_count_after_a_reload_and_the_line_stays_open(tmp_path: Path, port: Path) -> None:
@@ -127,7 +127,7 @@ def test_rights_hold_for_the_control_socket_once_a_row_names_it(tmp_path: Path, 
         assert values("press", "register-40108", "--control", control) == [99]
         denied = command("write", "press", "register-40136", "1", "--control", control)
         assert denied.returncode == 1
-        assert "exception 01, illegal function: [[access]] gives the control socket no right to it" in denied.stderr
+        assert "exception 01, illegal function: [[access]] does not allow it for the control socket" in denied.stderr
 
 
 def test_on_a_port_without_a_daemon(port: Path) -> None:
@@ -204,8 +204,8 @@ def test_what_cannot_be_reached_is_a_problem_in_plain_words(words: list[str], co
     ("words", "complaint"),
     [
         (["silo-1", "--tcp", "127.0.0.1"], '"silo-1" is a name, and only the daemon knows names'),
-        (["0", "holding", "0", "--port", "/dev/x"], "0 is no number of a unit\n  help: units are 1 to 247"),
-        (["256", "holding", "0", "--tcp", "x"], "256 is no number of a unit"),
+        (["0", "holding", "0", "--port", "/dev/x"], "0 is not a unit number\n  help: units are 1 to 247"),
+        (["256", "holding", "0", "--tcp", "x"], "256 is not a unit number"),
         (["1", "--tcp", "127.0.0.1", "--profile", "mnt"], 'there is no profile "mnt"\n  help: did you mean "mint"?'),
         (["1", "holding", "0", "--tcp", "a b"], "write --tcp 10.1.0.5, or --tcp 10.1.0.5:502"),
         (["1", "holding", "0", "--port", "ttyUSB0"], 'did you mean "/dev/ttyUSB0"?'),
