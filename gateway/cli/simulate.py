@@ -21,7 +21,7 @@ from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import Faults
 from gateway.simulator.kinds import KINDS
 from gateway.simulator.line import SimulatedLine
-from gateway.simulator.paced_line import Sender, Tell, tell_nobody
+from gateway.simulator.paced_line import Sender, Tell, ignore_frame
 from gateway.simulator.weigher import PRINTED_WEIGHT, Weigher
 from gateway.timing.characters import CharacterFormat
 
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     mode: Mode = args.mode or ("ascii" if groups[0].kind == "mint" else "rtu")
     format_ = args.format or DEFAULT_FORMATS[mode]
     end = asyncio.Event()
-    tell = _print_frames(mode, end) if args.verbose else tell_nobody
+    tell = _print_frames(mode, end) if args.verbose else ignore_frame
     try:
         devices = _devices(groups, args)
         line = SimulatedLine(args.port, devices, mode=mode, format_=format_, seed=args.seed, tell=tell)

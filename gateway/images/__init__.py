@@ -1,1 +1,1 @@
-"""Local register images: units that the gateway itself answers for."""
+"""Local register images: units that the gateway answers itself."""

@@ -1,9 +1,9 @@
-"""The file that keeps images: an SQLite database, one row for each item that was ever written.
+"""The file of the persistent images: an SQLite database with a row for each item that was ever written.
 
-Each row carries a check sum, because SQLite does not see a bit that a worn flash card has turned. A file that is
-damaged or none of ours is moved aside, never overwritten; what can still be read of it is kept.
+Each row has a checksum, because SQLite does not detect a bit that a worn flash card has flipped. A file that is damaged
+or from another program is moved aside, never overwritten; what can still be read of it is kept.
 
-All of this blocks.
+All calls block.
 """
 
 import os
@@ -23,7 +23,7 @@ from gateway.ports.ownership import give_to_owner_of_folder
 
 FILE_NAME: Final = "images.sqlite"
 
-#: "MBGW", in the header of the file: what it is recognised by.
+#: "MBGW", the application ID in the header of the file.
 _APPLICATION: Final = 0x4D424757
 _VERSION: Final = 1
 _SET_UP: Final = f"""
@@ -37,13 +37,13 @@ _SET_UP: Final = f"""
     PRAGMA user_version = {_VERSION};
     COMMIT;
 """
-#: The database is this process's alone, and a transaction is on the disk when it is done.
+#: Only this process can open the database, and a finished transaction is on the disk.
 _OURS_ALONE: Final = "PRAGMA locking_mode = EXCLUSIVE"
 _MODES: Final = """
     PRAGMA journal_mode = WAL;
     PRAGMA synchronous = FULL;
 """
-#: What SQLite calls the files of a database, behind its name.
+#: The suffixes of a database's files.
 _PARTS: Final = ("", "-wal", "-shm", "-journal")
 
 
@@ -57,7 +57,7 @@ class Item(NamedTuple):
 
     @property
     def check_sum(self) -> int:
-        """What shows that a row has not changed since it was written."""
+        """The checksum of the row."""
         return crc32(f"{self.image}/{self.area}/{self.address}={self.value}".encode())
 
 
@@ -80,8 +80,8 @@ class Database:
             self._connection.executemany("INSERT OR REPLACE INTO items VALUES (?, ?, ?, ?, ?)", rows)
 
     def close(self) -> None:
-        """Let go of the file."""
-        with self._turn, suppress(sqlite3.Error):  # then the next start brings it into order
+        """Close the file."""
+        with self._turn, suppress(sqlite3.Error):  # the next start repairs it
             self._connection.close()
 
 
@@ -94,7 +94,7 @@ class Opened(NamedTuple):
 
 
 def open_database(folder: Path) -> Opened:
-    """Open the database in `folder`, or make one. One that is damaged is moved aside first.
+    """Open or create the database in `folder`. A damaged one is moved aside first.
 
     Raises:
         StateError: it is in use or from a later version, or it cannot be read, made or moved.
@@ -111,7 +111,7 @@ def open_database(folder: Path) -> Opened:
 
 def _advice(error: sqlite3.Error) -> str:
     """What an operator can do about it."""
-    code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # what is above says it in more detail
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the high bits are the extended error code
     if code == sqlite3.SQLITE_BUSY:
         return "; is another modbus-gateway running?"
     if code in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
@@ -120,7 +120,7 @@ def _advice(error: sqlite3.Error) -> str:
 
 
 def _explain_permission(file: Path) -> str:
-    """Whether it is the permission that is missing, and for what."""
+    """The message if a permission is missing; empty otherwise."""
     for part in filter(Path.exists, _parts(file)):
         if not os.access(part, os.R_OK | os.W_OK, effective_ids=True):
             return f"{part}: no permission to read and write it; as root: chown --reference={part.parent} {part}"
@@ -162,7 +162,7 @@ def _load(file: Path, items: list[Item]) -> Database:
 
     Raises:
         sqlite3.OperationalError: it cannot be opened at the moment.
-        sqlite3.DatabaseError: it is damaged, or none of ours; `items` has what could be read.
+        sqlite3.DatabaseError: it is damaged, or from another program; `items` has what could be read.
     """
     if file.exists() and not file.stat().st_size:
         raise sqlite3.DatabaseError("it is empty")
@@ -184,7 +184,7 @@ def _load(file: Path, items: list[Item]) -> Database:
 
 
 def _is_new(connection: sqlite3.Connection, file: Path) -> bool:
-    """Whether the file has nothing in it yet. One that has is ours, and of this version."""
+    """Whether the file is still empty. Otherwise it must be of this program and version."""
     application, version, tables = (
         connection.execute(question).fetchone()[0]
         for question in ("PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master")
@@ -206,7 +206,7 @@ def _read(connection: sqlite3.Connection, items: list[Item]) -> None:
             else:
                 wrong += 1
     if wrong:
-        raise sqlite3.DatabaseError(f"{wrong} values have changed by themselves")
+        raise sqlite3.DatabaseError(f"{wrong} values have a wrong checksum")
     (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
     if verdict != "ok":
         raise sqlite3.DatabaseError(verdict)

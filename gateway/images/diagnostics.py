@@ -1,8 +1,8 @@
 """Functions 08, 11 and 12 of an image: an echo, counters, and a log of the last events (A 6.8, 6.9, 6.10).
 
-They were made for a unit on a serial line. An image has no line: a request reaches it whole or not at all. So what
-counts are the requests that were handed to it, and whatever is about characters, busy units or negative acknowledgement
-stays 0. Nothing can silence an image: it has no restart and no listen-only mode.
+They are meant for a unit on a serial line. An image has no line: a request reaches it complete or not at all. So the
+counters count its requests, and those for characters, busy units and negative acknowledgement stay 0. An image has no
+restart and no listen-only mode.
 """
 
 from collections import deque
@@ -35,7 +35,7 @@ _LOG: Final = Struct(">BBHHH")
 #: No program command is ever being processed (A 6.9).
 _READY: Final = 0x0000
 
-#: Asking for the event counter is no event (A 6.9).
+#: Reading the event counter is not an event (A 6.9).
 _NO_EVENTS: Final = frozenset({FunctionCode.GET_COMM_EVENT_COUNTER, FunctionCode.GET_COMM_EVENT_LOG})
 
 #: Bits of the event bytes (A 6.10): a request was received, perhaps as a broadcast; it was processed.
@@ -46,7 +46,7 @@ _EXCEPTION_BITS: Final = {1: 0x01, 2: 0x01, 3: 0x01, 4: 0x02, 5: 0x04, 6: 0x04}
 
 
 class Diagnostics:
-    """Counters of an image, which wrap round at 65536, and its log."""
+    """Counters of an image, which wrap at 65536, and its event log."""
 
     def __init__(self) -> None:
         self._log: deque[int] = deque(maxlen=MOST_EVENTS)
@@ -59,7 +59,7 @@ class Diagnostics:
         self._events = 0
 
     def received(self, request: Request) -> None:
-        """A request has come."""
+        """A request was received."""
         self._messages += 1
         is_broadcast = request.unit == BROADCAST_UNIT
         self._unanswered += is_broadcast
@@ -71,7 +71,7 @@ class Diagnostics:
         self._log.appendleft(_PROCESSED)
 
     def refused(self, request: Request, code: ExceptionCode) -> None:
-        """The request gets an exception, which nobody is sent after a broadcast."""
+        """The request gets an exception, which is not sent if it was a broadcast."""
         if request.unit == BROADCAST_UNIT:
             self._log.appendleft(_PROCESSED)
         else:
@@ -112,6 +112,6 @@ class Diagnostics:
         return _COUNTER.pack(pdu[0], _READY, self._events & 0xFFFF)
 
     def event_log(self, pdu: bytes) -> bytes:
-        """Function 12: the same, messages, and what happened last, the latest first."""
+        """Function 12: the same, the message count, and the last events, the latest first."""
         size = _LOG.size - 2 + len(self._log)
         return _LOG.pack(pdu[0], size, _READY, self._events & 0xFFFF, self.counter(BUS_MESSAGES)) + bytes(self._log)

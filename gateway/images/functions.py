@@ -1,8 +1,8 @@
-"""What each function code means that is about the tables (A 6): the change it makes to them, and the response.
+"""The functions that read and write the tables (A 6): what each one changes, and its response.
 
-All of them have one shape. Once structure and addresses are checked, items are written if the function writes, **then**
-items are read if it reads (function 23 does both, in this order: A 6.17). The response is the head that the request
-foretold, with the read items behind it.
+All of them work alike. After structure and addresses are checked, items are written if the function writes, **then**
+read if it reads (function 23 does both, in this order: A 6.17). The response is the header that follows from the
+request, and then the items that were read.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ _MASKS = Struct(">3xHH")
 
 
 def perform(tables: Tables, asked: RequestPdu) -> bytes:
-    """Do what a checked request asks for, and give the response PDU."""
+    """Execute a checked request; returns the response PDU."""
     if asked.write is not None:
         _WRITERS.get(asked.function, _write)(tables[asked.write.area], asked.write, asked)
     if asked.read is None:
@@ -27,7 +27,7 @@ def perform(tables: Tables, asked: RequestPdu) -> bytes:
 
 
 def _write(table: Table, span: Span, asked: RequestPdu) -> None:
-    """The request carries the values."""
+    """Write the values of the request."""
     table.write(span, asked.values)
 
 

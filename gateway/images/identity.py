@@ -1,4 +1,4 @@
-"""Functions 17 and 43/14 of an image: who it is (A 6.13, 6.21)."""
+"""Functions 17 and 43/14 of an image: its identification (A 6.13, 6.21)."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ PRODUCT: Final = "register image"
 
 #: Identifiers of objects (A 6.21). The first three are the basic ones.
 _VENDOR_NAME, _PRODUCT_CODE, _REVISION, _APPLICATION_NAME = 0, 1, 2, 6
-#: The code that asks for the basic objects only.
+#: The code for the basic objects only.
 _BASIC: Final = 1
 #: Conformity level: basic and regular objects, as a stream and one by one.
 _REGULAR: Final = 0x82
@@ -21,7 +21,7 @@ _MORE: Final = 0xFF
 #: Bytes of an identification before its first object, and of an object before its value.
 _HEAD_SIZE: Final = 7
 _OBJECT_HEAD_SIZE: Final = 2
-#: The longest value that fits a response of its own.
+#: The longest value that fits into one response.
 _LONGEST_VALUE: Final = MAX_PDU - _HEAD_SIZE - _OBJECT_HEAD_SIZE
 
 #: An image always runs.
@@ -29,7 +29,7 @@ _RUNNING: Final = b"\xff"
 
 
 class Identity:
-    """What an image says about itself. Its name is shown in ASCII, and cut if it is longer than a response."""
+    """The identification of an image. Its name is sent in ASCII, and cut if it is too long for a response."""
 
     def __init__(self, name: str) -> None:
         texts = {_VENDOR_NAME: VENDOR, _PRODUCT_CODE: PRODUCT, _REVISION: __version__, _APPLICATION_NAME: name}
@@ -41,7 +41,7 @@ class Identity:
         return bytes((pdu[0], len(data))) + data
 
     def identify(self, pdu: bytes) -> bytes:
-        """Function 43: its objects, as many as fit from the one on that is asked for.
+        """Function 43: its objects from the requested one on, as many as fit.
 
         Raises:
             IllegalFunction: the type is not 14.

@@ -1,4 +1,4 @@
-"""A local register image: a unit that the gateway itself answers for."""
+"""A local register image: a unit that the gateway answers itself."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -21,8 +21,8 @@ from gateway.request import Request
 class ImageSettings:
     """One image: the addresses that exist in each area, and the values they start with (area -> address -> values).
 
-    `persist` says what of its values outlives the gateway: nothing, all but the last second, or every write that was
-    answered.
+    `persist` says which values outlive the gateway: none, all but those of the last second, or every acknowledged
+    write.
     """
 
     unit: int
@@ -66,7 +66,7 @@ class Image:
             FunctionCode.ENCAPSULATED_INTERFACE: identity.identify,
         }
 
-    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image acts at once, whenever that is
+    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image answers at once
         """Answer `request`."""
         self._begin(request)
         try:
@@ -76,21 +76,21 @@ class Image:
         self._finish(request, outcome)
 
     def _begin(self, request: Request) -> None:
-        """Count a request, before anything is done about it."""
+        """Count a request before it is executed."""
         self.counts.requests += 1
         self.diagnostics.received(request)
 
     def _perform(self, asked: RequestPdu) -> bytes:
-        """Do what a checked request asks for, and give the response PDU.
+        """Execute a checked request; returns the response PDU.
 
         Raises:
-            RequestError: a part of the function is not there (01), or what it asks for (02, 03).
+            RequestError: a sub-function does not exist (01), or an object (02), or a value is wrong (03).
         """
         service = self._services.get(asked.function)
         return perform(self.tables, asked) if service is None else service(asked.data)
 
     def _finish(self, request: Request, outcome: bytes | RequestError) -> None:
-        """Answer a request, and count what became of it."""
+        """Answer a request, and count its result."""
         if isinstance(outcome, bytes):
             self.diagnostics.done(request)
             request.respond(outcome)
@@ -101,7 +101,7 @@ class Image:
             request.fail(outcome)
 
     def _check(self, pdu: bytes) -> RequestPdu:
-        """What `pdu` asks for; nothing was changed yet. The order is that of the specification (A 7).
+        """Parse and check `pdu` in the order of the specification (A 7); changes nothing.
 
         Raises:
             RequestError: the function (01), the structure or a limit (03), or an address (02) does not fit.

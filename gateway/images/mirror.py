@@ -1,14 +1,14 @@
-"""A mirror: a device that is polled once, and read by any number of clients.
+"""A mirror: polls a device once for any number of clients.
 
     unknown ──poll answered──▶ fresh ──older than `stale`──▶ stale: 0B
        ▲                         │                             │
        └──── a client wrote ─────┴─────────────────────────────┘
 
-Reads are answered from the last poll as long as it is fresh; an old value is never given out. What is not known, since
-the start or since a client wrote, is waited for until a poll that was asked after that is answered or has failed.
-Everything but a read goes through to the device. The requests of one client keep their order.
+Reads are answered from the last poll while it is fresh; a stale value is never sent. While values are unknown, at the
+start or after a client's write, a read waits until a later poll was answered or has failed. All other requests are
+passed on to the device. The requests of one client keep their order.
 
-The machine knows no clock: time is an argument, and `deadline` says when it wants to be called again.
+It has no clock: time is an argument, and `deadline` says when it must be called again.
 """
 
 from collections import deque
@@ -25,15 +25,15 @@ from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import Span, parse_request
 from gateway.request import Request
 
-#: Exceptions after which nothing has changed in the device: function, address, value, busy, and no way to it.
+#: Exceptions after which nothing has changed in the device: function, address, value, busy, no path.
 _WITHOUT_EFFECT: Final = frozenset({1, 2, 3, 6, 10})
 
 
 @dataclass(slots=True, eq=False)
 class _Row:
-    """What one client has asked and has no answer to: requests at the device, and behind them those that wait here.
+    """One client's open requests: those at the device, and behind them those that wait here.
 
-    `writes` is how many writes to the device the first that waits has to show, if it is a read.
+    `writes`: if the first waiting request is a read, its values must include this many writes to the device.
     """
 
     under_way: int = 0
@@ -46,7 +46,7 @@ class _Row:
 
 
 class Mirror:
-    """A Target for clients. Its polls go out in the name of `poller`, who hands their answers to `polled`."""
+    """A Target for clients. `poller` is the Origin of its polls and hands their responses to `polled`."""
 
     def __init__(self, settings: MirrorSettings, device: MirroredDevice, poller: Poller, emit: Emit) -> None:
         self.settings = settings
@@ -59,7 +59,7 @@ class Mirror:
         self._is_closed = False
 
     def submit(self, request: Request, now: float) -> None:
-        """Answer a read, or let it wait for a poll; hand everything else on to the device."""
+        """Answer a read, or let it wait for a poll; pass everything else on to the device."""
         self.counts.requests += 1
         client = request.origin.client
         row = self._rows.setdefault(client, _Row())
@@ -72,7 +72,7 @@ class Mirror:
         self._settle(now)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
-        """A client's request has been through to the device, with this response; None when it has none."""
+        """A request that was passed on is finished, with this response; None if it has none."""
         if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
             self._polling.changed(parse_request(request.pdu).write, now)
         self._rows[request.origin.client].under_way -= 1
@@ -83,12 +83,12 @@ class Mirror:
         self._settle(now)
 
     def close(self, now: float) -> None:
-        """There will be no more polls: what waits for one fails."""
+        """Stop polling: reads that wait for a poll fail."""
         self._is_closed = True
         self._settle(now)
 
     def deadline(self) -> float | None:
-        """When `tick` wants to be called; None while every range is being asked for."""
+        """When `tick` must be called; None while every range is being polled."""
         return self._polling.deadline()
 
     def tick(self, now: float) -> None:
@@ -101,19 +101,19 @@ class Mirror:
         return self._polling.ages(now)
 
     def _settle(self, now: float) -> None:
-        """Go on with what waits for nothing any more."""
+        """Continue with requests that no longer have to wait."""
         for client, row in list(self._rows.items()):
             self._go_on(client, row, now)
 
     def _go_on(self, client: str, row: _Row, now: float) -> None:
-        """Go on with what a client has asked, until something has to wait."""
+        """Continue with a client's requests until one has to wait."""
         while row.waiting and self._go_on_with(row, now):
             pass
         if not row.waiting and not row.under_way and self._rows.get(client) is row:
             del self._rows[client]
 
     def _go_on_with(self, row: _Row, now: float) -> bool:
-        """Answer the first request that waits, or hand it on; False if it has to wait."""
+        """Answer the first waiting request, or pass it on; False if it must still wait."""
         request = row.waiting[0]
         try:
             if request.pdu[0] not in POLLING_FUNCTIONS:
@@ -129,7 +129,7 @@ class Mirror:
         return True
 
     def _read(self, pdu: bytes, row: _Row, now: float) -> bytes | None:
-        """The response to the read that waits first; None if it has to wait.
+        """The response to the first waiting read; None if it must still wait.
 
         Raises:
             RequestError: the device's profile refuses it, not all of it is polled, or the values are too old.
@@ -148,11 +148,11 @@ class Mirror:
         if all(polled.is_known(row.writes) for polled in touched):
             return asked.response_head + self._polling.read(span)
         if self._is_closed:
-            raise StaleValue(f"{self.settings.name} is polled no more")
+            raise StaleValue(f"{self.settings.name} is no longer polled")
         return None
 
     def _pass_on(self, row: _Row, now: float) -> None:
-        """Let the device answer the first request that waits.
+        """Pass the first waiting request on to the device.
 
         Raises:
             RequestError: it is malformed.
@@ -164,7 +164,7 @@ class Mirror:
 
     def _fail(self, request: Request, error: RequestError) -> None:
         self.counts.exceptions += 1
-        if not isinstance(error, StaleValue):  # what is wrong with the device is told where it is found
+        if not isinstance(error, StaleValue):  # an error of the device is logged where it is detected
             self._emit(RequestRefused.of(request, error))
         request.fail(error)
 
@@ -174,7 +174,7 @@ class Mirror:
 
 
 class _Passed:
-    """The origin of a client's request on its way through to the device, in the name of the client."""
+    """The Origin of a request that is passed on to the device for a client."""
 
     def __init__(self, original: Request, poller: Poller) -> None:
         self._original = original
@@ -182,7 +182,7 @@ class _Passed:
         self.client = original.origin.client
         self.host = original.origin.host
 
-    def wants(self, request: Request) -> bool:  # noqa: ARG002 - it is the original's client who wants it or not
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - the client of the original request decides
         return self._original.origin.wants(self._original)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -191,5 +191,5 @@ class _Passed:
 
 
 def _has_no_effect(response: bytes) -> bool:
-    """Whether it is an exception that says that nothing was written."""
+    """Whether the response is an exception after which nothing was written."""
     return bool(response[0] & EXCEPTION_BIT) and response[1] in _WITHOUT_EFFECT

@@ -1,4 +1,4 @@
-"""Joins a mirror to the clock: the only part of it that knows the event loop."""
+"""Connects a mirror to the clock: the only part of it that uses the event loop."""
 
 import asyncio
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from gateway.request import Request
 
 
 class MirrorDriver:
-    """A Target that hands requests and time to its `mirror`, and the origin of the mirror's polls.
+    """A Target that hands requests and time to its `mirror`, and the Origin of the mirror's polls.
 
     An unexpected error ends here: it is logged, the request that met it fails, and polling goes on.
     """
@@ -32,30 +32,30 @@ class MirrorDriver:
         self._is_open = False
 
     def start(self) -> None:
-        """Begin to poll."""
+        """Start polling."""
         self._is_open = True
         self._timer.set(self.mirror.deadline())
 
     def close(self) -> None:
-        """Poll no more; polls that wait are not sent, and reads that wait for one fail."""
+        """Stop polling; waiting polls are not sent, and reads that wait for one fail."""
         self._is_open = False
         self._timer.close()
         self._run(self.mirror.close, self._time())
 
     def submit(self, request: Request, now: float) -> None:
-        """Take over a client's request."""
+        """Take a client's request."""
         self._run(self.mirror.submit, request, now)
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for every poll
-        """Whether polls that wait should be sent."""
+        """Whether waiting polls should be sent."""
         return self._is_open
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the answer to a poll."""
+        """Take the response to a poll."""
         self._run(self.mirror.polled, request, pdu, self._time())
 
     def passed(self, request: Request, response: bytes | None) -> None:
-        """Take the answer to a client's request that has been through to the device."""
+        """Take the response to a request that was passed on to the device."""
         self._run(self.mirror.passed, request, response, self._time())
 
     def _wake(self) -> None:

@@ -1,8 +1,8 @@
-"""An image whose writes outlive the gateway: a client has the answer to its write once the write is kept.
+"""An image whose writes outlive the gateway: a write is acknowledged after it was saved.
 
-A write takes effect at once. It is answered when whoever keeps it says so, and what its client asked meanwhile is
-answered behind it. If it cannot be kept, everything since the last write that was kept is undone: those writes get
-exception 04, and what their clients have read since is read again.
+A write takes effect at once and is acknowledged when the store has saved it; later requests of its client are answered
+after that. If it cannot be saved, all writes since the last saved one are undone and get exception 04, and the reads of
+these clients since then are executed again.
 """
 
 from collections import deque
@@ -21,7 +21,7 @@ from gateway.request import Request
 
 
 class Change(NamedTuple):
-    """New values in an area of the image called `image`, from the address `start` on."""
+    """New values in an area of the image with the name `image`, from the address `start` on."""
 
     image: str
     area: Area
@@ -29,63 +29,63 @@ class Change(NamedTuple):
     values: tuple[int, ...]
 
 
-#: Is told whether a change is kept now. Changes are kept in the order in which they were made.
+#: Called with whether a change was saved. Changes are saved in the order in which they were made.
 Done = Callable[[bool], None]
 
 
-class Keeper(Protocol):
-    """Keeps the values of images, by the name of the image, area and address."""
+class ValueStore(Protocol):
+    """Saves the values of images by name of the image, area and address."""
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
-        """The present values of `image`; what could not be kept is undone before `Done` is told."""
+        """The present values of `image`; what could not be saved is undone before `Done` is called."""
 
     def keep_at_once(self, change: Change, done: Done) -> None:
-        """Keep a change, and tell `done` once it is kept or has failed."""
+        """Save a change; `done` is called when it was saved or has failed."""
 
     def keep_soon(self, change: Change, done: Done) -> None:
-        """Keep a change before long; `done` is told at once."""
+        """Save a change within a second; `done` is called at once."""
 
     def when_kept(self, done: Done) -> None:
-        """Tell `done` whether all present values could be kept."""
+        """Call `done` with whether all present values could be saved."""
 
 
 @dataclass(slots=True, eq=False)
 class _Waiting:
-    """A request that has not been answered yet; `outcome` is what it gets when all goes well."""
+    """A request that is not answered yet; `outcome` is its answer if saving succeeds."""
 
     request: Request
     outcome: bytes | RequestError
 
 
 class _Write(_Waiting):
-    """A write that has taken effect and is not kept yet."""
+    """A write that has taken effect and is not saved yet."""
 
     __slots__ = ()
 
 
 class PersistentImage(Image):
-    """An image that gives each change to `keeper`, and answers the write when that has kept it.
+    """An image that hands each change to `store`, and acknowledges the write when it was saved.
 
-    From `start` on it has the keeper's values instead of the initial ones; those at addresses that it does not have are
-    passed over.
+    From `start` on it has the store's values instead of the initial ones; those at addresses that it does not have
+    are ignored.
     """
 
-    def __init__(self, settings: ImageSettings, keeper: Keeper, emit: Emit = discard_event) -> None:
+    def __init__(self, settings: ImageSettings, store: ValueStore, emit: Emit = discard_event) -> None:
         super().__init__(settings, emit)
-        self._keeper = keeper
-        self._keep = keeper.keep_at_once if settings.persist == "always" else keeper.keep_soon
+        self._store = store
+        self._keep = store.keep_at_once if settings.persist == "always" else store.keep_soon
         self._waiting: deque[_Waiting] = deque()
         self._has_started = False
 
     def start(self) -> None:
-        """Go on with the present values, at the moment from which requests come here."""
+        """Load the present values; called when requests are first routed here."""
         if not self._has_started:
             self._has_started = True
             self._take_over()
-            self._keeper.when_kept(self._confirmed)
+            self._store.when_kept(self._confirmed)
 
-    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image acts at once, whenever that is
-        """Act on `request`, and answer it as soon as all that its client wrote before is kept."""
+    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image answers at once
+        """Execute `request`, and answer it when all earlier writes of its client were saved."""
         self._begin(request)
         self._act(request)
 
@@ -111,11 +111,11 @@ class PersistentImage(Image):
         values = self.tables[span.area].values(span.start, span.count)
         self._keep(Change(self.settings.name, span.area, span.start, values), partial(self._committed, write))
 
-    def _confirmed(self, is_kept: bool) -> None:  # noqa: FBT001 - the one thing to be told
+    def _confirmed(self, is_kept: bool) -> None:  # noqa: FBT001 - the only argument of a callback
         if not is_kept:
             self._undo()
 
-    def _committed(self, write: _Write, is_kept: bool) -> None:  # noqa: FBT001 - the one thing to be told
+    def _committed(self, write: _Write, is_kept: bool) -> None:  # noqa: FBT001 - the only argument of a callback
         if write not in self._waiting:  # undone together with an earlier one
             return
         if not is_kept:
@@ -135,12 +135,12 @@ class PersistentImage(Image):
         self._take_over()
         for waiting in undone:
             if isinstance(waiting, _Write):
-                waiting.outcome = ServerDeviceFailure(f"{self.settings.name}: the write could not be kept")
+                waiting.outcome = ServerDeviceFailure(f"{self.settings.name}: the write could not be saved")
                 self._finish(waiting.request, waiting.outcome)
             else:
                 self._act(waiting.request)
 
     def _take_over(self) -> None:
         self.tables = make_tables(self.settings.areas, self.settings.initial)
-        for area, values in self._keeper.values(self.settings.name).items():
+        for area, values in self._store.values(self.settings.name).items():
             self.tables[area].replace(values)

@@ -1,6 +1,6 @@
-"""How a mirror asks its device, and what it knows of it: the values of its last polls, range by range.
+"""Polls the device of a mirror and keeps the values, range by range.
 
-A value's age counts from when its poll was handed to the line, so it is never older than it seems.
+The age of a value counts from the submission of its poll, so a value is never older than its age.
 """
 
 from collections.abc import Iterator
@@ -16,17 +16,17 @@ from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
 from gateway.request import Origin, Request
 
-#: Exceptions by which devices refuse a range as a whole: address, quantity, and what some answer instead.
+#: Exceptions by which devices refuse a range as a whole: address, quantity, and 04, which some send instead.
 _REFUSALS: Final = frozenset({2, 3, 4})
-#: How long until a poll is tried again that was not sent, because the line has no port or is busy; in seconds.
+#: The pause before a poll that was not sent is repeated, because the line is down or busy; in seconds.
 UNSENT_PAUSE: Final = 0.25
-#: So many polls of a mirror are in progress or wait. More would only take the places of clients.
+#: The most polls of a mirror in progress or waiting. More would only fill the queue of the line.
 MOST_POLLS: Final = 16
 
 
 @dataclass(slots=True)
 class Counts:
-    """What a mirror has done."""
+    """Counters of a mirror."""
 
     requests: int = 0
     exceptions: int = 0
@@ -35,24 +35,24 @@ class Counts:
 
 
 class Poller(Origin, Protocol):
-    """Who sends a mirror's polls and gets their answers, and those to the requests that pass through."""
+    """The Origin of a mirror's polls and of the requests that it passes on."""
 
     def passed(self, request: Request, response: bytes | None) -> None:
-        """Take the device's answer to a client's request."""
+        """Take the device's response to a client's request."""
 
 
 class MirroredDevice(Protocol):
     """The device behind a mirror."""
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
-        """Take over a request; one that `yields` lets the requests of clients go first."""
+        """Take a request; with `yields`, requests of clients are sent first."""
 
     def is_resting(self, now: float) -> bool:
-        """Whether it has failed too often and is left alone."""
+        """Whether it backs off after failures."""
 
 
 class Polling:
-    """Polls `device` in the name of `poller`. `writes` is how many writes to the device have ended so far."""
+    """Polls `device` for `poller`. `writes` is how many writes to the device have finished."""
 
     def __init__(
         self, settings: MirrorSettings, counts: Counts, device: MirroredDevice, poller: Poller, emit: Emit
@@ -72,7 +72,7 @@ class Polling:
         return self._tables[span.area].has(span)
 
     def touched(self, span: Span | None) -> list[PolledRange]:
-        """The ranges that have an address of `span`; None stands for every address."""
+        """The ranges that contain an address of `span`; None means every address."""
         return [polled for polled in self._ranges if polled.touches(span)]
 
     def read(self, span: Span) -> bytes:
@@ -80,7 +80,7 @@ class Polling:
         return self._tables[span.area].read(span)
 
     def changed(self, span: Span | None, now: float) -> None:
-        """A write to `span` has ended; None stands for every address. What else it changed in the device shows soon."""
+        """A write to `span` has finished; None means every address. All ranges are polled again soon."""
         self.writes += 1
         for polled in self._ranges:
             polled.due_at = min(polled.due_at, now)
@@ -97,13 +97,13 @@ class Polling:
             polled.answered()
 
     def deadline(self) -> float | None:
-        """When `tick` wants to be called; None while no more can be asked for."""
+        """When `tick` must be called; None while nothing more can be polled."""
         if len(self._polls) >= MOST_POLLS:
             return None
         return min((polled.due_at for polled in self._ranges if not polled.is_asked), default=None)
 
     def tick(self, now: float) -> None:
-        """Send the polls that are due, the oldest first. A unit that rests is not asked."""
+        """Send the polls that are due, the oldest first. A unit that backs off is not polled."""
         due = [polled for polled in self._ranges if not polled.is_asked and polled.due_at <= now]
         due = sorted(due, key=lambda polled: polled.due_at)[: MOST_POLLS - len(self._polls)]
         is_resting = self._device.is_resting(now)
@@ -142,7 +142,7 @@ class Polling:
             self._refused(polled, response[1])
 
     def _refused(self, polled: PolledRange, code: int) -> None:
-        """A refusal is told once, until the device answers."""
+        """Log a refusal once, until the device answers again."""
         if not polled.is_refused:
             polled.is_refused = True
             settings = self._settings

@@ -1,4 +1,4 @@
-"""What a mirror is to ask its device for: as few reads as the device allows."""
+"""The polls of a mirror: as few requests as the device allows."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,9 +16,9 @@ POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values(
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """A run of addresses that is read with one request every `every` seconds.
+    """A range of addresses that is read with one request every `every` seconds.
 
-    `parts` are the runs it was joined from: what is asked for one by one if the device refuses the whole.
+    `parts` are the ranges it was joined from: they are read one by one if the device refuses the whole.
     """
 
     area: Area
@@ -38,9 +38,9 @@ class Poll:
 
 @dataclass(frozen=True, slots=True)
 class MirrorSettings:
-    """A mirror of the device called `of`, which has `profile`. `areas` are the addresses of all `polls`.
+    """A mirror of the device with the name `of`, which has `profile`. `areas` are the addresses of all `polls`.
 
-    Values older than `stale` seconds are not given out.
+    Values older than `stale` seconds are not sent.
     """
 
     unit: int
@@ -59,9 +59,9 @@ def polling_function(area: Area) -> int:
 
 
 def joined(polls: Iterable[Poll], limits: Mapping[int, int]) -> list[Poll]:
-    """The same addresses in as few requests as can be: neighbours with one pace are read together.
+    """The same addresses in as few requests as possible: neighbours with the same interval are read together.
 
-    `limits` is the most items of a function that the device takes; longer runs are cut.
+    `limits` is the most items that the device allows for a function; longer ranges are split.
     """
     result: list[Poll] = []
     for poll in sorted(_cut(polls, limits), key=lambda poll: (poll.area, poll.every, poll.first)):

@@ -1,10 +1,10 @@
-"""Keeps images on the disk: changes are collected, and a thread writes them together.
+"""Saves images to disk: changes are collected, and a thread writes them together.
 
-While a batch is being written the next one collects, so that a hundred writes cost little more than ten. A batch is all
-that has come since the last one. If it cannot be written, everything collected meanwhile has failed with it: nothing is
-kept without what came before it. Only what was acknowledged before is tried again.
+While a batch is being written, the next one is collected, so a hundred writes cost little more than ten. If a batch
+cannot be written, all changes collected meanwhile fail with it: no change is saved without those before it. Only
+changes that were acknowledged before they were saved are tried again.
 
-The store has the present value of every item, from the moment a change is handed to it. What fails is undone here too.
+The store has the present value of every item, including changes that are not saved yet. Failed changes are undone.
 """
 
 import asyncio
@@ -22,18 +22,18 @@ from gateway.images.persistent import Change, Done
 from gateway.modbus.codes import Area
 from gateway.ports.threads import ThreadPerCall
 
-#: The most that is lost of what `keep_soon` keeps, in seconds.
+#: How often changes of `keep_soon` are written, in seconds: the most that a crash loses.
 INTERVAL: Final = 1.0
 #: How long the disk may take for the last batch, in seconds.
 CLOSING_DEADLINE: Final = 2.0
 
-#: Where an item stands: image, area, address.
+#: The place of an item: image, area, address.
 _Place = tuple[str, Area, int]
 
 
 @dataclass(slots=True)
 class _Batch:
-    """Values that are written together. `soon` are those that were acknowledged before, whatever came after them."""
+    """Values that are written together. `soon` are those that are already acknowledged."""
 
     values: dict[_Place, int] = field(default_factory=dict)
     soon: dict[_Place, int] = field(default_factory=dict)
@@ -50,7 +50,7 @@ class Store:
         self._emit = emit
         self._database: Database | None = None
         self._kept: defaultdict[tuple[str, Area], dict[int, int]] = defaultdict(dict)
-        #: What is being written, and what collects meanwhile.
+        #: The batch being written, and the next one.
         self._batch: _Batch | None = None
         self._next = _Batch()
         self._timer: asyncio.TimerHandle | None = None
@@ -58,7 +58,7 @@ class Store:
         self._fails = False
 
     def open(self) -> None:
-        """Open the database, if it is not open yet. Nothing can be kept before.
+        """Open the database, if it is not open yet. Nothing can be saved before that.
 
         Raises:
             StateError: it cannot be used.
@@ -71,7 +71,7 @@ class Store:
             self._emit(StateDamaged(self._file, damage))
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
-        """The present values of `image` by area and address: what is kept, and what is to be."""
+        """The present values of `image` by area and address, saved or not."""
         present = {area: dict(self._kept[image, area]) for area in Area}
         for (name, area, address), value in self._list_unsaved():
             if name == image:
@@ -79,39 +79,39 @@ class Store:
         return present
 
     def keep_at_once(self, change: Change, done: Done) -> None:
-        """Write the change as soon as the disk is free; `done` follows."""
+        """Write the change as soon as possible, then call `done`."""
         self._next.told.append(done)
-        if not self._refuses:  # else it may build on what is being undone, and is refused with that
+        if not self._refuses:  # else it may depend on a failed change, and fails with it
             self._next.values.update(_values(change))
             self._write_when_possible()
 
     def keep_soon(self, change: Change, done: Done) -> None:
-        """Write the change within INTERVAL; it is done already. A disk that refuses is tried again and again."""
+        """Write the change within INTERVAL; `done` is called at once. After a failure it is tried again."""
         self._next.values.update(_values(change))
         self._next.soon.update(_values(change))
         self._write_later()
         done(True)
 
     def when_kept(self, done: Done) -> None:
-        """Tell `done`, sooner or later, whether all that is being written now could be kept."""
+        """Call `done` later with whether everything being written now could be saved."""
         if self._batch is None:
             done(True)
         else:
             self._next.told.append(done)
 
     def close(self) -> None:
-        """Write what is not kept yet. Nothing more is kept."""
+        """Write what is not saved yet. Later changes are not saved."""
         if self._database is None:
             return
         rest = [Item(*place, value) for place, value in dict(self._list_unsaved()).items()]
         closing = ThreadPerCall("close images").submit(_close, self._database, rest)
         try:
             closing.result(CLOSING_DEADLINE)
-        except Exception as error:  # noqa: BLE001 - the end of the service must not hang on a disk, nor on its error
+        except Exception as error:  # noqa: BLE001 - a disk that hangs or fails must not keep the service from stopping
             self._emit(StateNotKept(self._file, str(error) or "the disk takes too long"))
 
     def _list_unsaved(self) -> Iterator[tuple[_Place, int]]:
-        """What is being written or will be, in the order in which it came."""
+        """Values that are being written or collected, in their order."""
         being_written = self._batch.values if self._batch else {}
         return chain(being_written.items(), self._next.values.items())
 
@@ -133,7 +133,7 @@ class Store:
         self._write()
 
     def _write(self) -> None:
-        """Write what has been collected and is due, unless a batch is being written already."""
+        """Write the collected changes that are due, unless a batch is already being written."""
         if self._database is None or self._batch is not None or not self._next.is_due:
             return
         self._batch, self._next = self._next, _Batch()
@@ -161,7 +161,7 @@ class Store:
             self._write_later()
         self._refuses = True
         try:
-            for done in told:  # which grows by what comes meanwhile
+            for done in told:  # which grows while it is called
                 done(False)
         finally:
             told.clear()

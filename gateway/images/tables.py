@@ -1,7 +1,7 @@
 """The four tables of a unit (A 4.3): coils, discrete inputs, input registers, holding registers.
 
-Functions read and write a table in the form that messages carry: coils packed eight a byte, registers high byte first.
-They have asked `has` before. For everybody else the items of a table are numbers.
+Functions read and write a table in the encoding of the protocol: coils packed eight to a byte, registers high byte
+first, after they have checked `has`. For all other users the items of a table are numbers.
 """
 
 from abc import ABC, abstractmethod
@@ -17,7 +17,7 @@ from gateway.registers.bits import pack_bits, unpack_bits
 #: Addresses have 16 bits: the last one of the largest table (A 4.4).
 LAST_ADDRESS: Final = 0xFFFF
 
-#: Numbers for a run of items: the address of the first one, and the numbers.
+#: Values of consecutive items: the address of the first one, and the numbers.
 Values = tuple[int, Sequence[int]]
 
 
@@ -30,7 +30,7 @@ class Table(ABC):
 
     __slots__ = ("_contents", "area", "ranges")
 
-    #: How an item is stored, as a format of `struct`, and the largest number it can be.
+    #: The `struct` format of an item, and its largest value.
     _format: ClassVar[str]
     _largest: ClassVar[int]
 
@@ -49,11 +49,11 @@ class Table(ABC):
 
     @abstractmethod
     def read(self, span: Span) -> bytes:
-        """The items of `span`, as a response carries them."""
+        """The items of `span`, encoded as in a response."""
 
     @abstractmethod
     def write(self, span: Span, data: bytes) -> None:
-        """Change the items of `span` to those that a request carries in `data`."""
+        """Set the items of `span` from `data`, encoded as in a request."""
 
     def values(self, start: int, count: int) -> tuple[int, ...]:
         """The numbers of `count` items from `start` on.
@@ -75,7 +75,7 @@ class Table(ABC):
         self._contents[place] = pack(f">{len(values)}{self._format}", *values)
 
     def replace(self, values: Mapping[int, int]) -> None:
-        """Set the items that `values` has a number for, by address; addresses that do not exist are passed over.
+        """Set the items in `values` by address; addresses that do not exist are ignored.
 
         Raises:
             ValueError: a number does not fit.
@@ -101,11 +101,11 @@ class BitTable(Table):
     _largest = 1
 
     def read(self, span: Span) -> bytes:
-        """Eight a byte, the first one lowest, the last byte filled up with zeros (A 6.1)."""
+        """Eight to a byte, the first one in the lowest bit, the last byte padded with zeros (A 6.1)."""
         return pack_bits(bytes(self._contents[span.start : span.end]))
 
     def write(self, span: Span, data: bytes) -> None:
-        """Eight a byte; what fills up the last byte is ignored (A 6.11)."""
+        """Eight to a byte; the padding of the last byte is ignored (A 6.11)."""
         self._contents[span.start : span.end] = unpack_bits(data, span.count)
 
 

@@ -1,4 +1,4 @@
-"""Which requests read a number of points: as few as the device allows, and no address that is not wanted."""
+"""Groups points into as few requests as the device allows, without reading other addresses."""
 
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -16,7 +16,7 @@ class Batch(NamedTuple):
 
 
 def batches(points: Iterable[Point], limits: Mapping[int, int]) -> list[Batch]:
-    """The points in batches, by area and address. `limits` is the most items of a function that the device takes."""
+    """The points in batches, by area and address. `limits` is the most items that the device allows for a function."""
     found: list[Batch] = []
     for point in sorted(points, key=lambda point: (point.area, point.address)):
         joined = _joined(found[-1], point, limits) if found else None
@@ -28,7 +28,7 @@ def batches(points: Iterable[Point], limits: Mapping[int, int]) -> list[Batch]:
 
 
 def _joined(batch: Batch, point: Point, limits: Mapping[int, int]) -> Batch | None:
-    """The batch with one more point, unless there is a gap before that or the request would be too long."""
+    """The batch with one more point; None if there is a gap before it or the request would be too long."""
     span = batch.span
     function, most = READERS[span.area]
     count = max(span.end, point.span.end) - span.start

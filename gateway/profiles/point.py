@@ -1,4 +1,4 @@
-"""A point: what some coils or registers of a device mean to people."""
+"""A point: the meaning of some coils or registers of a device."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from gateway.modbus.pdu import Span
 from gateway.registers.datatypes import Value, bounds, decode, encode, is_float, is_whole
 from gateway.registers.items import has_bits
 
-#: Whether a point is written: never, as well as read, or only.
+#: Whether a point can be written: no, yes, or only written and never read.
 Writing = Literal["no", "yes", "only"]
 
 #: How bits are written, beside 0 and 1.
@@ -19,10 +19,10 @@ _BIT_WORDS: Final[Mapping[str, int]] = {"on": 1, "off": 0, "true": 1, "false": 0
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One value: where it is, how it is carried, and how it is shown. Nameless where nobody has given it a meaning.
+    """One value: where it is, how it is encoded and shown. `name` is empty for a plain address.
 
-    `count` is how many items of `area` it takes. What a number means is the number that is carried times `scale`, in
-    `unit`; it is shown with `decimals`. Some numbers have `labels` instead.
+    `count` is how many items of `area` it takes. The value is the encoded number times `scale`, in `unit`, and is shown
+    with `decimals`. Some numbers have `labels` instead.
     """
 
     name: str
@@ -39,11 +39,11 @@ class Point:
 
     @property
     def span(self) -> Span:
-        """The items that carry it."""
+        """Its addresses."""
         return Span(self.area, self.address, self.count)
 
     def value(self, items: bytes) -> Value:
-        """What its items mean: a number, or text."""
+        """Decode its items: a number, or text."""
         if has_bits(self.area):
             return self.labels.get(items[0], items[0])
         carried = decode(items, self.type, self.swap)
@@ -60,7 +60,7 @@ class Point:
         return str(value)
 
     def items(self, text: str) -> bytes:
-        """The items that carry what somebody has written as `text`: a number, a label, text.
+        """Encode a value that a user typed as `text`: a number, a label, text.
 
         Raises:
             ValueError: the point cannot hold it.
@@ -70,12 +70,12 @@ class Point:
         number = self._number(text)
         if has_bits(self.area):
             if number not in (0, 1):
-                raise ValueError(f"{text} is no bit: write 0 or 1, off or on")
+                raise ValueError(f"{text} is not a bit: write 0 or 1, off or on")
             return bytes((int(number),))
         return encode(self._carried(text, number), self.type, self.swap)
 
     def _number(self, text: str) -> Decimal:
-        """The number that `text` stands for, a label's as it is carried."""
+        """The number that `text` means; for a label, the encoded number."""
         for number, label in self.labels.items():
             if label == text:
                 return Decimal(number) * self._factor
@@ -84,11 +84,11 @@ class Point:
         number_ = parse_number(text)
         if number_ is None:
             known = f"; it has the labels {', '.join(self.labels.values())}" if self.labels else ""
-            raise ValueError(f'"{text}" is no number{known}')
+            raise ValueError(f'"{text}" is not a number{known}')
         return number_
 
     def _carried(self, text: str, number: Decimal) -> int | float:
-        """The number that the registers carry for one that people use."""
+        """The encoded number for a value."""
         if not number.is_finite():
             if is_float(self.type):
                 return float(number)
@@ -98,7 +98,7 @@ class Point:
             return float(carried)
         if carried != carried.to_integral_value():
             if self.scale != 1:
-                raise ValueError(f"{text} is no multiple of {self.scale:g}, the scale of {self.name}")
+                raise ValueError(f"{text} is not a multiple of {self.scale:g}, the scale of {self.name}")
             raise ValueError(f"{text} does not fit into {self.type}: it holds whole numbers only")
         least, greatest = bounds(self.type)
         if not least <= carried <= greatest:
@@ -117,12 +117,12 @@ class Point:
 
     @property
     def _factor(self) -> Decimal:
-        """The scale as it is written: 0.1 is one tenth, not the binary fraction nearest to it."""
+        """The scale as a decimal: 0.1 is one tenth, not the nearest binary fraction."""
         return Decimal(repr(self.scale))
 
 
 def parse_number(text: str) -> Decimal | None:
-    """A number as people write it: 12, -3.5, 1e3, 0x1F, 0b101; None if it is none."""
+    """Parse a number: 12, -3.5, 1e3, 0x1F, 0b101; None if it is not one."""
     digits = text.strip().lower()
     for prefix, base in (("0x", 16), ("0b", 2)):
         if digits.lstrip("+-").startswith(prefix):

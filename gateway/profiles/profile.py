@@ -1,4 +1,4 @@
-"""A profile: the rules that requests to a kind of device must keep before anything goes on the line."""
+"""A profile: the rules that a request to a kind of device must satisfy before it is sent."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.timing.table import TimingTable
 
-#: First and last address of one run of coils, inputs or registers.
+#: First and last address of a range.
 Range = tuple[int, int]
 
 
@@ -17,9 +17,9 @@ Range = tuple[int, int]
 class Profile:
     """What a kind of device accepts.
 
-    `functions` None admits all; `limits` is the most items of a function; `areas` are the addresses that exist, an area
-    that is not named is open. `idle_chars` is the silence that ends a frame for this device. `quirks` names how the
-    device strays from the protocol.
+    `functions` None allows all; `limits` is the most items for a function; `areas` are the addresses that exist; an
+    area that is not named has all. `idle_chars` is the silence that ends a frame for this device. `quirks` are its
+    deviations from the protocol.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Profile:
     quirks: frozenset[str] = frozenset()
 
     def check(self, pdu: bytes) -> RequestPdu:
-        """What `pdu` asks for, once it is sure that this kind of device may be asked.
+        """Parse `pdu`, and check that this kind of device accepts it.
 
         The order is that of the specification (A 7): function, then structure and quantity, then addresses.
 
@@ -59,7 +59,7 @@ class Profile:
 
     @property
     def broadcasts(self) -> frozenset[int]:
-        """The functions that the device carries out when they are sent to unit 0."""
+        """The functions that the device executes as broadcasts."""
         return BROADCAST_FUNCTIONS if self.functions is None else BROADCAST_FUNCTIONS & self.functions
 
     def _check_addresses(self, asked: RequestPdu) -> None:
@@ -69,5 +69,5 @@ class Profile:
 
 
 def covers(ranges: tuple[Range, ...] | None, span: Span) -> bool:
-    """Whether every address of `span` lies in one of `ranges` (ascending, adjacent ones joined); None is no bound."""
+    """Whether every address of `span` is in one of `ranges` (ascending, adjacent ones joined); None is no limit."""
     return ranges is None or any(first <= span.start and span.end - 1 <= last for first, last in ranges)

@@ -1,1 +1,1 @@
-"""Simulated lines: virtual serial ports with devices that behave as their documents say, at the pace of a real line."""
+"""Simulated lines: virtual serial ports with devices that behave as in their manuals, timed like a real line."""

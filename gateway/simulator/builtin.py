@@ -1,4 +1,4 @@
-"""The built-in profiles as the simulated devices use them: their functions, answer times and idle times."""
+"""The built-in profiles for simulated devices: their functions, answer times and idle times."""
 
 from gateway.config.load import builtin_profiles
 from gateway.config.plan import profile_of

@@ -1,4 +1,4 @@
-"""A simulated device: it hears a request, and says what it answers and after what time. It knows no line, no clock."""
+"""A simulated device: returns the response to a request and the time until it. It has no line and no clock."""
 
 from collections.abc import Iterable, Mapping
 from typing import ClassVar, Literal, NamedTuple
@@ -17,24 +17,24 @@ Mode = Literal["rtu", "ascii"]
 
 
 class Answer(NamedTuple):
-    """A frame that a device begins to send `delay` seconds after it has noticed the end of the request."""
+    """A frame that a device begins to send `delay` seconds after it has detected the end of the request."""
 
     delay: float
     frame: Frame
 
 
 class Device:
-    """Four tables of values behind the rules of a profile. Each kind of device adds its own rules to that.
+    """Four tables of values and the rules of a profile. Each kind of device adds its own rules.
 
-    `unit` and `faults` may be changed at any time. `baud` is the rate the device is set to; None: that of the port,
-    whatever that is. `tables` holds the values, by area.
+    `unit` and `faults` may be changed at any time. `baud` is the rate of the device; None: always that of the port.
+    `tables` holds the values, by area.
     """
 
-    #: What this kind of device can speak.
+    #: The modes of this kind of device.
     modes: ClassVar[frozenset[Mode]] = frozenset({"rtu", "ascii"})
-    #: The functions that it performs when everybody is meant.
+    #: The functions that it executes as broadcasts.
     broadcasts: ClassVar[frozenset[int]] = BROADCAST_FUNCTIONS
-    #: Seconds from a request to the answer, for functions that the profile's table does not name.
+    #: Seconds from a request to the answer, for functions that are not in the profile's table.
     answer_time: ClassVar[float] = 0.005
 
     def __init__(
@@ -54,9 +54,9 @@ class Device:
         self.faults = faults
 
     def receive(self, frame: Frame, now: float, baud: int) -> Answer | None:
-        """Take a frame that has ended at `now`; None when it is not for this device or nobody answers it.
+        """Process a frame that has ended at `now`; None if the device does not respond to it.
 
-        `baud` is the rate at which the frame came.
+        `baud` is the rate at which the frame was sent.
         """
         if self.faults.silent or not self.is_meant(frame):
             return None
@@ -72,15 +72,15 @@ class Device:
         return frame.unit == self.unit
 
     def answers(self, frame: Frame) -> bool:
-        """Whether the device answers a frame that it has acted on."""
+        """Whether the device responds to a frame that it has acted on."""
         return frame.unit != BROADCAST_UNIT
 
     def has(self, asked: RequestPdu) -> bool:
-        """Whether all that is read and written exists."""
+        """Whether all addresses of the request exist."""
         return all(span is None or self.tables[span.area].has(span) for span in (asked.read, asked.write))
 
     def perform(self, asked: RequestPdu, now: float, baud: int) -> bytes:  # noqa: ARG002 - some kinds change with time
-        """Do what a checked request asks for, and give the response PDU.
+        """Execute a checked request; returns the response PDU.
 
         Raises:
             RequestError: the device refuses the values.
@@ -88,7 +88,7 @@ class Device:
         return perform(self.tables, asked)
 
     def _act(self, pdu: bytes, now: float, baud: int) -> tuple[float, bytes]:
-        """Seconds until the answer, and the response PDU."""
+        """Seconds until the response, and the response PDU."""
         try:
             asked = self._check(pdu)
             time = self.profile.timing.time(asked.function, asked.items)
@@ -101,7 +101,7 @@ class Device:
             raise IllegalFunction(f"no device has function {pdu[0]}")
         asked = self.profile.check(pdu)
         if not self.has(asked):
-            raise IllegalDataAddress(f"{self!r} has not all of {asked!r}")
+            raise IllegalDataAddress(f"{self!r} does not have all of {asked!r}")
         return asked
 
     def __repr__(self) -> str:

@@ -1,19 +1,19 @@
-"""What can be wrong with a device."""
+"""Faults of a simulated device."""
 
 from dataclasses import dataclass
 from random import Random
 from typing import Final
 
-#: How many bytes of noise may come before an answer.
+#: The most bytes of noise before a response.
 _MOST_NOISE: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What is wrong with a device.
+    """The faults of a device.
 
-    `silent`: it is as good as switched off. `slow`: seconds that it takes longer. `noise`: the share of its answers,
-    0 to 1, that have a flipped bit or bytes of noise before them.
+    `silent`: it never responds. `slow`: additional seconds before each response. `noise`: the share of its responses, 0
+    to 1, that have a flipped bit or bytes of noise before them.
     """
 
     silent: bool = False
@@ -21,7 +21,7 @@ class Faults:
     noise: float = 0.0
 
     def on_the_line(self, adu: bytes, dice: Random) -> bytes:
-        """What arrives of an answer."""
+        """The response as it arrives."""
         if dice.random() >= self.noise:
             return adu
         if dice.random() < 0.5:
@@ -33,6 +33,6 @@ NO_FAULTS: Final = Faults()
 
 
 def flip_bit(data: bytes, bit: int) -> bytes:
-    """`data` with one bit wrong, counted from the lowest one of the first byte. CRC and LRC notice each such error."""
+    """`data` with one bit flipped, counted from the lowest one of the first byte. CRC and LRC detect that."""
     at, place = divmod(bit, 8)
     return data[:at] + bytes((data[at] ^ 1 << place,)) + data[at + 1 :]

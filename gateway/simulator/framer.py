@@ -13,7 +13,7 @@ from gateway.modbus.frame import Frame
 
 #: Unit identifier, function code, CRC.
 _SHORTEST: Final = 4
-#: Seven bits, but no character of a frame.
+#: A seven-bit character that is never part of a frame.
 _NOISE: Final = b"\x7f"
 
 
@@ -84,11 +84,11 @@ class AsciiFramer:
         self._framer.received(_NOISE, 0.0)
 
     def deadline(self) -> float | None:
-        """When the last character of the next frame has come."""
+        """When the last character of the next frame arrives."""
         return self._frames[0][0] if self._frames else None
 
     def take(self, now: float) -> list[Frame]:
-        """The frames whose last character has come."""
+        """The frames whose last character has arrived."""
         ended = [frame for ends_at, frame in self._frames if ends_at <= now]
         self._frames = self._frames[len(ended) :]
         return ended

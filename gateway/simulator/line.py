@@ -1,9 +1,9 @@
-"""A simulated line as a part of a program: devices behind a virtual serial port, in an event loop.
+"""A simulated line for programs: devices behind a virtual serial port, in an event loop.
 
     async with SimulatedLine("/tmp/hall-a", [Weigher(1), Weigher(2, moves=True)]):
         ...  # /tmp/hall-a can be opened as a serial port
 
-Plain callbacks and one timer: there is no task that could be left behind.
+It uses callbacks and one timer, and no task.
 """
 
 import asyncio
@@ -14,7 +14,7 @@ from typing import Self
 from gateway.config.plan import DEFAULT_FORMATS
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.simulator.device import Device, Mode
-from gateway.simulator.paced_line import PacedLine, Tell, tell_nobody
+from gateway.simulator.paced_line import PacedLine, Tell, ignore_frame
 from gateway.simulator.port import VirtualPort
 from gateway.timing.characters import CharacterFormat
 
@@ -22,12 +22,12 @@ from gateway.timing.characters import CharacterFormat
 class SimulatedLine:
     """`devices` behind a serial port at `path`, which exists inside of the context.
 
-    `format_` decides how many bits a character takes (8E1 for RTU, 7E1 for ASCII); on a pseudo-terminal the kernel
-    carries eight bits without parity whatever is set. `seed` decides what noise looks like. `tell` is told each frame.
+    `format_` decides how many bits a character takes (default 8E1 for RTU, 7E1 for ASCII); on a pseudo-terminal the
+    kernel always carries eight bits without parity. `seed` is for the noise. `tell` is called with each frame.
 
     Raises:
-        PortError: on entering, when there can be no port at `path`.
-        ValueError: a device does not speak the mode.
+        PortError: on entering, if the port cannot be created at `path`.
+        ValueError: a device does not have the mode.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class SimulatedLine:
         mode: Mode = "rtu",
         format_: CharacterFormat | None = None,
         seed: int = 0,
-        tell: Tell = tell_nobody,
+        tell: Tell = ignore_frame,
     ) -> None:
         for device in devices:
             if mode not in device.modes:
@@ -61,7 +61,7 @@ class SimulatedLine:
         self._port.close()
 
     def _readable(self) -> None:
-        """The gateway has written: the rate it goes at is the one that is set now."""
+        """The gateway has written, at the rate that is set now."""
         data, now = self._port.read(), self._loop.time()
         self._let_pass(now)
         self._line.written(data, now, self._port.baud)

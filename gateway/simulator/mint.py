@@ -1,8 +1,8 @@
 """A Mint motion controller ("Mint motion controllers as Modbus ASCII servers", application note).
 
-ASCII only. Registers are the Comms locations 1-99, coils and inputs those of group 0. It answers as fast as the note's
-table of times says for its function and number of items. Its exceptions are 01 for other functions, 02 for what lies
-outside, and 03 for a coil that is neither FF00 nor 0000. It acts on broadcasts of 05 and 16, and ignores others.
+ASCII only. Registers are the Comms locations 1-99, coils and inputs those of group 0. Its answer times are those in the
+note's table, by function and number of items. Its exceptions are 01 for other functions, 02 for other addresses, and 03
+for a coil value that is neither FF00 nor 0000. It executes broadcasts of 05 and 16, and ignores others.
 """
 
 from collections.abc import Mapping
@@ -32,6 +32,6 @@ class Mint(Device):
     answer_time: ClassVar[float] = 0.010
 
     def __init__(self, unit: int, *, baud: int | None = None, faults: Faults = NO_FAULTS) -> None:
-        # Too many locations lead outside of 1-99: to the controller that is an illegal address, not an illegal value.
+        # Too many locations go beyond 99: for the controller that is an illegal address, not an illegal value.
         profile = replace(builtin_profile("mint"), limits={})
         super().__init__(unit, profile, AREAS, {}, baud=baud, faults=faults)

@@ -1,9 +1,8 @@
-"""A line at its real pace, with devices on it: what was written comes to their ears, what they answer becomes readable.
+"""A line with devices, at its real speed: carries requests to the devices and their responses back.
 
-The gateway writes a frame at once. Here it takes its time: one character after the other at the rate that the port is
-set to. Each device hears the frame end in its own way (`ear`), waits for its own answer time, and sends. A device that
-is set to another rate hears nothing it can understand. All hear one another, as on a real line. Whoever sends while
-somebody else does makes rubbish of both.
+The gateway writes a frame at once. Here it is transmitted one character after the other, at the rate of the port. Each
+device detects the end of the frame (`framer`), waits for its answer time, and sends. A device with another rate
+receives only noise. All devices receive one another, as on a real line. A collision damages both frames.
 
 Without I/O: time is an argument, as in `lines.line`.
 """
@@ -17,20 +16,20 @@ from gateway.simulator.pace import Transmission
 from gateway.simulator.station import Station
 from gateway.timing.characters import CharacterFormat, LineTiming
 
-#: Characters that may wait for the line; what is written beyond them is lost.
+#: Characters that may wait for the line; more are lost.
 BACKLOG: Final = 4096
 
 Sender = Literal["port", "device"]
-#: Told what begins to go along the line: who sends it, and the bytes.
+#: Called when a frame begins on the line: who sends it, and the bytes.
 Tell = Callable[[Sender, bytes], None]
 
 
-def tell_nobody(sender: Sender, data: bytes) -> None:
-    """Nobody wants to know what goes along the line."""
+def ignore_frame(sender: Sender, data: bytes) -> None:
+    """The default `tell`: does nothing."""
 
 
 class PacedLine:
-    """Devices side by side on a line. `seed` decides what noise and rubbish look like."""
+    """Devices on a line. `seed` is for noise and collisions."""
 
     def __init__(
         self,
@@ -39,9 +38,9 @@ class PacedLine:
         devices: Sequence[Device],
         *,
         seed: int = 0,
-        tell: Tell = tell_nobody,
+        tell: Tell = ignore_frame,
     ) -> None:
-        dice = Random(seed)  # noqa: S311 - noise is no secret, and it comes out the same for the same seed
+        dice = Random(seed)  # noqa: S311 - noise is not a secret, and repeatable
         self._mode = mode
         self._format = format_
         self._stations = [Station(device, mode, dice) for device in devices]
@@ -49,7 +48,7 @@ class PacedLine:
         self._port_is_free_at = 0.0
 
     def written(self, data: bytes, now: float, baud: int) -> None:
-        """The port sends `data` at `baud`. What happened before must have been taken by `tick(now)`."""
+        """The port sends `data` at `baud`. Call `tick(now)` before."""
         timing = LineTiming(self._mode, baud, self._format)
         start = max(now, self._port_is_free_at)
         waiting = round((start - now) / timing.character)
@@ -60,19 +59,19 @@ class PacedLine:
             self._begin("port", sent, self._stations, disturbed=self._any_sends(start, self._stations))
 
     def deadline(self) -> float | None:
-        """When `tick` wants to be called, or None while nothing happens by itself."""
+        """When `tick` must be called, or None."""
         deadlines = [station.deadline() for station in self._stations]
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def tick(self, now: float) -> bytes:
-        """Let time pass; what became readable meanwhile."""
+        """Let time pass; the bytes that the port has received."""
         readable = b""
         while (at := self.deadline()) is not None and at <= now:
             readable += b"".join(self._step(station, at) for station in self._stations)
         return readable
 
     def _step(self, station: Station, now: float) -> bytes:
-        """Let a station do what is due; the characters of its answer that are there."""
+        """Let a station do what is due; the characters of its response that have arrived."""
         station.listen(now)
         answer = station.begin(now)
         if answer is not None:

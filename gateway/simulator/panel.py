@@ -1,4 +1,4 @@
-"""An outside client that polls: an operator panel on the other end of a line where the gateway is the server.
+"""A simulated HMI that polls: the client on a server line of the gateway.
 
 async with Panel("/tmp/panel", mode="ascii") as panel:
     async for request, response in panel.poll([Frame(41, bytes.fromhex("03 0000 0002"))]):
@@ -21,15 +21,15 @@ from gateway.simulator.pace import Transmission
 from gateway.simulator.port import VirtualPort
 from gateway.timing.characters import CharacterFormat, LineTiming
 
-#: How long a panel waits for an answer, and between two requests, in seconds.
+#: How long a panel waits for a response, and between two requests, in seconds.
 PATIENCE: Final = 1.0
 PAUSE: Final = 0.050
 
 
 class Panel:
-    """A client behind a serial port at `path`, which exists inside of the context. It asks one thing at a time.
+    """A client behind a serial port at `path`, which exists inside the context. It sends one request at a time.
 
-    Its requests take the time that they take on a line. An answer counts as there when its last byte is.
+    Its requests take as long as on a real line.
     """
 
     def __init__(self, path: Path | str, *, mode: Mode = "rtu", format_: CharacterFormat | None = None) -> None:
@@ -47,18 +47,18 @@ class Panel:
         self._port.close()
 
     async def poll(self, requests: Sequence[Frame]) -> AsyncIterator[tuple[Frame, Frame | None]]:
-        """Ask all of `requests` in turn, again and again; each with its response, None when there was none."""
+        """Send `requests` in turn, again and again; yields each with its response, None if there was none."""
         while True:
             for request in requests:
                 yield request, await self.ask(request)
                 await asyncio.sleep(PAUSE)
 
     async def ask(self, request: Frame, patience: float = PATIENCE) -> Frame | None:
-        """The response to `request`, or None when it did not come within `patience` seconds."""
+        """Send `request`; returns its response, or None if none arrived within `patience` seconds."""
         timing = LineTiming(self._mode, self._port.baud, self._format)
         scanner: Scanner = RtuScanner(timing.t35) if self._mode == "rtu" else AsciiScanner()
         expected = Expected(request.unit, parse_request(request.pdu))
-        self._port.read()  # what is left of an answer that came too late
+        self._port.read()  # the rest of a late response
         adu = scanner.encode(*request)
         scanner.expect(expected, adu, echoes=False)
         await self._send(adu, timing)

@@ -1,4 +1,4 @@
-"""A virtual serial port: a pseudo-terminal behind a link, as udev makes one for an adapter. This is the far end."""
+"""A virtual serial port: a pseudo-terminal behind a symbolic link. This is the devices' end."""
 
 import os
 import tty
@@ -9,7 +9,7 @@ from typing import Final
 from gateway.errors import PortError
 from gateway.ports.ioctls import actual_baud
 
-#: The rate to go by where the kernel does not tell the one that was set.
+#: The rate to use if the kernel does not report one.
 ASSUMED_BAUD: Final = 9600
 
 _READ_SIZE: Final = 4096
@@ -17,18 +17,18 @@ _VIRTUAL_PORTS: Final = Path("/dev/pts")
 
 
 class VirtualPort:
-    """Exists, with its link at `path`, from when it is made until `close`.
+    """Exists, with its link at `path`, until `close`.
 
-    A link that a killed simulator has left behind is replaced: it leads nowhere, or to a younger terminal, which
-    somebody else was given under the same number.
+    The link of a killed simulator is replaced: it points nowhere, or to a newer terminal of another program with the
+    same number.
 
     Raises:
-        PortError: there can be no link at `path`.
+        PortError: the link cannot be created at `path`.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        # The near end stays open too: while nobody has it open, the far end would read EIO.
+        # The near end stays open too: otherwise the far end would read EIO while no program has the port open.
         self._far_end, self._near_end = os.openpty()
         tty.setraw(self._near_end)
         os.set_blocking(self._far_end, False)
@@ -55,12 +55,12 @@ class VirtualPort:
         return b""
 
     def write(self, data: bytes) -> None:
-        """The port receives `data`; lost when nobody has read for so long that the kernel takes no more."""
+        """The port receives `data`; lost if the kernel's buffer is full."""
         with suppress(BlockingIOError):
             os.write(self._far_end, data)
 
     def close(self) -> None:
-        """Remove the link, if it is still ours, and hang up."""
+        """Remove the link, if it is still this port's, and close the terminal."""
         with suppress(OSError):
             if str(self.path.readlink()) == self._device:
                 self.path.unlink()
@@ -77,16 +77,16 @@ def _link(path: Path, device: str) -> None:
     except FileExistsError:
         _replace_left_over(path, device)
     except OSError as error:
-        raise PortError(f"{path} cannot be made: {error.strerror}") from error
+        raise PortError(f"{path} cannot be created: {error.strerror}") from error
 
 
 def _replace_left_over(path: Path, device: str) -> None:
     if path.is_char_device() and not path.resolve().is_relative_to(_VIRTUAL_PORTS):
-        raise PortError(f"{path} is a real port; devices are simulated on a virtual one only: name a path that is free")
+        raise PortError(f"{path} is a real port; devices can only be simulated on a virtual one; use a free path")
     if path.exists() and not _points_elsewhere(path):
         is_ours = path.is_symlink() and path.resolve().is_relative_to(_VIRTUAL_PORTS)
         advice = ", or remove this link if no simulator uses it" if is_ours else ""
-        raise PortError(f"{path} exists already; name a path that is free{advice}")
+        raise PortError(f"{path} already exists; use a free path{advice}")
     fresh = path.with_name(f"{path.name}.{os.getpid()}")
     try:
         fresh.symlink_to(device)
@@ -96,6 +96,6 @@ def _replace_left_over(path: Path, device: str) -> None:
 
 
 def _points_elsewhere(path: Path) -> bool:
-    """Whether `path` is a link to a virtual terminal that did not exist yet when the link was made."""
+    """Whether `path` is a link to a virtual terminal that is newer than the link."""
     is_virtual = path.is_symlink() and path.resolve().is_relative_to(_VIRTUAL_PORTS)
     return is_virtual and path.stat().st_ctime_ns > path.lstat().st_mtime_ns

@@ -1,4 +1,4 @@
-"""One device's place on a line: its framer, and the one answer that it prepares or sends."""
+"""A device on a line: its framer, and the response that it prepares or sends."""
 
 from collections.abc import Callable
 from random import Random
@@ -13,9 +13,9 @@ from gateway.timing.characters import LineTiming
 
 
 class Station:
-    """Joins `device` to a line of `mode`. It answers at the rate at which it was asked.
+    """Connects `device` to a line with `mode`. It responds at the rate of the request.
 
-    A device does one thing at a time: while it prepares an answer or sends it, it takes no other request.
+    A device handles one request at a time: while it prepares or sends a response, it ignores others.
     """
 
     def __init__(self, device: Device, mode: Mode, dice: Random) -> None:
@@ -28,7 +28,7 @@ class Station:
         self._sends = False
 
     def receive(self, sent: Transmission) -> None:
-        """Somebody else sends. At another rate than the device's own that is nothing but rubbish."""
+        """Receive a transmission of another station. At another rate than the device's own it is noise."""
         timing = sent.timing
         if self._device.baud not in {None, timing.baud}:
             self._framer.spoil()
@@ -37,29 +37,29 @@ class Station:
         self._framer.receive(sent.data, sent.start, timing.character, timing.silence(self._device.profile.idle_chars))
 
     def deadline(self) -> float | None:
-        """When something happens here by itself, or None."""
+        """When the next action is due, or None."""
         own, frame = self._next_of_answer(), self._framer.deadline()
         return frame if own is None else own if frame is None else min(own, frame)
 
     def listen(self, now: float) -> None:
-        """Take what was heard to its end by `now`, and prepare the answer."""
+        """Process the frames that have ended by `now`, and prepare the response."""
         for frame in self._framer.take(now):
             if self._answer is None and self._timing is not None:
                 self._answer = self._prepare(frame, now, self._timing)
 
     def begin(self, now: float) -> Transmission | None:
-        """The answer, if this is the moment at which it begins."""
+        """The response, if it begins now."""
         if self._answer is None or self._sends or now < self._answer.start:
             return None
         self._sends = True
         return self._answer
 
     def sends_at(self, time: float) -> bool:
-        """Whether its answer is on the line at `time`."""
+        """Whether its response is on the line at `time`."""
         return self._sends and self._answer is not None and time < self._answer.end
 
     def take(self, now: float) -> bytes:
-        """The characters of its answer that are there by `now` and were not taken before."""
+        """The characters of its response that have arrived since the last call."""
         if self._answer is None or not self._sends:
             return b""
         data = self._answer.take(now)
@@ -68,7 +68,7 @@ class Station:
         return data
 
     def disturb(self) -> None:
-        """Two send at once: what it hears is no frame, and what it sends is rubbish."""
+        """A collision: drop the frame being received, and damage the response being sent."""
         self._framer.spoil()
         if self._answer is not None and self._sends:
             self._answer.garble(self._dice)

@@ -1,7 +1,7 @@
 """A V80 or PPC programmable controller ("V80 and PPC controllers, MODBUS protocol", version 1.2).
 
-RTU or ASCII. The bus must be idle for 4.5 characters before a frame has ended for it (1.2). Its coils and registers
-hold what the examples of chapter 2 read, so each printed request brings the printed response.
+RTU or ASCII. A frame ends after 4.5 characters of silence (1.2). Its coils and registers have the values of the
+examples in chapter 2, so each printed request gets the printed response.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from gateway.simulator.builtin import builtin_profile
 from gateway.simulator.device import Device
 from gateway.simulator.faults import NO_FAULTS, Faults
 
-#: 2.1 names 1024 coils, all of which one request may read; of the other tables the document gives no size.
+#: 2.1 names 1024 coils, all of which one request may read; the document gives no size for the other tables.
 AREAS: Final[Mapping[Area, tuple[Range, ...]]] = dict.fromkeys(Area, ((0, 1023),))
 
 #: 2.1: coils 20-56, which are addresses 19-55.

@@ -9,8 +9,8 @@
 | 0200-0201   |                                              | 5, 6: its rate, float32; answers, then changes         |
 | 1A00 = 00BB |                                              | 4: takes the present weight as zero                    |
 
-RTU, functions 03 and 16, exceptions 01, 02 and 03. Asked at address 0 with function 03 it answers, from its real
-address. The document says nothing of other requests to address 0: a write is a broadcast as in any Modbus device.
+RTU, functions 03 and 16, exceptions 01, 02 and 03. It responds to function 03 at address 0, from its real address. The
+document does not mention other requests to address 0: a write is a broadcast as in any Modbus device.
 """
 
 from collections.abc import Callable, Mapping
@@ -47,21 +47,21 @@ WRITABLE: Final[tuple[Range, ...]] = (
     (TAKE_ZERO, TAKE_ZERO),
 )
 
-#: A weight that moves swings so far to both sides, and so many radians in a second.
+#: The amplitude of a moving weight, and its radians per second.
 _SWING: Final = 1.5
 _PACE: Final = 0.8
 
 _FLOAT = Struct(">f")
 _TWO_WORDS = Struct(">HH")
 
-#: The weight that the document shows (1): 4999.6645. It prints 4975 beside it, which is a slip.
+#: The weight in the document's example (1): 4999.6645. The 4975 printed beside it is a mistake.
 (PRINTED_WEIGHT,) = _FLOAT.unpack(bytes.fromhex("45 9C 3D 51"))
 
 
 class Weigher(Device):
-    """One transducer with `weight` on it, which `moves` a little or stands still.
+    """One transducer with `weight` on it, which is constant or `moves` a little.
 
-    A weight of 4999.66 is the one that the document shows, 45 9C 3D 51.
+    A weight of 4999.66 is that of the document's example, 45 9C 3D 51.
 
     Raises:
         ValueError: it cannot be set to `baud`.
@@ -87,19 +87,19 @@ class Weigher(Device):
         self._zero = 0.0
 
     def is_meant(self, frame: Frame) -> bool:
-        """A question at address 0 is for whoever hears it (3)."""
+        """It also accepts a read at address 0 (3)."""
         return super().is_meant(frame) or _is_broadcast_read(frame)
 
     def answers(self, frame: Frame) -> bool:
-        """It answers a question at address 0, from its real address (3)."""
+        """It responds to a read at address 0, from its real address (3)."""
         return super().answers(frame) or _is_broadcast_read(frame)
 
     def has(self, asked: RequestPdu) -> bool:
-        """What can be written cannot be read, and the other way round."""
+        """Addresses are either for reading or for writing."""
         return super().has(asked) if asked.write is None else covers(WRITABLE, asked.write)
 
     def perform(self, asked: RequestPdu, now: float, baud: int) -> bytes:
-        """Show the present values, or obey a command."""
+        """Return the present values, or execute a command."""
         if asked.write is None:
             self._show(now, baud)
             return super().perform(asked, now, baud)
@@ -113,7 +113,7 @@ class Weigher(Device):
         holding.assign(OWN_BAUD, _words(self.baud or baud))
 
     def _present(self, now: float) -> float:
-        """The weight on it, whatever it takes as zero."""
+        """The weight on it, regardless of the zero point."""
         return self.weight + (_SWING * sin(_PACE * now) if self.moves else 0.0)
 
     def _obey(self, address: int, data: bytes, now: float) -> None:
@@ -125,13 +125,13 @@ class Weigher(Device):
     def _set_address(self, data: bytes, now: float) -> None:  # noqa: ARG002 - a command
         address = int.from_bytes(data)
         if not FIRST_UNIT <= address <= LAST_UNIT:
-            raise IllegalDataValue(f"{address} is no address")
+            raise IllegalDataValue(f"{address} is not a valid address")
         self.unit = address
 
     def _set_baud(self, data: bytes, now: float) -> None:  # noqa: ARG002 - a command
         (baud,) = _FLOAT.unpack(data)
         if baud not in BAUDS:
-            raise IllegalDataValue(f"{baud} is no rate of a weigher")
+            raise IllegalDataValue(f"{baud} is not a rate of a weigher")
         self.baud = int(baud)
 
     def _take_zero(self, data: bytes, now: float) -> None:

@@ -1,7 +1,7 @@
-"""The HTTP server: health, readiness and metrics, to be read only.
+"""The HTTP server: health, readiness and metrics, read-only.
 
-A web page that somebody reads elsewhere may make his browser ask here, under a name of its own that leads to this
-address (DNS rebinding). So a request is answered only if its Host is an address, `localhost`, or one of the `hosts`.
+A malicious web page can make a browser send requests here under a host name of its own that resolves to this address
+(DNS rebinding). So a request is answered only if its Host is an address, `localhost`, or one of the `hosts`.
 """
 
 import asyncio
@@ -19,13 +19,13 @@ from urllib.parse import urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
-#: Connections at a time; more are closed at once.
+#: Concurrent connections; more are closed at once.
 MOST_CONNECTIONS: Final = 32
-#: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
+#: How long a connection may be idle between two requests, and how long stopping waits for requests, in seconds.
 IDLE: Final = 75.0
 _SHUTDOWN: Final = 1.0
 
-#: What aiohttp says of clients that send no HTTP: nobody needs to read that.
+#: The logger for aiohttp's complaints about clients that do not send HTTP: not shown.
 _SILENT: Final = logging.getLogger(__name__)
 _SILENT.disabled = True
 
@@ -34,7 +34,7 @@ _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
-    """Where the server listens, and who is let in: with a `token` only those who send it get more than health."""
+    """Where the server listens, and who has access: with a `token`, metrics are only for clients that send it."""
 
     host: str
     port: int
@@ -43,7 +43,7 @@ class WebSettings:
 
 
 class Answers(Protocol):
-    """What the server tells of the gateway."""
+    """The server's view of the gateway."""
 
     #: The type of `metrics`, for the response.
     content_type: str
@@ -60,7 +60,7 @@ class Answers(Protocol):
 
 @asynccontextmanager
 async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str]:
-    """In its context the server answers; its address.
+    """Run the server inside the context; yields its address.
 
     Raises:
         OSError: the address cannot be used.
@@ -83,7 +83,7 @@ async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str
 
 
 class _TooMany(asyncio.Protocol):
-    """A connection for which there is no room."""
+    """A connection beyond the limit: closed at once."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         transport.close()
@@ -120,7 +120,7 @@ def _metrics(answers: Answers) -> _Handler:
 
 
 def _guard(settings: WebSettings) -> Middleware:
-    """Let nobody in who asks for another host, or without the token where one is needed."""
+    """Reject requests for other hosts, and those without a token where one is needed."""
     known = {"localhost", *(host.lower() for host in settings.hosts)}
     expected = f"Bearer {settings.token}".encode()
 

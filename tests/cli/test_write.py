@@ -105,9 +105,9 @@ def test_json_has_old_and_new_value(daemon, capsys):
     ("words", "complaint"),
     [
         ("speed 5000", "5000 does not fit into int16: -3276.8 to 3276.7"),
-        ("speed 0.05", "0.05 is no multiple of 0.1, the scale of speed"),
-        ("state walking", '"walking" is no number; it has the labels off, running'),
-        ("valve 2", "2 is no bit: write 0 or 1, off or on"),
+        ("speed 0.05", "0.05 is not a multiple of 0.1, the scale of speed"),
+        ("state walking", '"walking" is not a number; it has the labels off, running'),
+        ("valve 2", "2 is not a bit: write 0 or 1, off or on"),
         ("holding 0 70000", "70000 does not fit into uint16: 0 to 65535"),
         ("weight 5", "weight is read-only"),
         ("input 0 5", "input cannot be written; coils and holding can"),

@@ -178,7 +178,7 @@ def test_a_link_left_behind_is_replaced(port: Path) -> None:
 def test_another_file_is_left_alone(port: Path, capsys: pytest.CaptureFixture[str]) -> None:
     port.write_text("precious")
     assert main(["simulate", "generic", "--port", str(port)]) == 1
-    assert capsys.readouterr().err.endswith(f"{port} exists already; name a path that is free\n")
+    assert capsys.readouterr().err.endswith(f"{port} already exists; use a free path\n")
     assert port.read_text() == "precious"
 
 
@@ -186,7 +186,7 @@ def test_a_real_port_and_a_folder_that_is_missing_are_refused(tmp_path: Path, ca
     assert main(["simulate", "generic", "--port", "/dev/null"]) == 1
     assert "/dev/null is a real port" in capsys.readouterr().err
     assert main(["simulate", "generic", "--port", str(tmp_path / "missing" / "port")]) == 1
-    assert "cannot be made: No such file or directory" in capsys.readouterr().err
+    assert "cannot be created: No such file or directory" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -287,7 +287,7 @@ def test_the_link_of_a_killed_simulator_is_replaced_though_somebody_else_has_its
 
 async def test_two_lines_cannot_have_one_port(port: Path) -> None:
     async with SimulatedLine(port, [Generic(1)]):
-        with pytest.raises(PortError, match="exists already; name a path that is free, or remove this link"):
+        with pytest.raises(PortError, match="already exists; use a free path, or remove this link"):
             await SimulatedLine(port, [Generic(1)]).__aenter__()
 
 

@@ -149,7 +149,7 @@ def test_a_value_that_has_changed_by_itself_is_not_believed(folder: Path) -> Non
         connection.execute("UPDATE items SET value = 7 WHERE address = 3")
     items, damage = spoilt(folder)
     assert items == [item for item in ITEMS if item.address != 3]
-    assert damage.startswith(f"1 values have changed by themselves; it is now {folder / FILE_NAME}.")
+    assert damage.startswith(f"1 values have a wrong checksum; it is now {folder / FILE_NAME}.")
     assert damage.endswith("; 499 values of it could be read")
 
 
