@@ -133,5 +133,5 @@ def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace, text: str) ->
 
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is no number of times; write one such as 10')
+        raise argparse.ArgumentTypeError(f'"{text}" is not a number of times; write one such as 10')
     return int(text)

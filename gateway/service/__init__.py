@@ -1,1 +1,1 @@
-"""The service: the parts that a config asks for, joined, started, watched and stopped."""
+"""The service: builds, starts, watches and stops the parts that a config describes."""

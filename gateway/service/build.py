@@ -1,4 +1,4 @@
-"""The composition root: the only place where a plan becomes parts."""
+"""Builds the parts of a gateway from a plan; nothing else does."""
 
 import asyncio
 from collections.abc import Mapping
@@ -30,16 +30,16 @@ from gateway.service.reach import Reach, everything, one_line
 from gateway.service.state import Memory
 from gateway.upstreams.driver import UpstreamDriver
 
-#: Where clients connect, whatever they speak.
+#: A listener of any protocol.
 Listener = TcpListener | UdpListener
 
-#: A part that holds a port or a connection open, and what joins it to that.
+#: A part that keeps a port or a connection open.
 Part = GatewayLine | GatewayUpstream | GatewayServer
 Driver = LineDriver | UpstreamDriver | SerialListener
 
 
 class Way(NamedTuple):
-    """Where a router leads, and by which units rows without listeners count there."""
+    """A router, its routes, and the units for access rows that name no listener."""
 
     router: Router
     routes: Mapping[int, Target]
@@ -48,9 +48,9 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True)
 class Gateway:
-    """All parts of a gateway, in the order of the config: `lines` we ask on, and `servers`, lines we are asked on.
+    """All parts of a gateway, in the order of the config: `lines` are client lines, `servers` are server lines.
 
-    `ways` are where each router leads, and `devices` those of each line. They are in force once `route` was called.
+    `ways` are the routes of each router, `devices` those of each line. They apply after `route` was called.
     """
 
     listeners: tuple[Listener, ...]
@@ -60,20 +60,20 @@ class Gateway:
     images: tuple[Image, ...]
     mirrors: tuple[MirrorDriver, ...]
     devices: tuple[dict[int, Device], ...]
-    #: The way of an operator's requests, from the control socket: it has all rights until a row names it.
+    #: The router of the control socket: it has all rights until a row names it.
     control: Router
     ways: tuple[Way, ...]
     plan: Plan
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """All that holds a port or a connection open."""
+        """All parts that keep a port or a connection open."""
         return (*self.lines, *self.servers, *self.upstreams)
 
     def route(self) -> None:
-        """Let every request go by these routes and the rights of the plan, and events name the lines of its file.
+        """Apply the routes and rights of the plan to all requests, and its file and lines to events.
 
-        From now on the images that persist go on where those of the same name have left off.
+        Persistent images now load the values of those with the same name.
         """
         for image in self.images:
             if isinstance(image, PersistentImage):
@@ -104,9 +104,9 @@ def build(
     store: Store | None = None,
     running: Gateway | None = None,
 ) -> Gateway:
-    """The parts of `plan`, joined but not started: nothing is opened, and nothing takes the new routes yet.
+    """Build the parts of `plan` without starting them: nothing is opened, and the new routes do not apply yet.
 
-    Persistent images need a `store`. Parts of the `running` gateway that mean the same in `plan` are taken over.
+    Persistent images need a `store`. Parts of the `running` gateway that are the same in `plan` are reused.
     """
     old = _Old(running)
     lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit) for one in plan.lines)
@@ -142,7 +142,7 @@ def build(
 
 
 class _Old:
-    """The parts of a running gateway, to be taken over by those tables that mean what they meant."""
+    """The parts of a running gateway that can be reused for unchanged tables."""
 
     def __init__(self, running: Gateway | None) -> None:
         self._lines = {one.name: one for one in running.lines} if running else {}
@@ -173,7 +173,7 @@ class _Old:
         return old if old is not None and old.settings == settings else None
 
     def mirror(self, settings: MirrorSettings, device: Device) -> MirrorDriver | None:
-        """A mirror of a device that was built anew is built anew too."""
+        """A mirror is rebuilt if its device was."""
         old = self._mirrors.get(settings.name)
         return old if old is not None and old.mirror.settings == settings and old.device is device else None
 
@@ -181,7 +181,7 @@ class _Old:
 def _image(settings: ImageSettings, store: Store | None, emit: Emit) -> Image:
     if settings.persist == "never":
         return Image(settings, emit)
-    assert store is not None  # noqa: S101 - whoever builds a plan with persistent images has one
+    assert store is not None  # noqa: S101 - required for plans with persistent images
     store.open()
     return PersistentImage(settings, store, emit)
 
@@ -204,7 +204,7 @@ def _recipient(image: Image) -> Recipient:
 
 
 def _served(reach: Reach, server: ServerPlan) -> dict[int, Target]:
-    """The routes of a server line: the units that it serves, and those who take its broadcasts as unit 0."""
+    """The routes of a server line: the units that it serves, and as unit 0 the recipients of its broadcasts."""
     served = {unit: reach.routes[unit] for unit in server.line.serves}
     images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
     recipients = {"images": images, "all": reach.recipients, "none": []}[server.broadcast_to]
@@ -212,7 +212,7 @@ def _served(reach: Reach, server: ServerPlan) -> dict[int, Target]:
 
 
 def _way(listener: Listener, reach: Reach) -> Way:
-    """Where a listener leads: unit 0 nowhere, to all who take broadcasts, or where another unit's requests go."""
+    """The routes of a listener; unit 0 is refused, goes to all recipients of broadcasts, or to another unit."""
     routes, unit0 = reach.routes, listener.settings.unit0
     if unit0 == "broadcast":
         routes = {**routes, BROADCAST_UNIT: Broadcast(reach.recipients)}

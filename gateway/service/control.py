@@ -1,4 +1,4 @@
-"""The control socket: other commands of this program ask the daemon. One JSON object a line, each way.
+"""The control socket for the other commands of this program. One JSON object a line in each direction.
 
 {"verb": "status"}   {"version": "0.1.0", "ok": true, "status": {...}}
 {"verb": "reload"}   {"version": "0.1.0", "ok": false, "problems": ["gateway.toml:3:8: error: ..."]}
@@ -7,7 +7,7 @@
 {"verb": "request", "unit": 41, "pdu": "03 00 00 00 02"}
                      {"version": "0.1.0", "ok": true, "unit": 41, "pdu": "03 04 45 9C 3D 51", "elapsed_ms": 12.5}
 
-Who asks may be of another version: keys may come and go, and `version` says why.
+The client may be another version: keys may differ, and `version` says why.
 """
 
 import asyncio
@@ -27,24 +27,24 @@ from gateway.events import ControlClosed, Emit, PartFailed
 
 #: Longest request, in bytes.
 LONGEST_REQUEST: Final = 64 * 1024
-#: How long a connection may ask nothing, in seconds.
+#: How long a connection may be idle, in seconds.
 PATIENCE: Final = 60.0
-#: Connections at a time.
+#: Concurrent connections.
 MOST_CONNECTIONS: Final = 16
 
 #: Where the socket of a system's gateway is.
 SYSTEM_SOCKET: Final = Path("/run/modbus-gateway/control.sock")
 
-#: Tells whether whoever has asked is still connected.
+#: Whether the client is still connected.
 IsThere = Callable[[], bool]
-#: What a verb does: takes the request, gives what is added to `ok` in the answer. Dataclasses in it become objects.
+#: A verb: takes the request, returns what is added to `ok` in the answer. Dataclasses become objects.
 Verb = Callable[[Mapping[str, Any], IsThere], Awaitable[dict[str, Any]]]
 
 
 def control_path(
     config: Path, environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0
 ) -> Path:
-    """Where the control socket is when nobody says it."""
+    """The default path of the control socket."""
     if folder := environment.get("RUNTIME_DIRECTORY"):
         return Path(folder.split(":")[0]) / "control.sock"
     if is_root:
@@ -56,7 +56,7 @@ def control_path(
 
 @asynccontextmanager
 async def control_open(path: Path, verbs: Mapping[str, Verb], emit: Emit) -> AsyncIterator[None]:
-    """In its context other processes can ask for `verbs` at `path`. If that fails, it is only logged."""
+    """Serve `verbs` at `path` inside the context. A failure to do so is only logged."""
     conversations: set[asyncio.Task[None]] = set()
 
     def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -84,10 +84,10 @@ async def control_open(path: Path, verbs: Mapping[str, Verb], emit: Emit) -> Asy
 
 
 def _bound(path: Path) -> socket.socket:
-    """A socket at `path`, for its owner and group.
+    """Bind a socket to `path`, for its owner and group.
 
     Raises:
-        OSError: there cannot be one.
+        OSError: it cannot be created.
     """
     _remove_stale_socket(path)
     sock = socket.socket(socket.AF_UNIX)
@@ -106,10 +106,10 @@ def _remove(path: Path) -> None:
 
 
 def _remove_stale_socket(path: Path) -> None:
-    """Take away what a gateway that was killed has left.
+    """Remove the socket of a gateway that was killed.
 
     Raises:
-        OSError: somebody answers there, or it is something else.
+        OSError: a gateway answers there, or it is not a socket.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -117,7 +117,7 @@ def _remove_stale_socket(path: Path) -> None:
     except FileNotFoundError:
         return
     if not is_socket:
-        raise FileExistsError(0, "there is something else with this name")
+        raise FileExistsError(0, "a file with this name exists and is not a socket")
     with socket.socket(socket.AF_UNIX) as probe:
         probe.setblocking(False)
         try:
@@ -131,13 +131,13 @@ def _remove_stale_socket(path: Path) -> None:
 async def _serve_connection(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, verbs: Mapping[str, Verb], emit: Emit
 ) -> None:
-    writer.transport.set_write_buffer_limits(0)  # `drain` waits until the system has all of an answer
+    writer.transport.set_write_buffer_limits(0)  # `drain` waits until the kernel has the whole answer
     try:
         while line := await asyncio.wait_for(reader.readline(), PATIENCE):
             writer.write(await _answer(line, lambda: not reader.at_eof(), verbs, emit))
             await asyncio.wait_for(writer.drain(), PATIENCE)
-            await asyncio.sleep(0)  # the others' turn: nothing above waits while there are more requests
-    except (OSError, TimeoutError, ValueError):  # gone, silent for too long, or a line that never ends
+            await asyncio.sleep(0)  # let other tasks run: nothing above waits while more requests are buffered
+    except (OSError, TimeoutError, ValueError):  # disconnected, idle for too long, or a line that is too long
         writer.transport.abort()
     finally:
         writer.close()
@@ -174,7 +174,7 @@ def _line(answer: Mapping[str, Any]) -> bytes:
 
 
 def _fields(value: Any) -> dict[str, Any] | str:
-    """A dataclass as its fields: what they hold comes here in its turn, without the copies of `asdict`."""
+    """A dataclass as its fields, for json: unlike `asdict` it copies nothing."""
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
     return str(value)

@@ -1,14 +1,14 @@
-"""Keeps Python's collector of reference cycles from stopping the loop: nothing is answered while it runs."""
+"""Keeps pauses by Python's garbage collector short: nothing is answered while it runs."""
 
 import gc
 
 
 def settle() -> None:
-    """Set aside all that is in use now, so that later collections pass over it.
+    """Exclude all present objects from later collections.
 
-    What is there after the start stays: modules, the parts of the gateway. A full collection walks over all of it,
-    every time many clients have come, which takes 15 ms; the clients of a full house are 1 ms of that. Once more after
-    a reload, or its old parts would never be freed. This itself is a full collection.
+    Objects that exist after the start stay: modules, the parts of the gateway. Each full collection, after many clients
+    have connected, would traverse them, which takes 15 ms; the clients of full listeners are 1 ms of that. To be called
+    again after a reload, otherwise its old parts would never be freed. This call is a full collection itself.
     """
     gc.unfreeze()
     gc.collect()

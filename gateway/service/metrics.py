@@ -1,6 +1,6 @@
-"""What a scrape tells of a gateway, read off its counters at that moment. Nothing is kept for it.
+"""The metrics of a gateway, read from its counters at each scrape.
 
-Labels are names of the config, units, function codes and words of this program: never what a client sends or who it is.
+Labels are names in the config, units, function codes and words of this program, never data or names of clients.
 """
 
 from collections.abc import Iterable
@@ -15,19 +15,19 @@ from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.running import Running
 from gateway.timing.histogram import Histogram
 
-#: Bounds that are told, of those that are counted.
+#: The bucket bounds that are exported, of those that are counted.
 _SECONDS: Final = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _SHARES: Final = (0.25, 0.5, 0.75, 0.8, 0.9, 1.0)
-#: Results that are told from the first request on, so that their first increase is seen; others once there is one.
+#: Results that are exported from the first request on, so that their first increase is visible; others once they occur.
 _ALWAYS: Final = frozenset({"ok", "exception", "timeout", "bad_frame"})
-#: What was seen on a line beside answers.
+#: What was received on a line besides responses.
 _ERRORS: Final = ("late_responses", "early_responses", "foreign_frames", "noise", "echoes")
 
 _UNIT: Final = ("line", "unit", "function")
 
 
 def read(running: Running, now: float) -> list[Family]:
-    """All metrics of the gateway that is in force `now`."""
+    """All metrics of the running gateway."""
     gateway = running.gateway
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     return [
@@ -43,10 +43,10 @@ def read(running: Running, now: float) -> list[Family]:
 
 
 def _requests(running: Running, owners: Iterable[GatewayLine | GatewayUpstream]) -> Iterable[Family]:
-    requests = Family("counter", "requests", "Requests of clients by what became of them.", (*_UNIT, "result"))
+    requests = Family("counter", "requests", "Requests of clients by result.", (*_UNIT, "result"))
     exceptions = Family("counter", "exceptions", "Exception responses of units.", ("line", "unit", "code"))
-    coalesced = Family("counter", "coalesced", "Reads that shared the transaction of another one.", ("line",))
-    retries = Family("counter", "retries", "Reads that were sent again.", ("line",))
+    coalesced = Family("counter", "coalesced", "Reads that shared a transaction with another one.", ("line",))
+    retries = Family("counter", "retries", "Reads that were repeated.", ("line",))
     for owner in owners:
         for unit, counts in _counted(owner):
             for function, each in counts.items():
@@ -68,9 +68,14 @@ def _requests(running: Running, owners: Iterable[GatewayLine | GatewayUpstream])
 
 def _times(owners: Iterable[GatewayLine | GatewayUpstream]) -> Iterable[Family]:
     request = Family("histogram", "request_duration_seconds", "From a request's arrival to its response.", _UNIT)
-    answer = Family("histogram", "device_response_seconds", "From a request's end on the line to its answer's.", _UNIT)
+    answer = Family(
+        "histogram",
+        "device_response_seconds",
+        "From the end of a request to the end of its response.",
+        _UNIT,
+    )
     wait = Family("histogram", "queue_wait_seconds", "From a request's arrival until it was sent.", _UNIT)
-    share = Family("histogram", "budget_used_ratio", "The share of its time limit that an answer took.", _UNIT)
+    share = Family("histogram", "budget_used_ratio", "The share of its time limit that a response took.", _UNIT)
     for owner in owners:
         for unit, counts in _counted(owner):
             for function in counts:
@@ -83,11 +88,11 @@ def _times(owners: Iterable[GatewayLine | GatewayUpstream]) -> Iterable[Family]:
 
 
 def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
-    busy = Family("counter", "line_busy_seconds", "Time of a line by what it went into.", ("line", "phase"))
-    errors = Family("counter", "line_errors", "What came beside the answers that were awaited.", ("line", "kind"))
+    busy = Family("counter", "line_busy_seconds", "Time of a line by phase.", ("line", "phase"))
+    errors = Family("counter", "line_errors", "What was received besides the expected responses.", ("line", "kind"))
     waiting = Family("gauge", "line_queue_length", "Requests that wait for the line.", ("line",))
     up = Family("gauge", "line_up", "Whether the port is open.", ("line",))
-    reopens = Family("counter", "line_reopens", "How often the port was opened again after a loss.", ("line",))
+    reopens = Family("counter", "line_reopens", "How often the port was reopened after a loss.", ("line",))
     for line in lines:
         phases = line.driver.line.phases(now)
         for phase in ("request", "wait", "response", "gap"):
@@ -102,7 +107,7 @@ def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
 
 
 def _units(owners: Iterable[GatewayLine | GatewayUpstream], now: float) -> Iterable[Family]:
-    up = Family("gauge", "unit_up", "Whether the unit answered when it was asked last.", ("line", "unit"))
+    up = Family("gauge", "unit_up", "Whether the unit answered its last request.", ("line", "unit"))
     limit = Family("gauge", "unit_timeout_limit_seconds", "The longest time limit in force.", ("line", "unit"))
     for owner in owners:
         for unit, device in _asked(owner):
@@ -113,7 +118,7 @@ def _units(owners: Iterable[GatewayLine | GatewayUpstream], now: float) -> Itera
 
 def _clients(running: Running) -> Iterable[Family]:
     clients = Family("gauge", "clients", "Clients that are connected.", ("listener",))
-    rejected = Family("counter", "client_rejected", "Clients that were sent away.", ("listener",))
+    rejected = Family("counter", "client_rejected", "Clients that were rejected or closed.", ("listener",))
     for listener in running.gateway.listeners:
         clients.add(listener.clients, listener.settings.name)
         rejected.add(listener.counts.rejected, listener.settings.name)
@@ -121,7 +126,7 @@ def _clients(running: Running) -> Iterable[Family]:
 
 
 def _image_ages(running: Running, now: float) -> Family:
-    """Those of mirrors whose values are all known."""
+    """The ages for mirrors whose values are all known."""
     ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror.", ("unit",))
     for driver in running.gateway.mirrors:
         known = [age for _, age in driver.mirror.ages(now)]
@@ -138,9 +143,9 @@ def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
 
 
 def _process(running: Running) -> Iterable[Family]:
-    lag = Family("gauge", "loop_lag_seconds", "By how much the event loop was late at most in the last minute.")
+    lag = Family("gauge", "loop_lag_seconds", "The largest delay of the event loop in the last minute.")
     lag.add(running.recent.loop_lag)
-    reload = Family("gauge", "config_last_reload_successful", "Whether the file was good when it was read last.")
+    reload = Family("gauge", "config_last_reload_successful", "Whether the config was accepted when it was last read.")
     reload.add(running.reload_succeeded)
     build = Family("gauge", "build_info", "1, with the version.", ("version",))
     build.add(1, __version__)
@@ -148,12 +153,12 @@ def _process(running: Running) -> Iterable[Family]:
 
 
 def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
-    """The units that were asked for anything."""
+    """The units that were polled."""
     return [(str(unit), device) for unit, device in owner.devices.items() if device.counts]
 
 
 def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts]]:
-    """What was counted by unit; broadcasts are unit 0."""
+    """The counters by unit; broadcasts are unit 0."""
     units = [(unit, device.counts) for unit, device in _asked(owner)]
     return [("0", owner.every_device.counts), *units] if isinstance(owner, GatewayLine) else units
 

@@ -1,4 +1,4 @@
-"""What an operator asks of units at the control socket, as the client `control`: requests, and what a unit is."""
+"""Requests and unit descriptions for the control socket; its client name is `control`."""
 
 import asyncio
 from collections.abc import Callable, Iterator, Mapping
@@ -20,9 +20,9 @@ from gateway.service.parts import GatewayLine, GatewayUpstream
 
 @dataclass(frozen=True, slots=True)
 class UnitPicture:
-    """A unit that clients can ask: what answers for it, what that accepts, and what its registers mean.
+    """A unit for clients: what answers for it, what it accepts, and its points.
 
-    A request and its response take `longest_wait_ms` at most; 0 for a unit that the gateway answers itself.
+    A response takes `longest_wait_ms` at most; 0 for a unit that the gateway answers itself.
     """
 
     unit: int
@@ -36,20 +36,20 @@ class UnitPicture:
 
 
 class Question:
-    """One request of an operator: the Origin that it comes from. `outcome` is its error, if any, and its response."""
+    """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
 
     client = CONTROL
     host = ""
 
     def __init__(self, is_there: Callable[[], bool]) -> None:
-        """`is_there` tells whether whoever asks is still connected."""
+        """`is_there` says whether the client is still connected."""
         self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
             asyncio.get_running_loop().create_future()
         )
         self._is_there = is_there
 
     def wants(self, request: Request) -> bool:
-        """Whether the request should still be sent. Who sends no more may have left, and a write is not wanted then."""
+        """Whether the request should still be sent: only while the client is connected."""
         return not self.outcome.done() and (only_reads(request.pdu) or self._is_there())
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -59,12 +59,12 @@ class Question:
 
 
 async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[[], bool]) -> dict[str, Any]:
-    """Send a request as any client's, with its rights, queue and limits: `unit` (number or name) and `pdu` (hex).
+    """Send a request like one of any client, with rights, queue and limits: `unit` (number or name) and `pdu` (hex).
 
-    The answer has the response PDU; where that is the gateway's own exception, `result` and `reason` say why.
+    The answer has the response PDU; for an exception from the gateway itself, `result` and `reason` say why.
 
     Raises:
-        WrongQuestion: there is no such unit, or that is no PDU.
+        WrongQuestion: there is no such unit, or `pdu` is not a PDU.
     """
     unit, pdu = find_unit(gateway.plan, question.get("unit")), _pdu(question.get("pdu"))
     origin, now = Question(is_there), asyncio.get_running_loop().time
@@ -80,7 +80,7 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
 
 
 def picture(gateway: Gateway, wanted: object) -> UnitPicture:
-    """The unit that has this number, or this name.
+    """Describe the unit with this number or name.
 
     Raises:
         WrongQuestion: there is none.
@@ -88,7 +88,7 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
     unit = find_unit(gateway.plan, wanted)
     found = next((each for each in _units(gateway.plan) if each.unit == unit), None)
     if found is None:
-        raise WrongQuestion(f"there is no unit {unit}; modbus-gateway check shows which units there are")
+        raise WrongQuestion(f"there is no unit {unit}; modbus-gateway check lists the units")
     functions = found.profile.functions
     parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     longest = {unit: wait for part in parts for unit, wait in part.longest_wait.items()}
@@ -105,10 +105,10 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
 
 
 def find_unit(plan: Plan, wanted: object) -> int:
-    """The number of a unit, which may be asked for by its number or its name.
+    """Find the number of a unit that is named by number or name.
 
     Raises:
-        WrongQuestion: nothing is called like that, or it is no number of a unit.
+        WrongQuestion: nothing has this name, or it is not a unit number.
     """
     if isinstance(wanted, int) and not isinstance(wanted, bool) and 0 <= wanted <= 255:
         return wanted
@@ -117,7 +117,7 @@ def find_unit(plan: Plan, wanted: object) -> int:
     unit = next((each.unit for each in _units(plan) if each.name == wanted), None)
     if unit is None:
         remedy = did_you_mean(wanted, (each.name for each in _units(plan)))
-        raise WrongQuestion(f'nothing is called "{wanted}"' + (f"; {remedy}" if remedy else ""))
+        raise WrongQuestion(f'nothing has the name "{wanted}"' + (f"; {remedy}" if remedy else ""))
     return unit
 
 
@@ -129,7 +129,7 @@ class _Unit(NamedTuple):
 
 
 def _units(plan: Plan) -> Iterator[_Unit]:
-    """Every unit, but for those that only a listener for their line leads to."""
+    """All units except those that only a listener for their line leads to."""
     for line in plan.lines:
         yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in line.shared)
     for upstream in plan.upstreams:

@@ -1,12 +1,12 @@
-"""Late answers that outlive the line that has asked: they come on its port, whatever line or process is there then.
+"""Late responses that may arrive after a line was removed or the process restarted: they belong to the port.
 
     {"/dev/ttyS1": {"at": 812.4, "answers": [
         {"unit": 1, "answers_from": 1, "pdu": "03 00 07 00 01", "owed": 1, "ends_at": 814.1}
     ]}}
 
-A line on this port has ended 812.4 s after the machine was started, and answers to this question may have come until
-814.1 s. After another start its clock is behind that: then the answers count from that start, and are as old or older.
-Where the clock has passed it already, they wait no longer than they would have had to.
+A line on this port stopped 812.4 s after the machine was started, and responses to this request can arrive until
+814.1 s. If the machine was restarted, its clock is behind that: the rest of the window then counts from the restart,
+which is as long or longer. If the clock has already passed it, it is no longer than it was.
 """
 
 import os
@@ -22,7 +22,7 @@ from gateway.service.shared_file import Entries, SharedFile
 
 FILE_NAME: Final = "late.json"
 
-#: No late window is longer, in seconds: an entry that says so is damaged.
+#: The longest late window, in seconds: an entry with a longer one is damaged.
 LONGEST: Final = 86_400.0
 UNITS: Final = range(256)
 
@@ -32,9 +32,9 @@ Entry = dict[str, Any]
 
 
 class LeftBehind:
-    """Answers that lines have left behind on their ports; with a `file` also for the next process.
+    """Late responses that may still arrive on ports of removed lines; with a `file` also for the next process.
 
-    Ports go by their `place`. All times are in seconds of the machine's monotonic clock, as those of the event loop.
+    The key of a port is its `place`. Times are seconds of the monotonic clock, like those of the event loop.
     """
 
     def __init__(self, file: SharedFile | None = None) -> None:
@@ -43,7 +43,7 @@ class LeftBehind:
         self._entries: Entries = {} if file is None else file.read()
 
     def at(self, place: str, now: float) -> list[Overdue]:
-        """What may still come there."""
+        """The responses that may still arrive there."""
         entry = self._entries.get(place)
         if entry is None:
             return []
@@ -51,10 +51,10 @@ class LeftBehind:
         return [each for answer in entry["answers"] if (each := _overdue(answer, later)).ends_at > now]
 
     def leave(self, place: str, answers: Sequence[Overdue], now: float) -> None:
-        """A line has ended there, and only these answers are overdue.
+        """A line has stopped there, and only these responses are overdue.
 
-        What is past is forgotten wherever lines of this process have ended: other ports may be another gateway's, which
-        has written anew what we have read.
+        Expired entries are deleted for ports of this process only: others may belong to another gateway, which may have
+        changed them.
         """
         self._left_at.add(place)
         for there in self._left_at.intersection(self._entries):
@@ -77,10 +77,10 @@ class LeftBehind:
 
 
 def place_of(port: PortSettings) -> str:
-    """The device that a port's name leads to at the moment, so that two names of one device have the same place.
+    """The device that a port's name points to at the moment: two names of one device have the same place.
 
-    A device server goes by its host as written, apart from capital letters, and its port number. A pseudo-terminal
-    counts with the time when it was made: the next one may get its number.
+    For a device server it is the host in lower case, and the port number. For a pseudo-terminal it includes the time
+    of its creation: the next one may get its number.
     """
     if isinstance(port, TcpSettings):
         return f"{port.host.lower()}:{port.number}"
@@ -92,7 +92,7 @@ def place_of(port: PortSettings) -> str:
 
 
 def is_entry(value: Any) -> bool:
-    """Whether this can be an entry of the file."""
+    """Whether this is a well-formed entry of the file."""
     try:
         answers = [_overdue(answer, 0.0) for answer in value["answers"]]
         sound = all(each.asked.function and each.unit in UNITS and each.owed > 0 for each in answers)

@@ -1,4 +1,4 @@
-"""One table of the config with everything that belongs to it: what a reload keeps, or builds anew, as a whole."""
+"""The parts of one table of the config: a reload keeps or rebuilds them together."""
 
 import asyncio
 from dataclasses import replace
@@ -26,7 +26,7 @@ from gateway.upstreams.upstream import Upstream
 
 
 class GatewayLine:
-    """One line with everything that belongs to it. Devices and the longest waits for them go by the clients' units."""
+    """A client line with its parts. Keys of devices and longest waits are the units for clients."""
 
     def __init__(
         self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit
@@ -47,28 +47,28 @@ class GatewayLine:
         self.adopt(plan, self.devices_of(plan))
 
     def means(self, plan: LinePlan) -> bool:
-        """Whether `plan` asks for this very line. One that passes units through may get or lose some of them."""
+        """Whether `plan` is for the same line. The passed-through units may differ."""
         return self.plan.meaning == plan.meaning
 
     @property
     def counts(self) -> tuple[UnitCounts, ...]:
-        """Those of its units, and of its broadcasts."""
+        """The counters of its units and of its broadcasts."""
         return (self.every_device.counts, *(device.counts for device in self.devices.values()))
 
     @property
     def patience(self) -> float:
-        """For how many seconds after any request its answer may come, late ones included."""
+        """For how many seconds after a request its response may arrive, late ones included."""
         line = self.plan.line
         limit = max(self.longest_wait.values(), default=line.max_wait) - line.max_wait
         slowest = max((device.answer_time.slowest for device in self.plan.devices), default=0.0)
         return limit + (max(2 * limit, slowest) if line.late_window is None else line.late_window)
 
     def overdue(self, now: float) -> list[Overdue]:
-        """What may still come on the port for another line there."""
+        """Late responses that may still arrive on the port."""
         return self.driver.line.overdue(now, self.patience)
 
     def devices_of(self, plan: LinePlan) -> dict[int, Device]:
-        """The devices that `plan` has: those that are there already, and new ones."""
+        """The devices of `plan`: existing ones and new ones."""
         addresses = remembered.addresses(plan, self._memory)
         return {
             each.known_as: self.devices.get(each.known_as) or self._device(each, addresses[each.name])
@@ -76,7 +76,7 @@ class GatewayLine:
         }
 
     def adopt(self, plan: LinePlan, devices: dict[int, Device]) -> None:
-        """The line is what `plan` means; it may have another place in the file, or pass other units through."""
+        """Take over `plan`, which differs only in its place in the file or in passed-through units."""
         self.plan = plan
         self.devices = devices
         for each in plan.devices:
@@ -109,7 +109,7 @@ class GatewayLine:
 
 
 class GatewayUpstream:
-    """One upstream with everything that belongs to it, as a GatewayLine has it."""
+    """An upstream with its parts, with the attributes of a GatewayLine."""
 
     def __init__(self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
         self.plan = plan
@@ -120,14 +120,14 @@ class GatewayUpstream:
         self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
 
     def adopt(self, plan: UpstreamPlan) -> None:
-        """The upstream is in force as `plan` has it, which differs in places in the file only."""
+        """Take over `plan`, which differs only in places in the file."""
         self.plan = plan
         for each in plan.devices:
             self.devices[each.known_as].source = each.source
 
 
 class GatewayServer:
-    """One line where we are a server, with everything that belongs to it."""
+    """A server line with its parts."""
 
     def __init__(self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
         self.plan = plan
@@ -138,7 +138,7 @@ class GatewayServer:
 
 
 class _RememberedPort:
-    """A line's port, opened at the rate that the line has changed to, if it has. A device server keeps its own."""
+    """A line's port, opened at the rate that the line has changed to, if any. A device server keeps its rate."""
 
     def __init__(self, plan: LinePlan, opener: Opener, memory: Memory) -> None:
         self._plan = plan
@@ -147,11 +147,11 @@ class _RememberedPort:
 
     @property
     def baud(self) -> int:
-        """The rate at the moment."""
+        """The present rate."""
         return remembered.rate(self._plan, self._memory)
 
     def rate_changed(self, baud: int) -> None:
-        """The line goes on at another rate."""
+        """The line has changed its rate."""
         self._memory.remember(remembered.rate_key(self._plan), self._plan.line.timing.baud, baud)
 
     async def open(self, user: PortUser) -> Port:

@@ -1,7 +1,7 @@
-"""Whom clients can ask, through any listener and through one for one line.
+"""The units that clients can reach, through any listener or through a listener for one line.
 
-Through most listeners a unit identifier is a unit that every client knows. Through a listener for one line it is an
-address on that line's wire, whatever other clients call the device there.
+For most listeners, a unit identifier is the same unit for all clients. For a listener for one line it is an address on
+that line, whatever unit ID other clients use for that device.
 """
 
 from collections.abc import Collection, Mapping
@@ -16,7 +16,7 @@ from gateway.routing.broadcast import Recipient
 
 
 class Reach(NamedTuple):
-    """Where each unit identifier leads, who takes broadcasts, and by which units rows without listeners count."""
+    """The target of each unit identifier, the recipients of broadcasts, and the units for rows without listeners."""
 
     routes: Mapping[int, Target]
     recipients: Collection[Recipient]
@@ -24,15 +24,15 @@ class Reach(NamedTuple):
 
 
 def everything(routes: Mapping[int, Target], recipients: Collection[Recipient]) -> Reach:
-    """Every unit is known by its own number; whoever answers for 255 takes broadcasts too."""
+    """All units by their own numbers; the target of unit 255 takes broadcasts too."""
     is_served = SERVER_UNIT in routes
     return Reach(routes, recipients, (*AS_NUMBERED[:SERVER_UNIT], (SERVER_UNIT,)) if is_served else AS_NUMBERED)
 
 
 def one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, Target]) -> Reach:
-    """The devices of a line by their addresses in the config, the first one where several have the same.
+    """The devices of a line by their addresses in the config; the first one if several have the same.
 
-    A device that moves keeps the address that the config names, as it keeps its unit.
+    A device that moves keeps the address in the config, as it keeps its unit.
     """
     routes: dict[int, Target] = {}
     for device in devices:
@@ -42,10 +42,10 @@ def one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mappi
 
 
 def _known_as(devices: Collection[Device], elsewhere: Mapping[int, Target]) -> KnownAs:
-    """By which units the routes of all other clients, `elsewhere`, lead to each address: by its own, or by mirrors.
+    """The units by which other clients reach each address through `elsewhere`: its own, or those of mirrors.
 
-    An address to which none leads counts by its own number, unless somebody else has that. At address 0 are devices
-    that have no address in the config, and take broadcasts.
+    An address that they cannot reach counts by its own number, unless another target has that. Address 0 stands for
+    devices without an address in the config, and for broadcasts.
     """
     known: list[list[int]] = [[] for _ in AS_NUMBERED]
     for device in devices:
@@ -58,5 +58,5 @@ def _known_as(devices: Collection[Device], elsewhere: Mapping[int, Target]) -> K
 
 
 def _mirrors_of(device: Device, routes: Mapping[int, Target]) -> list[int]:
-    """The units of the mirrors that pass on to a device what they cannot answer themselves."""
+    """The units of the mirrors of a device."""
     return [unit for unit, target in routes.items() if isinstance(target, MirrorDriver) and target.device is device]

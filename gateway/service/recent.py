@@ -1,4 +1,4 @@
-"""What happened in the last minute, from samples of what is counted since the start."""
+"""Rates of the last minute, from samples of the counters."""
 
 import asyncio
 from collections import deque
@@ -16,7 +16,7 @@ _LOOKS: Final = 5
 
 
 class Rate(NamedTuple):
-    """The share of the time in which a line was busy, and how many frames were sent in a second."""
+    """The share of time in which a line was busy, and requests sent per second."""
 
     busy: float
     per_second: float
@@ -30,7 +30,7 @@ class _Sample(NamedTuple):
 
 
 class Recent:
-    """The last minute of a gateway. A reload may have exchanged some of its lines."""
+    """Samples of the last minute. A reload may have replaced some lines."""
 
     def __init__(self, gateway: Gateway, now: float) -> None:
         self._samples: deque[_Sample] = deque([_sample(gateway, now, 0.0)], maxlen=_KEPT)
@@ -47,7 +47,7 @@ class Recent:
             self._samples.append(_sample(gateway(), loop.time(), lag))
 
     def rate(self, line: GatewayLine, now: float) -> Rate | None:
-        """What `line` did; None if it is too new for that."""
+        """The rates of `line`; None if it is too new."""
         first = next((each for each in self._samples if line in each.busy), None)
         if first is None or now - first.at < 1.0:
             return None
@@ -56,7 +56,7 @@ class Recent:
 
     @property
     def loop_lag(self) -> float:
-        """By how many seconds the event loop was late at most."""
+        """The largest delay of the event loop, in seconds."""
         return max(each.lag for each in self._samples)
 
 

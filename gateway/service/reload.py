@@ -1,4 +1,4 @@
-"""Reload: the config is read again, compared with the one in force, and applied as far as it differs."""
+"""Reload: reads the config again, compares it with the one in use, and applies the differences."""
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
@@ -18,16 +18,16 @@ from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary
 
-#: How long the file may take to be read, in seconds. Those who order a reload wait for 40 s.
+#: How long reading the file may take, in seconds. The client waits for 40 s.
 LOADING_TIME: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a reload: `problems` if the file was rejected, else what it changed, table by table.
+    """The result of a reload: `problems` if the file was rejected, else the changed tables.
 
-    `restart` is what counts after a restart only; `warnings` are those of `check`. `defect` is what went wrong when the
-    new config was in force already.
+    `restart` are changes that apply after a restart; `warnings` are those of `check`. `defect` is an error that
+    occurred after the new config was in use.
     """
 
     problems: tuple[str, ...] = ()
@@ -40,10 +40,10 @@ class Outcome:
 
 
 class Reloader:
-    """Applies `file` to a `running` gateway, one reload after the other.
+    """Applies `file` to a `running` gateway, one reload at a time.
 
-    `prepare` reads what a plan needs of the disk, in a thread: an image may have a hundred thousand values there.
-    `rebuild` makes the gateway of a plan, from the parts of the present one where they mean the same.
+    `prepare` reads saved values for a plan from the disk, in a thread: an image may have a hundred thousand.
+    `rebuild` builds the gateway of a plan, reusing unchanged parts of the present one.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Reloader:
         self._tasks: set[asyncio.Task[Outcome]] = set()
 
     def order(self) -> asyncio.Task[Outcome]:
-        """Reload soon. Orders that come before a reload has begun are one; the file counts as it is then."""
+        """Reload soon. Orders before a reload has begun are combined into one."""
         if self._next is None:
             self._next = asyncio.create_task(self._run(), name="reload")
             self._tasks.add(self._next)
@@ -73,7 +73,7 @@ class Reloader:
         return self._next
 
     async def close(self) -> None:
-        """Give up what is in progress."""
+        """Cancel the reload in progress."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -86,7 +86,7 @@ class Reloader:
             self._systemd.reloading()
             try:
                 return await self._reload()
-            except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: what serves goes on
+            except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: the gateway keeps running
                 self._running.reload_succeeded = False
                 self._running.emit(events.PartFailed.of("reload", error))
                 return Outcome((f"a defect in the gateway: {error!r}",))
@@ -125,7 +125,7 @@ class Reloader:
         return outcome
 
     async def _switch(self, new: Gateway) -> str:
-        """Go over to `new`; the defect, if there was one and `new` is in force all the same.
+        """Switch to `new`; returns a defect, if one occurred and `new` is in use nevertheless.
 
         Raises:
             ListenError: as Running.switch.
@@ -146,13 +146,13 @@ class Reloader:
 
 
 def warn(problems: Iterable[Problem], emit: events.Emit) -> None:
-    """Tell what deserves a look in a config that is used."""
+    """Log the warnings about a config that is used."""
     for problem in problems:
         emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
 
 
 def differences(old: Plan, new: Plan) -> Outcome:
-    """What is different in `new`, by section and name: `line hall-a`."""
+    """The differences of `new`, by section and name: `line hall-a`."""
     before, after = _tables(old), _tables(new)
     return Outcome(
         added=tuple(name for name in after if name not in before),
@@ -174,6 +174,6 @@ def _tables(plan: Plan) -> Mapping[str, object]:
 
 
 def find_settled(at_start: Plan, new: Plan) -> tuple[str, ...]:
-    """What `new` has otherwise, and was settled at the start."""
+    """The changes in `new` that apply only after a restart."""
     fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control), ("web", at_start.web, new.web))
     return tuple(name for name, one, other in fixed if one != other)

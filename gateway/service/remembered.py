@@ -1,4 +1,4 @@
-"""What an earlier run has left behind: devices that moved, and lines that changed their rate."""
+"""Remembered values of earlier runs: devices that moved, and lines that changed their rate."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -12,17 +12,17 @@ from gateway.service.state import Memory
 
 
 def rate_key(line: LinePlan) -> str:
-    """What a line's rate is remembered by: its port, so that no other config's line is meant."""
+    """The key for a line's rate: its port, so that a line of another config is not meant."""
     return line.port.port
 
 
 def address_key(line: LinePlan, device: DeviceSettings) -> str:
-    """What a device's address is remembered by."""
+    """The key for a device's address."""
     return f"{line.port.port} {device.name}"
 
 
 def rate(line: LinePlan, memory: Memory) -> int:
-    """The rate that the line was left at."""
+    """The present rate of the line."""
     configured = line.line.timing.baud
     now = memory.recall(rate_key(line), configured)
     return now if now in BAUD_RATES else configured
@@ -37,7 +37,7 @@ def addresses(line: LinePlan, memory: Memory) -> Mapping[str, int]:
 
 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
-    """Every remembered value that the gateway goes by instead of what the config says."""
+    """All remembered values that the gateway uses instead of the config."""
     to_forget = f"to forget it, stop the gateway and delete its entry in {memory.file}, or the file"
     for line in plan.lines:
         name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)

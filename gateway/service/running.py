@@ -1,4 +1,4 @@
-"""The parts of a gateway at work: opened, watched, exchanged for others, closed."""
+"""A running gateway: opens, watches, replaces and closes its parts."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable
@@ -15,21 +15,21 @@ from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
 from gateway.service.recent import Recent
 
-#: How long requests that are in progress, and the clients that take their responses, may take when their part ends, in
-#: seconds; and how long ports may take to close then. With the end of the process that is less than 5 s. Only a disk
-#: that hangs adds to it: 1 s for the files of the state folder, or 2 s where persistent images are.
+#: How long requests in progress and their clients may take when their part stops, in seconds; and how long ports may
+#: take to close then. In total the process ends in less than 5 s. Only a disk that hangs adds to it: 1 s for the files
+#: of the state folder, or 2 s with persistent images.
 DRAIN_TIME: Final = 3.0
 CLOSING_TIME: Final = 1.5
-#: How often those who wait for them look whether they are done, in seconds.
+#: How often this is checked, in seconds.
 _DRAIN_STEP: Final = 0.02
-#: How long a line rests after an unexpected error in its task, in seconds.
+#: The pause before a line's task is restarted after an unexpected error, in seconds.
 _RESTART_PAUSE: Final = 1.0
 
 
 class Running:
-    """A gateway at work. `sockets` are those that were bound before the process began.
+    """A running gateway. `sockets` are those that were bound before the process started.
 
-    `left_behind` are the answers that earlier lines still had to expect on their ports.
+    `left_behind` are late responses that may still arrive on ports of earlier lines.
     """
 
     def __init__(
@@ -42,22 +42,22 @@ class Running:
         gateway.route()
         self.gateway = gateway
         self.emit = emit
-        #: Set while clients can connect and nobody has ordered the end.
+        #: Set while clients can connect and no stop was ordered.
         self.ready = asyncio.Event()
-        #: Whether the config was good when it was read last.
+        #: Whether the config was accepted when it was last read.
         self.reload_succeeded = True
         self.recent = Recent(gateway, asyncio.get_running_loop().time())
         self._sockets = sockets or OpenSockets()
         self._left_behind = left_behind or LeftBehind()
         self._tasks: dict[Part, asyncio.Task[None]] = {}
-        #: Listeners that the config does not have any more, and that still have clients.
+        #: Listeners that were removed from the config and still have clients.
         self._going: list[Listener] = []
 
     async def bind(self) -> None:
-        """Take the addresses of all listeners.
+        """Bind the addresses of all listeners.
 
         Raises:
-            ListenError: one of them cannot be used, or a socket that was bound before is nobody's.
+            ListenError: one of them cannot be used, or an inherited socket belongs to no listener.
         """
         await self._bind(self.gateway, self.gateway.listeners, self._sockets)
 
@@ -80,7 +80,7 @@ class Running:
             mirror.start()
 
     def start_listening(self) -> None:
-        """Let clients come in.
+        """Accept clients.
 
         Raises:
             ListenError: another program has taken an address meanwhile.
@@ -96,10 +96,9 @@ class Running:
             listener.close()
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
-        """Take no more clients and requests, and let what is in progress finish, unless that becomes urgent.
+        """Take no more clients and requests, and let those in progress finish, unless that becomes urgent.
 
-        What is not finished after DRAIN_TIME is answered as if its line had gone: 0B when it was sent, 0A when it was
-        not.
+        Requests that are not finished after DRAIN_TIME are answered as if their line was lost: 0B if sent, 0A if not.
         """
         listeners = (*self.gateway.listeners, *self._going)
         drivers = [part.driver for part in self._tasks]
@@ -112,7 +111,7 @@ class Running:
                 driver.port_down(PortError("the gateway is stopping"))
 
     async def switch(self, new: Gateway) -> None:
-        """Go over to another gateway. Parts that both have go on as if nothing happened.
+        """Switch to another gateway. Parts that both have are not interrupted.
 
         Raises:
             ListenError: as `bind`; nothing has changed.
@@ -146,7 +145,7 @@ class Running:
                 mirror.start()
 
     async def _take_sockets(self, new: Gateway, come: list[Listener], gone: list[Listener]) -> None:
-        """Let clients wait at the addresses of those that `come`, also where these were in the way that have `gone`."""
+        """Listen at the addresses of the new listeners (`come`), replacing old ones (`gone`) where necessary."""
         sockets = OpenSockets(self._sockets.all, leaving=(sock for one in gone for sock in one.sockets))
         try:
             await self._bind(new, come, sockets)
@@ -159,7 +158,7 @@ class Running:
             raise
 
     async def _bind(self, gateway: Gateway, come: Iterable[Listener], sockets: OpenSockets) -> None:
-        """Take the addresses of those of the gateway's listeners that `come`."""
+        """Bind the addresses of the new listeners (`come`)."""
         for error in await asyncio.gather(*(listener.find() for listener in come), return_exceptions=True):
             if error is not None:
                 raise error
@@ -168,7 +167,7 @@ class Running:
         self._check_inherited_sockets(gateway)
 
     def _check_inherited_sockets(self, gateway: Gateway) -> None:
-        """Clients of a socket that nobody looks after would wait for ever."""
+        """Check that each inherited socket belongs to a listener: otherwise its clients would wait for ever."""
         left_over = self._sockets.without(sock for one in gateway.listeners for sock in one.sockets)
         if left_over:
             advice = "add one, or take it out of modbus-gateway.socket, then systemctl restart modbus-gateway.socket"
@@ -182,19 +181,19 @@ class Running:
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:
-        """End a listener that takes no requests any more, once its clients have their answers."""
+        """Close a listener that takes no more requests, once its clients have their responses."""
         await _until(lambda: not listener.has_clients)
         listener.close()
         self._going.remove(listener)
 
     async def _retire(self, part: Part) -> None:
-        """End a part once what is in progress has finished; what waits is refused."""
+        """Stop a part once the requests in progress are finished; waiting ones are refused."""
         part.driver.finish()
         await _until(lambda: not part.driver.is_busy)
         await self._end([part])
 
     async def _start_after(self, before: list[asyncio.Task[None]], part: Part) -> None:
-        """Start a part once those that may be on its port have ended."""
+        """Start a part once the previous parts on its port have stopped."""
         if before:
             await asyncio.wait(before)
         self._start([part])
@@ -203,7 +202,7 @@ class Running:
         tasks = [self._tasks[part] for part in parts if part in self._tasks]
         for task in tasks:
             task.cancel()
-        with suppress(TimeoutError):  # then a driver hangs, and the end of the process closes its port
+        with suppress(TimeoutError):  # a driver hangs; its port is closed with the process
             async with asyncio.timeout(CLOSING_TIME):
                 await asyncio.gather(*tasks, return_exceptions=True)
         now = asyncio.get_running_loop().time()
@@ -219,14 +218,14 @@ async def _keep(part: Part, emit: events.Emit) -> None:
     while True:
         try:
             await reconnector.run()
-        except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: one line's defect is not the others'
+        except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: others go on
             emit(events.PartFailed.of(f"line {part.name}", error))
             reconnector.failed(PortError(f"a defect in the gateway: {error!r}"))
         await asyncio.sleep(_RESTART_PAUSE)
 
 
 def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver]) -> bool:
-    """Whether a client still has to get an answer."""
+    """Whether a client still has to get a response."""
     return any(one.has_clients for one in listeners) or any(one.is_busy for one in drivers)
 
 

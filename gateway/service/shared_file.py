@@ -1,7 +1,7 @@
-"""A file of JSON in the state folder that several gateways may share: each changes its own entries only.
+"""A JSON file in the state folder that several gateways may share: each changes only its own entries.
 
-A change that cannot be written is tried again until it can be. A damaged file is moved aside, and what can be read of
-it serves on. What is written is never a file that a link leads to: the folder's owner may have put that there.
+A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and what can be read of
+it is used. Symbolic links are never followed for writing: the owner of the folder may have planted them.
 """
 
 import json
@@ -21,14 +21,14 @@ from gateway.ports.ownership import give_to_owner_of_folder
 
 #: How long another gateway may take to write, in seconds.
 LOCK_DEADLINE: Final = 2.0
-#: How long the end of this one waits for a change to be written, in seconds. It counts from the change: files that were
+#: How long stopping waits for a change to be written, in seconds, counted from the change: files that were
 #: changed together are waited for together.
 CLOSING_DEADLINE: Final = 1.0
-#: How long after a failure it is tried again, in seconds: first, and at most.
+#: The pause before a failed write is repeated, in seconds: at first, and at most.
 FIRST_PAUSE: Final = 1.0
 LONGEST_PAUSE: Final = 60.0
 _LOCK_STEP: Final = 0.02
-#: More of a file is not read, in bytes: it is damaged then.
+#: A larger file counts as damaged, in bytes.
 _LARGEST: Final = 1 << 20
 
 Entries = dict[str, Any]
@@ -45,7 +45,7 @@ class Content(NamedTuple):
 class SharedFile:
     """Entries by key; `is_entry` says whether one is well-formed.
 
-    Changes are written by a thread, those that come meanwhile together. Trouble is told when it begins and when it
+    A thread writes the changes, those that arrive meanwhile together. Trouble is told when it begins and when it
     ends.
     """
 
@@ -53,7 +53,7 @@ class SharedFile:
         self.file = file
         self._is_entry = is_entry
         self._emit = emit
-        #: What is in the file, as far as is known here.
+        #: The content of the file as last known.
         self._entries: Entries = {}
         self._guard = Condition()
         self._changes: Entries = {}
@@ -63,7 +63,7 @@ class SharedFile:
         self._closing = False
 
     def read(self) -> Entries:
-        """All entries; none if there is no file, or it cannot be read, which is told."""
+        """All entries; none if there is no file, or it cannot be read, which is logged."""
         content = Content({})
         try:
             content = read_content(self.file, self._is_entry)
@@ -78,7 +78,7 @@ class SharedFile:
         return dict(content.entries)
 
     def _repair(self) -> Content:
-        """Move a damaged file aside and keep what could be read of it, unless another gateway has done so meanwhile.
+        """Move a damaged file aside and keep what could be read, unless another gateway has done so meanwhile.
 
         Raises:
             OSError: it cannot be read or moved.
@@ -93,7 +93,7 @@ class SharedFile:
         return content
 
     def change(self, key: str, entry: object | None) -> None:
-        """Write an entry soon; None takes it out."""
+        """Write an entry soon; None deletes it."""
         with self._guard:
             self._changes[key] = entry
             self._changed_at = time.monotonic()
@@ -103,7 +103,7 @@ class SharedFile:
                 self._writer.start()
 
     def close(self) -> None:
-        """Wait until all changes are written, but not for a disk that hangs. What failed before is tried once more."""
+        """Wait until all changes are written, but not for a disk that hangs. Failed ones are tried once more."""
         with self._guard:
             writer, since = self._writer, time.monotonic() if self._fails else self._changed_at
             self._closing = True
@@ -119,7 +119,7 @@ class SharedFile:
             try:
                 with _lock(self.file):
                     self._replace(changes)
-            except Exception as error:  # noqa: BLE001 - whatever a file holds, later changes must find a writer
+            except Exception as error:  # noqa: BLE001 - the writer must survive for later changes
                 self._failed(getattr(error, "strerror", None) or str(error))
                 if not self._may_try_again(changes, pause):
                     return
@@ -136,7 +136,7 @@ class SharedFile:
             return changes
 
     def _may_try_again(self, changes: Entries, pause: float) -> bool:
-        """Wait until `changes`, which could not be written, are tried again; not at the end of the gateway."""
+        """Wait until failed `changes` are to be tried again; False when the gateway is stopping."""
         with self._guard:
             self._changes = changes | self._changes
             if not self._closing:
@@ -146,7 +146,7 @@ class SharedFile:
             return False
 
     def _replace(self, changes: Entries) -> None:
-        """Change the file, in which others may have changed theirs.
+        """Merge the changes into the file, which other gateways may have changed.
 
         Raises:
             OSError: it cannot be read or written.
@@ -177,7 +177,7 @@ class SharedFile:
 
 
 def read_content(file: Path, is_entry: IsEntry) -> Content:
-    """What is in a file; nothing if there is no such file.
+    """Read a file; empty if it does not exist.
 
     Raises:
         OSError: it cannot be read.
@@ -187,33 +187,33 @@ def read_content(file: Path, is_entry: IsEntry) -> Content:
     except FileNotFoundError:
         return Content({})
     except (ValueError, RecursionError) as error:
-        return Content({}, f"it is no JSON, or only a part of it ({error})")
+        return Content({}, f"it is not valid JSON ({error})")
     if not isinstance(entries, dict):
         return Content({}, "it is not a file of this gateway")
     sound = {key: entry for key, entry in entries.items() if is_entry(entry)}
     if len(sound) < len(entries):
-        return Content(sound, f"{len(entries) - len(sound)} of {len(entries)} entries are none of this gateway's")
+        return Content(sound, f"{len(entries) - len(sound)} of {len(entries)} entries are not valid")
     return Content(sound)
 
 
 def _text(file: Path) -> bytes:
-    """What is in a plain file of a size that it can have.
+    """Read a regular file of limited size.
 
     Raises:
-        OSError: it cannot be read, or is something else: a pipe, a device.
+        OSError: it cannot be read, or is not a regular file.
     """
-    with open(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:  # noqa: PTH123 - nothing but open takes this
+    with open(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:  # noqa: PTH123 - Path.open takes no descriptor
         if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-            raise OSError(None, "it is no plain file")
+            raise OSError(None, "it is not a regular file")
         return stream.read(_LARGEST)
 
 
 @contextmanager
 def _lock(file: Path) -> Iterator[None]:
-    """In its context no other gateway changes the file.
+    """Lock the file against other gateways inside the context.
 
     Raises:
-        OSError: another program keeps it to itself.
+        OSError: another program holds the lock.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + LOCK_DEADLINE
@@ -226,7 +226,7 @@ def _lock(file: Path) -> Iterator[None]:
 
 
 def _open(file: Path, flags: int) -> TextIO:
-    """A file of ours to write, never one that a link leads to; it belongs to whom the folder belongs to.
+    """Open a file for writing without following links; its owner becomes that of the folder.
 
     Raises:
         OSError: it cannot be written, or is a link.
@@ -249,7 +249,7 @@ def _try_lock(lock: TextIO) -> bool:
 
 
 def _replace_content(file: Path, entries: Entries) -> None:
-    """Let `entries` be the content of the file, on the disk when this returns; it is never half there."""
+    """Replace the content of the file atomically; it is on the disk when this returns."""
     fresh = file.with_suffix(".new")
     fresh.unlink(missing_ok=True)
     with _open(fresh, os.O_EXCL) as stream:

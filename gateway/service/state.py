@@ -1,8 +1,8 @@
-"""What the gateway must not forget over a restart: devices that moved, and lines that changed their rate.
+"""Values that survive a restart: addresses of devices that moved, and rates of lines that changed.
 
     {"/dev/ttyS1 silo-1": {"configured": 1, "now": 5}, "/dev/ttyS1": {"configured": 9600, "now": 19200}}
 
-An entry holds as long as the config says what it said then: who edits the config knows better.
+An entry applies as long as the configured value is the same: an edited config has priority.
 """
 
 import os
@@ -19,7 +19,7 @@ _HIGHEST_RATE: Final = 100_000_000
 
 
 def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0) -> Path:
-    """Where state is kept: where systemd says, in /var/lib as root, else in the user's own state folder."""
+    """The state folder: set by systemd, in /var/lib for root, else in the user's own state folder."""
     if given := environment.get("STATE_DIRECTORY"):
         return Path(given.split(":")[0])
     if is_root:
@@ -29,7 +29,7 @@ def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool =
 
 
 class Memory:
-    """Remembered values, one integer a key. `file` is where they come from."""
+    """Remembered values, one integer for each key. `file` is their source."""
 
     def __init__(self, file: str = "", entries: Entries | None = None) -> None:
         self.file = file
@@ -42,17 +42,17 @@ class Memory:
         return now
 
     def remember(self, key: str, configured: int, now: int) -> None:
-        """Keep the value of `key`; nothing is kept once it is what the config says."""
+        """Remember the value of `key`; forget it if it equals the configured one."""
         self._entries.pop(key, None)
         if now != configured:
             self._entries[key] = {"configured": configured, "now": now}
 
     def close(self) -> None:
-        """Nothing more is remembered."""
+        """Stop remembering."""
 
 
 def read_memory(folder: Path) -> Memory:
-    """What is remembered in `folder`, to look at.
+    """Read the remembered values in `folder`, for display.
 
     Raises:
         StateError: the file is damaged, or cannot be read.
@@ -70,7 +70,7 @@ def read_memory(folder: Path) -> Memory:
 
 
 class StateFile(Memory):
-    """A memory in a file, which follows each change. A damaged one is moved aside: see SharedFile."""
+    """A memory that is written to a file after each change. A damaged file is moved aside: see SharedFile."""
 
     def __init__(self, folder: Path, emit: Emit) -> None:
         self._shared = SharedFile(folder / FILE_NAME, _is_entry, emit)
@@ -82,7 +82,7 @@ class StateFile(Memory):
         self._shared.change(key, self._entries.get(key))
 
     def close(self) -> None:
-        """Nothing more is remembered; returns when the file has been written."""
+        """Stop remembering; returns when the file has been written."""
         self._shared.close()
 
 

@@ -1,6 +1,6 @@
-"""How a gateway is doing: one snapshot, for everything that shows it. `dataclasses.asdict` makes JSON of it.
+"""The status of a gateway: one snapshot for all commands. `dataclasses.asdict` converts it for JSON.
 
-Counts are those since the start. Durations have their unit in their name.
+Counts are since the start. Durations have their unit in their name.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,7 +24,7 @@ from gateway.timing.measured import NEVER, Phases, Times
 
 @dataclass(frozen=True, slots=True)
 class ListenerStatus:
-    """An address where clients connect. `denied` and `no_route` are requests that no unit was asked for."""
+    """An address where clients connect. `denied` and `no_route` are requests that were sent to no unit."""
 
     name: str
     address: str
@@ -37,7 +37,7 @@ class ListenerStatus:
 
 @dataclass(frozen=True, slots=True)
 class ClientStatus:
-    """A client that is connected, or has sent datagrams. It asked last so long ago; None if it never did."""
+    """A client that is connected, or has sent datagrams. Its last request was so long ago; None if there was none."""
 
     client: str
     listener: str
@@ -46,13 +46,13 @@ class ClientStatus:
 
 @dataclass(frozen=True, slots=True)
 class LineStatus:
-    """A line. `reason` says why it is down. `late_windows` is how many late answers are awaited.
+    """A client line. `reason` says why it is down. `late_windows` is how many late responses are still expected.
 
-    `wire` is how bytes travel; it may be `auto` as long as its port was never open.
+    `wire` may be `auto` until the port was open once.
 
-    `phases` are the seconds that went into requests, waiting for responses, responses, and the silences behind them;
-    `busy_s` is all of that. `busy_share` of the last minute, and so many requests a second, were its own; None in the
-    first second. `counts` are those of all its units and of its broadcasts.
+    `phases` are the seconds spent on requests, waiting for responses, responses, and the silences after them; `busy_s`
+    is their sum. `busy_share` and requests per second are of the last minute; None in the first second. `counts` are
+    those of all its units and of its broadcasts.
     """
 
     name: str
@@ -76,7 +76,7 @@ class LineStatus:
 
 @dataclass(frozen=True, slots=True)
 class ServerStatus:
-    """A line where an outside client asks us for the units that it `serves`. `reason` says why it is down."""
+    """A server line, which answers for the units in `serves`. `reason` says why it is down."""
 
     name: str
     source: str
@@ -95,7 +95,7 @@ class ServerStatus:
 class UpstreamStatus:
     """A connection to another server. `reason` says why there is none. `queue` requests wait, and `under_way` are sent.
 
-    `overdue` is how many late answers are awaited. `counts` are those of all its units.
+    `overdue` is how many late responses are still expected. `counts` are those of all its units.
     """
 
     name: str
@@ -112,10 +112,10 @@ class UpstreamStatus:
 
 @dataclass(frozen=True, slots=True)
 class TimesStatus:
-    """How long requests took: the median and what 99 of 100 did not exceed, as far as fixed buckets tell.
+    """How long requests took: median and 99th percentile, estimated from fixed buckets.
 
-    `wait` is until a request was sent; `answer` is from its last character to the last one of a valid response, and
-    `limit_share` that time's share of the limit. `limit_ms` is the last one. None before the first request.
+    `wait` is until a request was sent; `answer` is from its last character to the last one of a valid response;
+    `limit_share` is the share of the limit that this took. `limit_ms` is the last limit. None before the first request.
     """
 
     wait_p50_ms: float | None
@@ -131,11 +131,11 @@ class TimesStatus:
 class UnitStatus:
     """A unit on a line or behind an upstream, which `line` names: `unit` to clients, `on_the_wire` there.
 
-    It is failing after `failures` in a row, and after three of them it rests: `rests_ms` are left of that. The last
-    valid answer came `last_answer_ms` ago, and what was sent and not answered well was so `last_error_ms` ago.
-    `exceptions` are those of the unit itself, by code. `functions` are the counts of each function that was asked, 0
-    standing for all that the gateway does not know, and `function_times` their times; `times` are those of all. A
-    client's time-out should be longer than `longest_wait_ms`.
+    It is failing after `failures` in a row, and after three of them it backs off: `rests_ms` are left of that. The last
+    valid response was `last_answer_ms` ago, the last error after a request was sent `last_error_ms` ago.
+    `exceptions` are those of the unit itself, by code. `functions` are the counts of each function that was requested,
+    0 for all unknown ones, and `function_times` their times; `times` are those of all. A client's time-out should be
+    longer than `longest_wait_ms`.
     """
 
     line: str
@@ -171,7 +171,7 @@ class ImageStatus:
 
 @dataclass(frozen=True, slots=True)
 class RangeStatus:
-    """Addresses that a mirror polls, and how old their values are; None while they are not known."""
+    """Addresses that a mirror polls, and the age of their values; None while they are unknown."""
 
     addresses: str
     every_ms: float
@@ -180,7 +180,7 @@ class RangeStatus:
 
 @dataclass(frozen=True, slots=True)
 class MirrorStatus:
-    """A unit that the gateway answers from what it polls of the device `of`."""
+    """A mirror of the device `of`."""
 
     unit: int
     name: str
@@ -195,7 +195,7 @@ class MirrorStatus:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """The whole gateway, in the order of its config. `at` is when: in seconds of the loop's clock."""
+    """The whole gateway, in the order of its config, at the time `at` of the loop's clock, in seconds."""
 
     at: float
     listeners: tuple[ListenerStatus, ...]
@@ -209,7 +209,7 @@ class Status:
 
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
-    """How `gateway` is doing at `now`, and did in `recent` time if somebody has looked."""
+    """The status of `gateway` at `now`, with rates from `recent` if given."""
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     return Status(
         at=now,
@@ -363,7 +363,7 @@ def _sum(units: Iterable[UnitCounts]) -> Counts:
 
 
 def _times(of: Iterable[Times]) -> TimesStatus:
-    """Those of several functions together. The limit is the longest one."""
+    """The times of several functions together. The limit is the longest one."""
     times = tuple(of)
     wait = merged(SECONDS, (each.wait for each in times))
     answer = merged(SECONDS, (each.answer for each in times))

@@ -13,7 +13,7 @@ from gateway.service.watchdog import summary, watch
 
 
 class Stop:
-    """The order to end: the first one lets requests in progress finish, the second one does not wait for them."""
+    """The order to stop: after the first one, requests in progress are finished; a second one ends that."""
 
     def __init__(self) -> None:
         self.reason = ""
@@ -21,7 +21,7 @@ class Stop:
         self._asked = asyncio.Event()
 
     def order(self, reason: str) -> None:
-        """Order an end, or a quicker one."""
+        """Order a stop, or an immediate one."""
         self.at_once = self._asked.is_set()
         self.reason = self.reason or reason
         self._asked.set()
@@ -61,7 +61,7 @@ async def serve(
 
 @asynccontextmanager
 async def keep_lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[Running]:
-    """Open the port of every line and keep it open; on entry each one was tried once. At the end all are closed."""
+    """Open the port of every line and keep it open; each was tried once on entry. All are closed at the end."""
     running = Running(gateway, emit)
     async with running.lines_open():
         await running.tried()
@@ -83,7 +83,7 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
 
 
 async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:
-    """Whether `step` was done before the order to stop; if not, it is given up. Raises what `step` raises."""
+    """Whether `step` finished before the order to stop; if not, it is cancelled. Raises what `step` raises."""
     doing, asked = asyncio.create_task(step, name="start"), asyncio.create_task(stop.wait(), name="stop")
     await asyncio.wait((doing, asked), return_when=asyncio.FIRST_COMPLETED)
     asked.cancel()

@@ -1,6 +1,6 @@
-"""What systemd and a service tell each other: readiness, state and signs of life; sockets that were opened before.
+"""The systemd protocol of a service: readiness, status and watchdog messages; inherited sockets.
 
-See sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3). Without systemd all of it does nothing.
+See sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3). Without systemd nothing is done.
 """
 
 import os
@@ -14,15 +14,15 @@ _FIRST_DESCRIPTOR: Final = 3
 
 
 class Notifier:
-    """Tells systemd how the service is doing. A systemd that does not listen is no trouble of ours."""
+    """Sends notifications to systemd. Failures to send are ignored."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         path = environment.get("NOTIFY_SOCKET", "")
         self._address = f"\0{path[1:]}" if path.startswith("@") else path
-        #: Within how many seconds it wants a sign of life; 0 for never.
+        #: The watchdog period in seconds; 0 for none.
         self.watchdog = _watchdog_period(environment)
-        #: The step that it had no room to hear of yet.
-        self._unheard = ""
+        #: The last step, if it could not be sent yet.
+        self._unsent = ""
 
     def ready(self, status: str) -> None:
         """Clients can connect, or a reload is over."""
@@ -39,25 +39,25 @@ class Notifier:
         self._tell(f"STATUS={text}")
 
     def alive(self) -> None:
-        """A sign of life."""
+        """Reset the watchdog."""
         self._repeat_step()
         self._tell("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """The end has begun."""
+        """The service is stopping."""
         self._step("STOPPING=1")
 
     def _step(self, step: str) -> None:
-        """Tell it now, or else when something is told next; only the last one counts."""
-        self._unheard = step
+        """Send a step now, or with the next message; only the last step matters."""
+        self._unsent = step
         self._repeat_step()
 
     def _repeat_step(self) -> None:
-        if self._unheard and self._tell(self._unheard):
-            self._unheard = ""
+        if self._unsent and self._tell(self._unsent):
+            self._unsent = ""
 
     def _tell(self, line: str) -> bool:
-        """False if systemd has not read what it was told before, and has no room for more."""
+        """Send a line; False if systemd's socket is full."""
         if not self._address:
             return True
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:

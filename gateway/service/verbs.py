@@ -1,4 +1,4 @@
-"""What the daemon does for those who ask at its control socket."""
+"""The verbs of the control socket."""
 
 import asyncio
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Signs of life for systemd: only while the event loop is quick and every line does what is due."""
+"""The watchdog: systemd is notified only while the event loop and every line react in time."""
 
 import asyncio
 from typing import Final
@@ -7,18 +7,18 @@ from gateway.service.build import Gateway, Part
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 
-#: A loop, or a line, that is late by so many seconds gives no sign of life.
+#: While the loop or a line is late by this many seconds, systemd is not notified.
 LATE: Final = 1.0
-#: Signs of life in each period that systemd allows, at least.
+#: The least number of notifications in each watchdog period.
 _SIGNS: Final = 3
-#: How soon the status text follows what has happened, in seconds.
+#: How often the status text is updated, in seconds.
 _STATUS_PERIOD: Final = 1.0
-#: So many characters a summary has at most, roughly: systemd ignores what is longer than 4096 bytes as a whole.
+#: The approximate limit of a summary, in characters: systemd ignores messages longer than 4096 bytes.
 _LONGEST_SUMMARY: Final = 1000
 
 
 async def watch(running: Running, notifier: Notifier) -> None:
-    """Tell systemd how the gateway is doing, until cancelled."""
+    """Notify systemd until cancelled."""
     loop = asyncio.get_running_loop()
     period = min(notifier.watchdog / _SIGNS or _STATUS_PERIOD, _STATUS_PERIOD)
     while True:
@@ -31,7 +31,7 @@ async def watch(running: Running, notifier: Notifier) -> None:
 
 
 def stuck(gateway: Gateway, now: float) -> list[str]:
-    """The lines and upstreams that should have done something for LATE seconds and more."""
+    """The lines and upstreams that are late by LATE seconds or more."""
     return [part.name for part in gateway.parts if part.driver.overdue(now) >= LATE]
 
 
@@ -49,7 +49,7 @@ def summary(gateway: Gateway) -> str:
 
 
 def _trouble(part: Part) -> str:
-    """Why a part has no port; nothing if it has one."""
+    """Why a part's port is not open; empty if it is."""
     reconnector = part.reconnector
     if not reconnector.tried.is_set():
         return f"{part.name}: not tried yet"

@@ -1,4 +1,4 @@
-"""`[web]`: what the gateway tells over HTTP. Its libraries are loaded only if the config wants it."""
+"""`[web]`: metrics and health over HTTP. Its libraries are loaded only if configured."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -18,7 +18,7 @@ _MISSING = "{} is not installed: pip install 'mbgw[web]'"
 
 @asynccontextmanager
 async def web_pages(plan: WebPlan | None, running: Running) -> AsyncIterator[None]:
-    """In its context the gateway answers over HTTP if the config says so. If that fails, it is only logged."""
+    """Serve HTTP inside the context if configured. A failure to do so is only logged."""
     async with AsyncExitStack() as stack:
         if plan is not None:
             try:
@@ -42,10 +42,10 @@ async def _open(plan: WebPlan, running: Running) -> AsyncIterator[None]:
 
 
 def _token(plan: WebPlan) -> str:
-    """The token that is needed; empty for none.
+    """Read the required token; empty for none.
 
     Raises:
-        OSError: it cannot be read, or there is none in the file.
+        OSError: the file cannot be read or is empty.
     """
     if plan.token is None:
         return ""
@@ -66,7 +66,7 @@ class _Answers:
         self.content_type: str = metrics.CONTENT_TYPE
 
     async def metrics(self) -> bytes:
-        """Read at once, written in a thread: the lines do not wait for the text."""
+        """Read the counters at once and format them in a thread, so that lines do not wait for that."""
         loop = asyncio.get_running_loop()
         families = self._read(self._running, loop.time())
         text: bytes = await loop.run_in_executor(ThreadPerCall("metrics"), self._exposition, families)
@@ -77,7 +77,7 @@ class _Answers:
         self._running.emit(events.PartFailed.of("web", error))
 
     def trouble(self) -> str:
-        """Ready while clients can connect and anything can answer them."""
+        """Why the gateway is not ready: it is while clients can connect and a line is up or an image exists."""
         if not self._running.ready.is_set():
             return "clients cannot connect"
         gateway = self._running.gateway

@@ -212,7 +212,7 @@ def test_wrong_options_are_refused(option, complaint, capsys):
 
 def test_a_unit_that_the_daemon_does_not_have_is_a_problem(daemon, capsys):
     assert main(["read", "silo-2"]) == 1
-    assert 'nothing is called "silo-2"' in capsys.readouterr().err
+    assert 'nothing has the name "silo-2"' in capsys.readouterr().err
 
 
 def test_help_shows_an_example_in_80_columns(capsys):

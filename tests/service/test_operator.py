@@ -111,7 +111,7 @@ async def test_the_operator_who_is_cancelled_wants_nothing_more():
 @pytest.mark.parametrize(
     ("unit", "pdu", "reason"),
     [
-        ("silo1", "03", 'nothing is called "silo1"; did you mean "silo-1"\\?'),
+        ("silo1", "03", 'nothing has the name "silo1"; did you mean "silo-1"\\?'),
         (None, "03", '"unit" must be a number from 0 to 255, or a name'),
         (256, "03", '"unit" must be a number'),
         (True, "03", '"unit" must be a number'),
@@ -137,5 +137,5 @@ async def test_a_unit_is_shown_with_what_it_accepts_and_its_points():
         assert (picture(bench.gateway, 200).kind, picture(bench.gateway, 200).longest_wait_ms) == ("image", 0.0)
         assert picture(bench.gateway, "image-241").points[0].name == "weight"
         assert picture(bench.gateway, 37).kind == "upstream"
-        with pytest.raises(WrongQuestion, match="there is no unit 99; modbus-gateway check shows"):
+        with pytest.raises(WrongQuestion, match="there is no unit 99; modbus-gateway check lists"):
             picture(bench.gateway, 99)

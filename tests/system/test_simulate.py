@@ -218,7 +218,7 @@ def test_a_word_that_cannot_be_used(words: list[str], complaint: str, capsys) ->
         (["mint", "--mode", "rtu"], "a mint does not speak rtu"),
         (["weigher", "--mode", "ascii"], "a weigher does not speak ascii"),
         (["weigher", "--baud", "4800"], "cannot be set to 4800 baud"),
-        (["generic", "--silent-unit", "7"], "there is no unit 7 on this line: it has 1"),
+        (["generic", "--silent-unit", "7"], "there is no unit 7 on this line; it has 1"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
