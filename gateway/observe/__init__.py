@@ -1,1 +1,1 @@
-"""What operators see of the gateway: its log."""
+"""The log and the metrics of the gateway."""

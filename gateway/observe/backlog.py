@@ -1,4 +1,4 @@
-"""What is to be logged and not yet written: bounded, so that a log that nobody reads costs nothing but its lines."""
+"""The queue of log entries: bounded, so that a log that is not read costs only its own lines."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -8,19 +8,19 @@ from typing import Final
 
 from gateway.events import Level
 
-#: Entries that may wait. Those that nobody can cause at will may go on from there, so that whoever causes many others
-#: cannot make a write go untold.
+#: The most waiting entries. Entries that clients cannot cause at will may exceed it, so that a flood of others cannot
+#: displace the audit of a write.
 MOST_WAITING: Final = 1000
 MOST_WITH_RESERVE: Final = 2 * MOST_WAITING
-#: While entries are dropped, so many must have been written before others are taken.
+#: Once entries are dropped, this many must be written before new ones are accepted.
 _TAKES_AGAIN: Final = MOST_WAITING // 2
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Something to be logged. `at` is for comparing times, `clock` is the time of day (POSIX); both in seconds.
+    """An entry of the log. `at` is monotonic, `clock` is the time of day (POSIX); both in seconds.
 
-    It tells of so many `events`, of which so many are `write_audits`.
+    It stands for this many `events`, `write_audits` among them.
     """
 
     at: float
@@ -28,7 +28,7 @@ class Entry:
     level: int
     name: str
     fields: Mapping[str, object]
-    #: Whether few such lines a second will do. It leaves the last places to others then.
+    #: Whether such lines are rate limited. Only other entries may exceed MOST_WAITING.
     is_limited: bool = True
     events: int = 1
     write_audits: int = 0
@@ -36,38 +36,38 @@ class Entry:
 
 @dataclass(slots=True)
 class Missing:
-    """Events that the log lacks; so many of them were `write_audits`."""
+    """The number of dropped events, and of `write_audits` among them."""
 
     events: int = 0
     write_audits: int = 0
 
     def add(self, entry: Entry) -> None:
-        """Count those of an entry that will not be written."""
+        """Count the events of an entry that is not written."""
         self.events += entry.events
         self.write_audits += entry.write_audits
 
     def note(self, at: float, clock: float) -> Entry:
-        """The entry that tells of them: `events_dropped`."""
+        """The entry that reports them: `events_dropped`."""
         fields = {"dropped": self.events, "write_audits": self.write_audits}
         return Entry(at, clock, Level.WARNING, "events_dropped", fields, False, self.events, self.write_audits)
 
 
 class Backlog:
-    """Entries in the order in which they came. Any thread may put, one thread takes.
+    """Entries in order. Any thread may put, one thread takes.
 
-    When it is full, entries are dropped and counted until half of it has been taken. Then the count follows, in the
-    place of those that are missing.
+    When it is full, entries are dropped and counted until half of it has been taken. Then the count is added where the
+    entries are missing.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[Entry] = deque()
         self._missing = Missing()
         self._closed = False
-        # Reentrant: the garbage collector may let asyncio complain in the middle of `put`.
+        # Reentrant: during `put`, the garbage collector may cause asyncio to log something.
         self._changed = Condition()
 
     def put(self, entry: Entry) -> None:
-        """Add an entry, or count it as dropped. Never waits for the one who takes."""
+        """Add an entry, or count it as dropped. Never waits for the writer."""
         with self._changed:
             if self._has_room(entry):
                 self._waiting.append(entry)
@@ -76,7 +76,7 @@ class Backlog:
                 self._missing.add(entry)
 
     def take(self, patience: float | None = None) -> Entry | None:
-        """The next entry; None when there was none for so many seconds (None: for ever), or no other will come."""
+        """The next entry; None if there was none for `patience` seconds (None: no limit), or it is closed and empty."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._closed, patience)
             if not self._waiting:
@@ -93,7 +93,7 @@ class Backlog:
         return len(self._waiting) < MOST_WITH_RESERVE
 
     def close(self) -> None:
-        """No other entry will come."""
+        """Accept no more entries."""
         with self._changed:
             self._closed = True
             self._changed.notify()

@@ -1,4 +1,4 @@
-"""The systemd journal: one datagram an event, each field of it a field of the journal (systemd.journal-fields(7)).
+"""The systemd journal: one datagram for each event, with its fields as journal fields (systemd.journal-fields(7)).
 
 journalctl -u modbus-gateway MODBUS_UNIT=46
 journalctl -u modbus-gateway MODBUS_CLIENT_ADDRESS=10.2.0.7
@@ -24,7 +24,7 @@ _LENGTH: Final = Struct("<Q")
 
 
 def leads_to_journal(descriptor: int, environment: Mapping[str, str] = os.environ) -> bool:
-    """Whether what is written to `descriptor` ends in the journal: systemd says which stream it has connected to it."""
+    """Whether `descriptor` is connected to the journal: systemd names the stream in JOURNAL_STREAM."""
     try:
         found = os.fstat(descriptor)
     except OSError:
@@ -33,17 +33,17 @@ def leads_to_journal(descriptor: int, environment: Mapping[str, str] = os.enviro
 
 
 class Journal:
-    """Writes entries to the journal. A journal that is restarted meanwhile is found again."""
+    """Writes entries to the journal. Reconnects after a restart of the journal."""
 
     def __init__(self, path: str = JOURNAL) -> None:
         self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 
     def write(self, entry: Entry) -> None:
-        """Write one entry; may take as long as it likes.
+        """Write one entry; may block.
 
         Raises:
-            OSError: there is no journal, or it takes nothing.
+            OSError: there is no journal, or it does not accept the entry.
         """
         self._socket.sendto(encode(entry), self._path)
 
@@ -64,7 +64,7 @@ def encode(entry: Entry) -> bytes:
 
 
 def _host(client: str) -> dict[str, str]:
-    """The address of a client without its port: the journal finds whole values only. A server line has none."""
+    """The address of a client without its port, because the journal matches whole values. A server line has none."""
     host, _, port = client.rpartition(":")
     return {"MODBUS_CLIENT_ADDRESS": host.strip("[]")} if port.isdecimal() and host else {}
 
@@ -74,7 +74,7 @@ def _text(value: object) -> str:
 
 
 def _field(name: str, value: bytes) -> bytes:
-    """`NAME=value`; a value of several lines stands behind its length instead."""
+    """`NAME=value`; a value of several lines is written after its length instead."""
     if b"\n" not in value:
         return name.encode() + b"=" + value + b"\n"
     return name.encode() + b"\n" + _LENGTH.pack(len(value)) + value + b"\n"

@@ -1,4 +1,4 @@
-"""How often the log may say the same: ten lines a second or fewer, later one a minute; and how many more there were."""
+"""Limits log lines about the same subject: to ten a second or fewer, later one a minute; counts the others."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -7,21 +7,22 @@ from heapq import heappop, heappush
 from itertools import count
 from typing import Final, NamedTuple
 
-#: Subjects that are told apart at a time; what comes beyond is told apart by its event name only.
+#: Subjects that are distinguished at a time; further ones only by their event name.
 MOST_SUBJECTS: Final = 1000
 
-#: What comes again within PAUSE goes on. What has gone on for STEADY is told once in STEADY only; both in seconds.
+#: A subject without a pause of PAUSE continues. After STEADY it is logged only once in STEADY; both in seconds.
 PAUSE: Final = 10.0
 STEADY: Final = 60.0
 
-#: What an event is about. Of a client its host counts: each connection has another port. Which unit it names does not
-#: count: it may name all of them. What became of its writes does: one host may be many clients behind a router.
+#: The fields that make the subject of an event. Of a client only the host counts, because each connection has another
+#: port. The unit of a client's event does not count, because it may name all units. The result of its writes does,
+#: because one host may be many clients behind a router.
 _KEY: Final = ("line", "unit", "listener", "client", "problem")
 _KEY_OF_CLIENT: Final = ("line", "listener", "client", "result")
 
 
 class Subject(NamedTuple):
-    """What lines that say the same have in common: urgency, event name, and what the event is about."""
+    """What lines about the same thing have in common: level, event name and key fields."""
 
     level: int
     name: str
@@ -40,14 +41,14 @@ def _without_port(part: str, value: object) -> object:
 
 @dataclass(slots=True)
 class _History:
-    """What has been told of a subject: since when it goes on, when it came last, when lines were written."""
+    """The history of a subject: when it began, when it last occurred, when lines were written."""
 
     since: float
     latest: float
     written: deque[float]
 
     def came(self, now: float) -> None:
-        """An event has come."""
+        """An event has occurred."""
         if now - self.latest > PAUSE:
             self.since = now
         self.latest = now
@@ -57,17 +58,17 @@ class _History:
 class Limiter:
     """Lets through at most `lines` about one subject in any `seconds`, and counts the rest.
 
-    Once `seconds` are over that began with a suppressed event, the count is due. The last line is kept for it, but the
-    only one is not: then the count is a line more. What goes on for `steady` seconds without a PAUSE is only counted
-    from then on, and its count is due once in STEADY.
+    The count is due `seconds` after the first suppressed event. One line is reserved for it, unless `lines` is 1: then
+    the count is an additional line. A subject that continues for `steady` seconds without a PAUSE is only counted from
+    then on, and its count is due once in STEADY.
     """
 
     lines: int = 10
     seconds: float = 1.0
     steady: float = STEADY
-    #: The subject that rests longest is the first.
+    #: The subject that was quiet for longest is the first.
     _histories: dict[Subject, _History] = field(default_factory=dict)
-    #: What is counted at the moment, and when that is due.
+    #: The present counts, and when they are due.
     _suppressed: dict[Subject, int] = field(default_factory=dict)
     _due: list[tuple[float, int, Subject]] = field(default_factory=list)
     _tickets: Iterator[int] = field(default_factory=count)
@@ -78,7 +79,7 @@ class Limiter:
         return self._due[0][0] if self._due else None
 
     def admits(self, subject: Subject, now: float, events: int = 1) -> bool:
-        """Whether a line about `subject` may be written; if not, the `events` that it tells of are counted."""
+        """Whether a line about `subject` may be written; if not, its `events` are counted."""
         subject = self._distinguish(subject, now)
         history = self._histories.pop(subject, None) or _History(now, now, deque(maxlen=self.lines))
         self._histories[subject] = history
@@ -107,14 +108,14 @@ class Limiter:
         return self.lines > 1
 
     def _distinguish(self, subject: Subject, now: float) -> Subject:
-        """The subject, or what it counts as when there are too many."""
+        """The subject; without its key fields if there are too many."""
         if subject in self._histories or len(self._histories) < MOST_SUBJECTS:
             return subject
         self._forget(now)
         return subject if len(self._histories) < MOST_SUBJECTS else subject._replace(key=())
 
     def _forget(self, now: float) -> None:
-        """Forget the subjects that have rested for `seconds`: no line about them counts any more."""
+        """Forget the subjects that were quiet for `seconds`: their lines no longer count."""
         while self._histories:
             subject, history = next(iter(self._histories.items()))
             if max([history.latest, *history.written]) > now - self.seconds:

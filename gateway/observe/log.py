@@ -1,4 +1,4 @@
-"""Events become log lines on standard error; structlog makes those for people."""
+"""Logs events on standard error; structlog formats the console output."""
 
 import json
 import logging
@@ -20,17 +20,17 @@ LogFormat = Literal["auto", "console", "json", "journald"]
 
 @contextmanager
 def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) -> Iterator[Emit]:
-    """In its context the function that logs events of `level` and above on `stream`, by default standard error.
+    """Yield a function that logs events of `level` and above on `stream`, by default standard error.
 
-    `console` is for people, with colours on a terminal unless NO_COLOR is set; `json` is one object a line; `journald`
-    goes to systemd's journal, and is `console` where there is none. `auto` is `journald` where standard error leads to
-    the journal, else `console`. What libraries log through Python's `logging` is written in the same way, from warnings
-    on.
+    `console` is readable text, with colours on a terminal unless NO_COLOR is set; `json` is one object a line;
+    `journald` writes to systemd's journal, or like `console` if there is none. `auto` is `journald` if standard error
+    is connected to the journal, else `console`. Warnings and errors that libraries log through Python's `logging` are
+    written in the same way.
 
-    The log never does harm: a thread writes it, at most ten lines a second about the same, one in ten seconds about
-    clients of one address that are sent away, and one about writes of theirs that are refused, one a minute about what
-    goes on for longer than that. Of what clients cause, each name has fifty lines in ten seconds. Accounts of other
-    writes and errors of the service are not limited. What cannot be written is counted.
+    Logging never blocks: a thread writes at most ten lines a second about the same subject; for each client address,
+    one in ten seconds about rejected connections and one about refused writes; one a minute if that continues. Each
+    event that clients can cause has fifty lines in ten seconds in total. Audits of other writes and errors of the
+    service are not limited. Entries that cannot be written are counted.
     """
     least = Level[level.upper()]
     writer = Writer(_sink(log_format, stream))
@@ -50,7 +50,7 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
 
 
 def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], object]:
-    """What writes an entry."""
+    """The function that writes an entry."""
     if log_format == "auto" and stream is None and leads_to_journal(2):
         log_format = "journald"
     if log_format == "journald" and Path(JOURNAL).exists():
@@ -62,14 +62,14 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
 
 def _entry(event: Event) -> Entry:
     audits = int(isinstance(event, WriteAudit))
-    # Errors are rare, and somebody may have to account for each write; but anybody can have writes refused.
+    # Errors are rare, and each write must be audited; but any client can cause refused writes.
     limited = not event.was_sent if isinstance(event, WriteAudit) else event.level < Level.ERROR
     fields = event.fields()
     return Entry(time.monotonic(), time.time(), event.level, event.name, fields, limited, write_audits=audits)
 
 
 class _FromLibraries(logging.Handler):
-    """Takes what libraries log, asyncio above all."""
+    """Takes the log records of libraries, mainly asyncio."""
 
     def __init__(self, least: int, writer: Writer) -> None:
         super().__init__(least)
@@ -87,7 +87,7 @@ def _as_json(entry: Entry) -> str:
 
 
 def _make_console_renderer(stream: Stream) -> Callable[[Entry], str]:
-    import structlog  # noqa: PLC0415 - it is large, and a service has no use for it
+    import structlog  # noqa: PLC0415 - it is large, and a service does not need it
 
     colors = stream.isatty() and "NO_COLOR" not in os.environ
     renderer = structlog.dev.ConsoleRenderer(colors=colors, pad_event_to=18)

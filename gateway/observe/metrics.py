@@ -1,6 +1,6 @@
-"""Metrics as Prometheus reads them: families of values that somebody has read off, written as text.
+"""Metrics in the text format of Prometheus.
 
-The only door to prometheus-client.
+The only module that uses prometheus-client.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -51,7 +51,7 @@ def exposition(families: Iterable[Family]) -> bytes:
 
 
 class _Given(Collector):
-    """Hands over what was read before."""
+    """A collector of values that were read before."""
 
     def __init__(self, families: Iterable[Family]) -> None:
         self._families = families
@@ -62,7 +62,7 @@ class _Given(Collector):
             yield _metric(family)
 
     def describe(self) -> Iterable[Metric]:
-        """Nothing is known before the values are."""
+        """Empty: the families are known only with their values."""
         return ()
 
 

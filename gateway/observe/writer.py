@@ -1,4 +1,4 @@
-"""A thread that writes the log: whoever has something to tell never waits for whoever reads it."""
+"""The thread that writes the log, so that the gateway never waits for its reader."""
 
 import os
 import sys
@@ -12,10 +12,10 @@ from gateway.events import AccessDenied, ClientRejected, QueueFull, RequestRefus
 from gateway.observe.backlog import Backlog, Entry, Missing
 from gateway.observe.limiter import Limiter, Subject, subject_of
 
-#: How long a gateway that ends waits for its log to be read, in seconds.
+#: How long stopping waits for the log to be written, in seconds.
 CLOSING_PATIENCE: Final = 0.5
-#: What clients cause as often as they like, from as many addresses as they like: datagrams can be forged. Not refused
-#: writes: none of a client goes untold because of others.
+#: Events that clients can cause in any number from any number of addresses, because datagrams can be forged. Without
+#: refused writes: those of one client must not be hidden by others.
 CAUSED_BY_CLIENTS: Final = frozenset({AccessDenied.name, ClientRejected.name, QueueFull.name, RequestRefused.name})
 MOST_CAUSED: Final = 50
 
@@ -24,44 +24,44 @@ class Stream(Protocol):
     """Where the log goes."""
 
     def write(self, text: str, /) -> object:
-        """Write the text; may take as long as it likes."""
+        """Write the text; may block."""
 
     def isatty(self) -> bool:
         """Whether it is a terminal."""
 
 
 class StandardError:
-    """Standard error past Python's buffer: the lock of that, in a thread that hangs, would abort the process's end."""
+    """Standard error without Python's buffer: its lock, held by a blocked thread, would abort the process at exit."""
 
     def write(self, text: str) -> None:
-        """Write the text to its end.
+        """Write the whole text.
 
         Raises:
             OSError: it cannot be written.
         """
-        if sys.stderr is None:  # closed by whoever started us: descriptor 2 may be anything now
+        if sys.stderr is None:  # closed by the parent process: descriptor 2 may be anything now
             return
         rest = text.encode("utf-8", "backslashreplace")
         while rest:
             rest = rest[os.write(2, rest) :]
 
     def isatty(self) -> bool:
-        """Whether a person may be looking."""
+        """Whether it is a terminal."""
         return sys.stderr is not None and sys.stderr.isatty()
 
 
 class Writer:
-    """Has entries written by `write`, each subject as often as its limiter allows.
+    """Writes entries with `write`, each subject as often as its limiter allows.
 
-    With each name of CAUSED_BY_CLIENTS there are at most MOST_CAUSED lines in ten seconds, counts among them.
-    `write` may take as long as it likes. What it cannot write (OSError, ValueError) is given up and counted; the count
-    is written as soon as that is possible again, before what comes next.
+    Each event in CAUSED_BY_CLIENTS has at most MOST_CAUSED lines in ten seconds, counts included.
+    `write` may block. Entries that it cannot write (OSError, ValueError) are dropped and counted; the count is written
+    as soon as possible, before the next entry.
     """
 
     def __init__(self, write: Callable[[Entry], object]) -> None:
         self._write_one = write
         self._usual = Limiter()
-        # What others can cause as often as they like. However many are sent away, writes that are refused are told.
+        # Limits for events that clients can cause at will. Refused writes are logged however many clients are rejected.
         self._of_refusals = {
             ClientRejected.name: Limiter(lines=1, seconds=10.0),
             WriteAudit.name: Limiter(lines=1, seconds=10.0, steady=inf),
@@ -70,16 +70,16 @@ class Writer:
         self._limiters = (self._usual, *self._of_refusals.values(), self._in_total)
         self._backlog = Backlog()
         self._missing = Missing()
-        # A daemon, because a write that hangs must not keep the process from ending.
+        # A daemon thread: a blocked write must not keep the process from exiting.
         self._thread = Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
 
     def put(self, entry: Entry) -> None:
-        """Have an entry written soon. Never waits."""
+        """Queue an entry for writing. Never waits."""
         self._backlog.put(entry)
 
     def close(self) -> None:
-        """Write what waits, as far as the stream takes it within CLOSING_PATIENCE. The last call."""
+        """Write waiting entries for up to CLOSING_PATIENCE. The last call."""
         self._backlog.close()
         self._thread.join(CLOSING_PATIENCE)
 
