@@ -19,7 +19,7 @@ _INTERFACE = re.compile(r"[!-~]{1,15}")
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A host (a name, or an IP address without brackets) and a port, and what is spoken there."""
+    """A protocol, a host (a name, or an IP address without brackets) and a port."""
 
     scheme: str
     host: str
@@ -27,18 +27,18 @@ class Address:
 
     @property
     def is_wildcard(self) -> bool:
-        """Whether it stands for every address of its kind, IPv4 or IPv6, that this machine has."""
+        """Whether it is a wildcard: every IPv4 or every IPv6 address of this machine."""
         ip = _ip(self.host)
         return ip is not None and ip.is_unspecified
 
     def has_port_of(self, other: "Address") -> bool:
-        """Whether both have the same port. Port 0 is another one each time, and those of UDP are not those of TCP."""
+        """Whether both have the same port. Port 0 is a different one each time; UDP and TCP ports are distinct."""
         return self.port != 0 and (self.scheme == "udp", self.port) == (other.scheme == "udp", other.port)
 
     def collides_with(self, other: "Address") -> bool:
-        """Whether nobody can listen at both: they are the same, or one is a wildcard that stands for the other too.
+        """Whether both cannot be bound: they are the same, or one is a wildcard that includes the other.
 
-        IPv4 and IPv6 have ports of their own: 0.0.0.0 and [::] go together.
+        IPv4 and IPv6 have separate ports: 0.0.0.0 and [::] can both be bound.
         """
         if not self.has_port_of(other):
             return False
@@ -50,7 +50,7 @@ class Address:
         return mine == others or mine.is_unspecified or others.is_unspecified
 
     def is_reached_by(self, other: "Address") -> bool:
-        """Whether who connects to `other` comes to a listener at this address, as far as the two can tell."""
+        """Whether a client that connects to `other` reaches a listener at this address, as far as can be seen."""
         if not self.collides_with(other) and not self.takes_ipv4_of(other):
             return False
         return not self.is_wildcard or other.is_wildcard or other.is_loopback
@@ -80,15 +80,15 @@ class Address:
 
 
 def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
-    """The address that `value` names; one of `schemes` is spoken there.
+    """Parse an address with one of `schemes`.
 
     Raises:
-        WrongValue: `value` is no such address.
+        WrongValue: `value` is not such an address.
     """
     example = f"{schemes[0]}://127.0.0.1:{DEFAULT_PORTS.get(schemes[0], 5020)}"
     match = _ADDRESS.fullmatch(value) if isinstance(value, str) else None
     if match is None:
-        raise WrongValue("is not a valid address", f'write it as "{example}"; an IPv6 address stands in brackets')
+        raise WrongValue("is not a valid address", f'write it as "{example}"; an IPv6 address needs brackets')
     scheme, ipv6, name, port = match.groups()
     if scheme not in schemes:
         usable = ", ".join(f"{one}://" for one in schemes if one != "tls")  # not built yet: see not_yet.py
@@ -119,7 +119,7 @@ def _check_host(host: str, *, in_brackets: bool) -> None:
 
 
 def _ip(host: str) -> IPv4Address | IPv6Address | None:
-    """The IP address that `host` is, or None for a name that only the network knows."""
+    """`host` as an IP address; None for a name."""
     try:
         return ip_address("127.0.0.1" if host == "localhost" else host)
     except ValueError:

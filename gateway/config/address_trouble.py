@@ -1,4 +1,4 @@
-"""What can be seen of an address without listening there."""
+"""Checks an address of a listener without binding it."""
 
 import errno
 import socket

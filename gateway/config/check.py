@@ -1,4 +1,4 @@
-"""What must fit together in a config, though each of its tables is good by itself."""
+"""Cross-checks between the tables of a config."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import replace
@@ -25,17 +25,17 @@ from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, w
 from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
 from gateway.config.values import fits_mode
 
-#: What keeps the port at a path from being used, as far as can be seen without opening it; None if nothing does.
+#: Why the port at a path cannot be used, as far as can be seen without opening it; None if it can.
 PortTrouble = Callable[[str], str | None]
-#: What keeps a machine from listening at an address, as far as can be seen without that; None if nothing does.
+#: Why a machine cannot listen at an address, as far as can be seen without binding it; None if it can.
 AddressTrouble = Callable[[str], str | None]
 
-#: The service has no right to open those below: modbus-gateway.socket does it.
+#: The service may not bind lower ports: modbus-gateway.socket does.
 _FIRST_FREE_PORT: Final = 1024
-#: As Linux has it: sockaddr_un(7).
+#: The limit of Linux: unix(7).
 _LONGEST_SOCKET_PATH: Final = 107
 
-#: Keys that only one role of a line has.
+#: Keys that exist for only one role of a line.
 _CLIENT_KEYS: Final = (
     *("devices", "profile", "timeout", "turnaround", "late_window"),
     *("queue", "max_wait", "retries", "retry_within", "rest", "coalesce", "broadcast"),
@@ -50,11 +50,10 @@ def check(
     real_path: Callable[[str], str] = str,
     address_trouble: AddressTrouble = lambda _: None,
 ) -> Iterator[Problem]:
-    """Everything that does not fit together, and what this version cannot do.
+    """All conflicts between tables, and features that this version does not have.
 
-    `failed` are the sections of which the config lacks a table, because something was wrong with it: nobody complains
-    about what might refer to that table. `port_trouble` and `real_path` look at ports, `address_trouble` at the
-    addresses of listeners.
+    `failed` are the sections with a table that is missing because it has errors: references that may mean it are not
+    reported. `port_trouble` and `real_path` check ports, `address_trouble` checks addresses of listeners.
     """
     unbuilt = unbuilt_tables(config)
     looked_at = (*_look_at_ports(config, port_trouble), *_look_at_addresses(config, address_trouble))
@@ -99,7 +98,7 @@ def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 
 def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
-    """Names are there once. A table in a place that is taken is not blamed for being called after that place."""
+    """Names are unique. A name made from a duplicate port or address is not reported again."""
     servers = [line for line in config.line if line.role == "server"]
     listeners: tuple[Listen | Line, ...] = (*config.listen, *servers)
     kept_open: tuple[Line | Upstream, ...] = (*config.line, *config.upstream)
@@ -113,7 +112,7 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
 
 
 def _generate_names(config: Config) -> dict[str, Table]:
-    """What the units are called that nobody has named. Where two are called alike, their lines or their units are."""
+    """The default names of units. Duplicates among them come from duplicate lines or units."""
     lines = client_lines(config)
     made: dict[str, Table] = {name: line for line in lines if line.devices is None for name in line.all_device_names}
     rows = [(line, row) for line in lines for row in line.devices or () if row.name is None]
@@ -161,7 +160,7 @@ def _check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Pr
 
 
 def _check_device_server(line: Line) -> Iterator[Problem]:
-    """A device server's address says what is spoken, and the serial line behind it is out of our reach."""
+    """The address of a device server sets the mode, and the serial line behind it cannot be controlled."""
     if not isinstance(line.port, Address):
         return
     if line.has("mode") and line.mode != line.spoken:
@@ -169,7 +168,7 @@ def _check_device_server(line: Line) -> Iterator[Problem]:
         yield error((*line.path, "mode"), f"{line.port.scheme}:// carries {line.spoken.upper()}", remedy)
     if line.rs485 == "kernel":
         remedy = 'set RS-485 in the device server, and leave rs485 out or "adapter"'
-        yield error((*line.path, "rs485"), "a device server has a driver of its own", remedy)
+        yield error((*line.path, "rs485"), "a device server controls its own driver", remedy)
 
 
 def _look_at_ports(config: Config, port_trouble: PortTrouble) -> Iterator[Problem]:
@@ -209,7 +208,9 @@ def _check_role(line: Line) -> Iterator[Problem]:
         other = "client" if line.role == "server" else "server"
         yield error((*line.path, key), f'only a line with role = "{other}" has this key')
     if line.role == "server" and line.serves is None:
-        yield error((*line.path, "serves"), "serves is missing", "name the units that we answer for: serves = [41]")
+        yield error(
+            (*line.path, "serves"), "serves is missing", "name the units that the gateway answers for: serves = [41]"
+        )
 
 
 def _check_web(config: Config) -> Iterator[Problem]:
@@ -240,13 +241,13 @@ def _check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]
 
 
 def _check_spoken(config: Config) -> Iterator[Problem]:
-    """Devices are on a line that speaks what they do."""
+    """The mode of a line is one that its devices have."""
     for line in config.line:
         tables: tuple[Line | Device, ...] = (line, *(line.devices or ()))
         for table in tables:
             profile = config.profile.get(table.profile or "")
             if line.role == "client" and profile is not None and profile.mode not in (None, line.spoken):
-                what = f"{profile.path[-1]} devices speak {profile.mode.upper()}, and this line {line.spoken.upper()}"
+                what = f"{profile.path[-1]} devices use {profile.mode.upper()}, but this line {line.spoken.upper()}"
                 yield warning((*table.path, "profile"), what, f"set {_other_mode(line)} for the line")
 
 
@@ -262,7 +263,7 @@ def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
 
 
 def _find_repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}"') -> Iterator[Problem]:
-    """Tables that use a value at `key` which an earlier table has taken. `what` says what that is."""
+    """Tables that have the same value at `key` as an earlier table. `what` describes the value."""
     taken: dict[Hashable, Table] = {}
     for value, table in uses:
         first = taken.setdefault(value, table)

@@ -1,4 +1,4 @@
-"""Cross-checks of who may do what: rows that match no client, and what is so without any row."""
+"""Cross-checks of access rights: rows that match no client, and the defaults without rows."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -51,21 +51,21 @@ def _defaults(config: Config) -> Iterator[Problem]:
 
 
 def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Others can connect too, and there is somebody for whom places are kept."""
+    """Some connections are not reserved, and some client can use the reserved ones."""
     path = (*listen.path, "reserve")
     if listen.reserve >= listen.clients:
         remedy = f"make clients larger, or reserve less than {listen.clients}"
-        yield error(path, "leaves no place for clients that no row of [[access]] names", remedy)
+        yield error(path, "leaves no connection for clients that no row of [[access]] names", remedy)
     here = [row for row in config.access if row.listen is None or listen.label in row.listen]
     named = any(row.networks and (row.allow or row.functions) for row in here)
     if listen.reserve and config.access and not named and "access" not in failed:
         remedy = 'name them in a row: from = ["10.2.0.7"]'
-        what = "places are kept for addresses that [[access]] names, and no row gives any a right"
+        what = "reserves connections, but no row of [[access]] gives an address any right"
         yield warning(path, what, remedy)
 
 
 def _this_machine(listen: Listen, config: Config) -> str:
-    """From where programs on this machine come, as a row names it."""
+    """The local addresses that can reach a listener, as in a row."""
     networks = [own for own in LOOPBACK if not _explain_unreachable(listen, own, _listeners(config))]
     return ", ".join(f'"{str(own).removesuffix("/128")}"' for own in networks)
 
@@ -98,14 +98,14 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
 
 
 def _listeners(config: Config) -> tuple[Listen, ...]:
-    """Those in the file, or the one that is there without any."""
+    """The listeners in the file, or the default one."""
     default = DEFAULT_LISTENER
     bind = f"{default.scheme}://{default.host}:{default.port}"
     return config.listen or (Listen.model_validate({"name": default.name, "bind": bind}),)
 
 
 def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
-    """Somebody from each network can connect, as far as the addresses in the file tell."""
+    """Clients from each network can connect, as far as the addresses in the file tell."""
     listeners = _listeners(config)
     meant = [listen for listen in listeners if row.listen is None or listen.label in row.listen]
     for index, network in enumerate(row.networks or ()):
@@ -141,7 +141,7 @@ def _check_units(row: Access, config: Config) -> Iterator[Problem]:
 
 
 def _answered(row: Access, config: Config) -> frozenset[int]:
-    """What a row can mean: units, or addresses where it names listeners for one line."""
+    """The unit IDs that a row can match: addresses if it names listeners for one line."""
     named = {listen.line for listen in config.listen if listen.label in (row.listen or ())} - {None}
     if named:
         return frozenset().union(*(addresses_on(line) for line in client_lines(config) if line.label in named))
@@ -150,7 +150,7 @@ def _answered(row: Access, config: Config) -> frozenset[int]:
 
 
 def _check_order(row: Access, earlier: Iterable[Access], for_one_line: frozenset[str]) -> Iterator[Problem]:
-    """First match wins, so a special row must stand before a more general one."""
+    """First match wins, so a special row must come before a more general one."""
     by_address = not for_one_line.isdisjoint(row.listen or ())
     comparable = (other for other in earlier if other.units == "all" or other.listen is not None or not by_address)
     first = next((other for other in comparable if _covers(other, row)), None)
@@ -160,7 +160,7 @@ def _check_order(row: Access, earlier: Iterable[Access], for_one_line: frozenset
 
 
 def _covers(earlier: Access, row: Access) -> bool:
-    """Whether `earlier` means every client and unit that `row` means."""
+    """Whether `earlier` matches every client and unit that `row` matches."""
     listeners = earlier.listen is None or (row.listen is not None and set(row.listen) <= set(earlier.listen))
     units = earlier.units == "all" or (row.units != "all" and set(row.units) <= set(earlier.units))
     return earlier.role in (None, row.role) and listeners and units and _covers_networks(earlier.networks, row.networks)

@@ -14,13 +14,13 @@ from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
 
-#: How manuals number what has address 0, and how many such numbers there are. Coils begin at 1: nobody can tell.
+#: The reference number of address 0 in manuals. Not for coils, where it is 1: that may be an address as well.
 _MANUAL_BASES: Final = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
 _MANUAL_SPAN: Final = 9999
 
 
 def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Images have what they start with, and mirrors have a device that they can poll."""
+    """Images have the addresses of their initial values, and mirrors have a device that they can poll."""
     profiles = _profiles_of_devices(config)
     for image in config.image:
         if image.of is None:
@@ -35,7 +35,7 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 
 def check_addresses(config: Config) -> Iterator[Problem]:
-    """Addresses are those on the wire: who writes 40001 mostly means 0."""
+    """Addresses are protocol addresses: 40001 probably means 0."""
     polled = (row for image in config.image for row in image.read)
     tables: tuple[Image | ProfileTable | Polled, ...] = (*config.image, *config.profile.values(), *polled)
     for table in tables:
@@ -50,7 +50,7 @@ def check_addresses(config: Config) -> Iterator[Problem]:
 
 
 def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
-    """Each device's profile, by the device's own name; None where it is not known, as behind other servers."""
+    """Each device's profile by name of the device; None if unknown, as behind other servers."""
     profiles: dict[str, ProfileTable | None] = {}
     for line in client_lines(config):
         profiles |= dict.fromkeys(line.all_device_names, config.profile.get(line.profile))

@@ -10,7 +10,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 
 
 def check_line_listeners(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Each leads to a line that we ask, and to all that its keys promise. `failed` as in `check`."""
+    """Each names a client line, and its keys fit that line. `failed` as in `check`."""
     lines = {line.label: line for line in client_lines(config)}
     for listen in config.listen:
         if listen.line in lines:
@@ -27,9 +27,9 @@ def addresses_on(line: Line) -> frozenset[int]:
 
 
 def _no_such_line(name: str, config: Config) -> tuple[str, str]:
-    """What is wrong, and what to do."""
+    """The error and the remedy."""
     if any(line.label == name for line in config.line):
-        return f'on line "{name}" an outside client asks us', "leave line out: every listener leads to what we serve"
+        return f'line "{name}" is a server line', "leave line out: every listener leads to the units that it serves"
     return f'there is no line "{name}"', did_you_mean(name, [line.label for line in client_lines(config)])
 
 

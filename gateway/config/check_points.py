@@ -1,4 +1,4 @@
-"""Cross-checks of points: what one cannot be, and where two have one name."""
+"""Cross-checks of points: impossible ones, and duplicate names."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -14,7 +14,7 @@ from gateway.registers.items import WRITERS, has_bits
 
 
 def check_points(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Each point can be what its table says, and no unit has two of one name. `failed` as in `check`."""
+    """Each point is possible, and no unit has two points with one name. `failed` as in `check`."""
     for profile in config.profile.values():
         yield from _check_tables(profile.points, profile)
         yield from _check_names(profile.points, {})
@@ -112,7 +112,7 @@ def _check_names(tables: Iterable[PointTable], taken: Mapping[str, str]) -> Iter
 
 
 def _names(tables: Iterable[PointTable]) -> dict[str, str]:
-    """The names of points, and where they are from."""
+    """The names of points, and their sources."""
     return {
         name: table.source or "a built-in profile"
         for table in tables

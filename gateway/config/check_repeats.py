@@ -1,4 +1,4 @@
-"""Cross-checks of reads that are sent again."""
+"""Cross-checks of repeated reads."""
 
 from collections.abc import Iterator
 from math import ceil
@@ -25,7 +25,7 @@ def _check(line: Line, needed: float) -> Iterator[Problem]:
     if line.retry_within is None:
         return
     if not line.retries:
-        yield warning(path, "means nothing without retries", "add retries = 1, or leave it out")
+        yield warning(path, "has no effect without retries", "add retries = 1, or leave it out")
     elif line.retry_within < needed:
         what = f"is too short for one repeat after silence (needs {show_duration(_round_up(needed))})"
         remedy = "make it longer, or timeout or late_window shorter; otherwise only damaged responses are repeated"
@@ -33,5 +33,5 @@ def _check(line: Line, needed: float) -> Iterator[Problem]:
 
 
 def _round_up(seconds: float) -> float:
-    """To what `show_duration` shows in full."""
+    """Round up to three digits, as `show_duration` shows."""
     return ceil(seconds) if seconds > 10 else ceil(seconds * 100) / 100

@@ -1,4 +1,4 @@
-"""Cross-checks of who answers for which unit."""
+"""Cross-checks of the units and their destinations."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -12,24 +12,24 @@ from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """Somebody answers for `units` towards clients; `path` and `source` are where the file says so."""
+    """A table that answers for `units`; `path` and `source` are its place in the file."""
 
     units: tuple[int, ...]
     owner: str
     path: Path
     source: str
     remedy: str = ""
-    #: What mirrors call the units, in their order.
+    #: The names of the units, for mirrors, in their order.
     names: tuple[str, ...] = ()
 
 
 def client_lines(config: Config) -> list[Line]:
-    """The lines on which we ask."""
+    """The client lines."""
     return [line for line in config.line if line.role == "client"]
 
 
 def claims(config: Config) -> Iterator[Claim]:
-    """Who answers for which units, pass-through lines left out: they take what is left."""
+    """The claims of all tables except pass-through lines, which get the remaining units."""
     for line in client_lines(config):
         for row in line.devices or ():
             path = (*row.path, "unit" if row.known_as is None else "as")
@@ -44,13 +44,13 @@ def claims(config: Config) -> Iterator[Claim]:
 
 
 def not_configured(units: Iterable[int]) -> str:
-    """Says that these units are not in the config."""
+    """The message that these units are not in the config."""
     text = show_units(units)
     return f"unit {text} is not configured" if text.isdecimal() else f"units {text} are not configured"
 
 
 def served_units(config: Config) -> frozenset[int]:
-    """Every unit that somebody answers for."""
+    """All units that have a destination."""
     units = frozenset(unit for claim in claims(config) for unit in claim.units)
     if any(line.devices is None and not config.is_apart(line) for line in client_lines(config)):
         return units.union(range(FIRST_UNIT, LAST_UNIT + 1))
@@ -58,7 +58,7 @@ def served_units(config: Config) -> frozenset[int]:
 
 
 def check_overlaps(config: Config) -> Iterator[Problem]:
-    """A unit that clients use leads to one place only."""
+    """Each unit has only one destination."""
     owners: dict[int, Claim] = {}
     for claim in claims(config):
         taken: dict[str, list[int]] = {}
@@ -72,7 +72,7 @@ def check_overlaps(config: Config) -> Iterator[Problem]:
 
 
 def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """A line without devices takes every unit, so it must be the only one that is not apart. `failed` as in `check`."""
+    """A line without devices takes all units, so only one may lack its own listener. `failed` as in `check`."""
     lines = client_lines(config)
     together = [line for line in lines if not config.is_apart(line)]
     for line in together:
@@ -80,8 +80,8 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
         if line.devices is None and is_beside_others and "listen" not in failed:
             yield error(
                 line.path,
-                "has no devices beside another client line: nobody knows which units are on it",
-                "name its devices, such as devices = [{ unit = 1 }], or give it a [[listen]] of its own, with "
+                "has no devices, but is not the only client line: it is unknown which units are on it",
+                "name its devices, such as devices = [{ unit = 1 }], or give it its own [[listen]] with "
                 f'line = "{line.label}"',
             )
         if line.devices is None and not (passing_units(config) or config.listeners_for(line)):
@@ -91,7 +91,7 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
 
 
 def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Somebody can ask each unit where every listener is for one line. `failed` as in `check`.
+    """Each unit can be reached if every listener is for one line. `failed` as in `check`.
 
     Server lines and mirrors lead to units too.
     """
@@ -108,7 +108,7 @@ def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 
 def check_device_rows(config: Config) -> Iterator[Problem]:
-    """Each row says which device is which."""
+    """Each row of devices is unambiguous."""
     for line in client_lines(config):
         for row in line.devices or ():
             yield from _check_row(row)
@@ -117,7 +117,7 @@ def check_device_rows(config: Config) -> Iterator[Problem]:
 
 
 def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Units that are named elsewhere in the file are those of somebody. Unless a table that may have them failed."""
+    """Units that other tables name exist, unless a table that may have them failed."""
     if failed & {"line", "image", "upstream"}:
         return
     served = served_units(config)
@@ -131,7 +131,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
 
 
 def _is_asked(line: Line, config: Config) -> bool:
-    """Whether anybody can ask on a line without devices that is not apart."""
+    """Whether any client can reach a line without devices that has no listener of its own."""
     units = _served_to_outside_clients(config).intersection(passing_units(config))
     return config.leads_everywhere or bool(units) or not _mirrored(config).isdisjoint(line.all_device_names)
 
@@ -165,7 +165,7 @@ def _check_wire_units(line: Line) -> Iterator[Problem]:
         for unit, known_as in zip(row.units, row.client_units, strict=False):
             if asked_as.setdefault(unit, known_as) != known_as:
                 yield warning(
-                    (*row.path, "unit"), f"unit {unit} on the wire is already what clients know as {asked_as[unit]}"
+                    (*row.path, "unit"), f"unit {unit} on the wire already has the unit ID {asked_as[unit]} for clients"
                 )
 
 
@@ -175,6 +175,6 @@ def _check_lone_device(line: Line) -> Iterator[Problem]:
         if BROADCAST_UNIT in row.units and (len(rows) > 1 or len(row.units) > 1):
             yield warning(
                 (*row.path, "unit"),
-                "unit 0 asks whoever is there, and the line has other devices: any of them may answer",
-                "leave it the only device of its line",
+                "any device on the line may answer unit 0, and the line has several",
+                "it must be the only device of its line",
             )

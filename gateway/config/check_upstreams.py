@@ -10,7 +10,7 @@ from gateway.config.unitset import show_units
 
 
 def check_upstreams(config: Config) -> Iterator[Problem]:
-    """Servers can be connected to and are others than this gateway. An upstream has units."""
+    """Servers have a usable address and are not this gateway. An upstream has units."""
     for upstream in config.upstream:
         yield from _check_server((*upstream.path, "to"), upstream.to, config)
         yield from _check_units(upstream)
@@ -20,7 +20,7 @@ def check_upstreams(config: Config) -> Iterator[Problem]:
 
 
 def _check_server(path: Path, address: Address, config: Config) -> Iterator[Problem]:
-    """A gateway that asks itself would go round in circles. Only the addresses in the file can be compared."""
+    """A gateway must not be its own upstream. Only the addresses in the file can be compared."""
     if address.is_wildcard:
         yield error(path, f"{address.host} is not the address of a server", "name the server: its host name or address")
     if not address.port:

@@ -156,7 +156,7 @@ def _sections() -> Iterator[str]:
 
 
 def _inner_tables(model: type[Table], path: str, told: dict[type[Table], str]) -> Iterator[str]:
-    """The tables inside a table; keys whose values are alike are told together, and each kind of table once."""
+    """The tables inside a table; keys with the same type are listed together, and each kind of table once."""
     inner: dict[type[Table], list[str]] = {}
     for key, field in zip(keys_of(model), model.model_fields.values(), strict=True):
         row = row_model(field.annotation)
@@ -181,7 +181,7 @@ def _keys(model: type[Table]) -> str:
 
 
 def _kind(annotation: Any, metadata: Sequence[Any] = ()) -> str:
-    """What a value of this type is called."""
+    """The name of a type."""
     named = next((one.name for one in metadata if isinstance(one, Kind)), None)
     if named is not None:
         return str(named)
@@ -204,7 +204,7 @@ def _kind_of_compound(origin: Any, parts: tuple[Any, ...]) -> str:
 
 
 def _default(field: FieldInfo) -> str:
-    """The default as it would be written in a file."""
+    """The default as written in a file."""
     if field.is_required():
         return "**must be given**"
     value = field.default

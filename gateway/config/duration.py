@@ -7,12 +7,12 @@ from gateway.config.problem import WrongValue
 
 _UNITS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
 
-#: Nothing in a gateway takes longer: a week.
+#: The longest duration: a week.
 _LONGEST: Final = 7 * 24 * 3600.0
-#: What a network, an adapter and a clock can keep apart. Less is mostly a wrong unit.
+#: The shortest useful duration. Less is usually a wrong unit.
 SHORTEST: Final = 0.001
 
-#: How else "off" is said, in lower case.
+#: Other ways to write "off", in lower case.
 _MEANT_OFF: Final = (False, 0, "off", "never", "none", "no", "false", "0", "0 ms", "0 s")
 
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
@@ -22,7 +22,7 @@ def parse_duration(value: object, least: float = SHORTEST) -> float:
     """Seconds, more than 0 and `least` or more.
 
     Raises:
-        WrongValue: `value` is no text with a unit, or too short.
+        WrongValue: `value` is not text with a unit, or too short.
     """
     seconds = parse_duration_or_zero(value, least)
     if seconds == 0:
@@ -34,7 +34,7 @@ def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
     """Seconds, `least` or more, or zero. Zero needs no unit: "0".
 
     Raises:
-        WrongValue: `value` is no text with a unit, or too short.
+        WrongValue: `value` is not text with a unit, or too short.
     """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         raise WrongValue("a duration needs a unit", f'put it in quotes with a unit: "{value} ms" or "{value} s"')
@@ -81,7 +81,7 @@ def parse_duration_or_off_or_auto(value: object) -> float | None:
 
 
 def show_duration(seconds: float | None) -> str:
-    """A duration as a person would write it: the unit that needs the fewest digits, three figures; "auto" for None."""
+    """A duration as text: the unit with the fewest digits, three significant ones; "auto" for None."""
     if seconds is None:
         return "auto"
     if seconds == 0:

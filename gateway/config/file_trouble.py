@@ -1,4 +1,4 @@
-"""What keeps the service from reading a config file that root can read."""
+"""Checks whether the service may read a config file that root can read."""
 
 import stat
 from pathlib import Path
@@ -11,7 +11,7 @@ SERVICE_CONFIG: Final = Path("/etc/modbus-gateway")
 
 
 def file_trouble(path: str, folder: Path = SERVICE_CONFIG) -> Problem | None:
-    """A file in the service's `folder` that not everybody may read: the service has a user of its own."""
+    """The warning for a file in the service's `folder` that not all users may read: the service has its own user."""
     file = Path(path).absolute()
     if file.parent != folder or file.stat().st_mode & stat.S_IROTH:
         return None

@@ -1,4 +1,4 @@
-"""What time limits a plan leads to: how long a client may have to wait for each unit."""
+"""The time limits that follow from a plan, and how long a client may have to wait for each unit."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import LineTiming
 
-#: Stands for all functions that are not known here.
+#: Stands for all unknown functions.
 _UNKNOWN_FUNCTION: Final = 65
 
 #: Of functions that read or write no table: those requests that have the longest responses, or are the longest (A 6).
@@ -50,13 +50,13 @@ class FunctionLimits:
 def function_limits(
     profile: Profile, answer_time: AnswerTime, timing: LineTiming, latency: float
 ) -> tuple[FunctionLimits, ...]:
-    """The limits of every function that a device may be asked."""
+    """The limits of all functions of a device."""
     budget = Budget(timing, latency)
     return tuple(_limits_of(function, profile, budget, answer_time) for function in _functions(profile))
 
 
 def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
-    """The longest a client may wait for this device: in the queue, for the line to be quiet, and for the answer."""
+    """The longest wait for this device: in the queue, for the gap, and for the response."""
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
     longest = max(one.request + one.most_items for one in limits)
     if plan.line.retries:
@@ -78,12 +78,12 @@ def least_for_repeat(plan: LinePlan) -> float:
 
 
 def longest_wait_behind(plan: UpstreamPlan) -> float:
-    """The longest a client may wait for a unit behind another server: for a place on the connection, and the answer."""
+    """The longest wait for a unit behind another server: until the request is sent, and for the response."""
     return plan.upstream.max_wait + plan.upstream.timeout
 
 
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
-    """For each unit that a server line serves: who answers, and the longest that one may take."""
+    """For each unit of a server line: the name of its destination, and the longest wait."""
     behind = {device.name: longest_wait(line, device) for line in plan.lines for device in line.devices}
     behind |= {device.name: longest_wait_behind(upstream) for upstream in plan.upstreams for device in upstream.devices}
     shared = [device for line in plan.lines for device in line.shared]
@@ -107,7 +107,7 @@ def _is_repeated(function: int | None) -> bool:
 
 
 def _add_repeats(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
-    """From the first sending of a read until its last one has failed."""
+    """The time from the first attempt of a read until its last one has failed."""
     within = line.retry_within
     if within is not None:
         return within
@@ -115,7 +115,7 @@ def _add_repeats(limits: FunctionLimits, line: LineSettings, device: DeviceSetti
 
 
 def _late_window(limit: float, line: LineSettings, device: DeviceSettings) -> float:
-    """How long a late answer is awaited behind this limit."""
+    """The late window after this limit."""
     return max(2 * limit, device.answer_time.slowest) if line.late_window is None else line.late_window
 
 

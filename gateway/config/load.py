@@ -1,4 +1,4 @@
-"""From a file to a `Config`, or to everything that is wrong with it."""
+"""Loads a file into a `Config`, or lists all its errors."""
 
 import os
 import tomllib
@@ -32,7 +32,7 @@ from gateway.config.schema import (
 from gateway.config.wording import keys_of, not_text, syntax_problem, unknown_key, value_problems
 from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
 
-#: Sections that are written [[so]], [so], and [so.name].
+#: Sections that are written [[name]], [name], and [name.name].
 _LISTS: Final[Mapping[str, type[Table]]] = {
     "listen": Listen,
     "line": Line,
@@ -43,7 +43,7 @@ _LISTS: Final[Mapping[str, type[Table]]] = {
 _SINGLES: Final[Mapping[str, type[Table]]] = {"web": Web, "control": Control, "log": Log}
 _PROFILE: Final = "profile"
 
-#: Keys that nothing else in a file refers to. A table of which only these are wrong is still compared with the others.
+#: Keys that no other table refers to. A table with errors only in these is still checked against the others.
 _NOT_REFERRED_TO: Final = frozenset(
     {
         *("baud", "format", "rs485", "echo", "latency", "timeout", "gap", "turnaround", "late_window", "queue"),
@@ -55,7 +55,7 @@ _NOT_REFERRED_TO: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """What became of a file: its config when it has no error, and its problems in the order of the file."""
+    """A loaded file: its config if it has no error, and its problems in the order of the file."""
 
     config: Config | None
     problems: tuple[Problem, ...]
@@ -67,9 +67,9 @@ class Loaded:
 
 
 def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None) -> Loaded:
-    """The config in the file at `path`. Nothing is raised: a file that cannot be read is a problem too.
+    """Load the file at `path`. Nothing is raised: a file that cannot be read is a problem too.
 
-    `address_trouble` looks at addresses of listeners; whoever is to listen there finds out by itself.
+    `address_trouble` checks addresses of listeners; by default they are not checked.
     """
     file = str(path)
     try:
@@ -94,7 +94,7 @@ def parse(
     real_path: Callable[[str], str] = os.path.realpath,
     address_trouble: AddressTrouble = lambda _: None,
 ) -> Loaded:
-    """The config in `text`, which stands in `file`."""
+    """Parse `text`, the content of `file`."""
     text = text.removeprefix("\ufeff").replace("\r\n", "\n")
     try:
         document = tomllib.loads(text)
@@ -115,7 +115,7 @@ def parse(
 
 @lru_cache(maxsize=1)
 def builtin_profiles() -> Mapping[str, ProfileTable]:
-    """The profiles that need not be written, by name."""
+    """The built-in profiles by name."""
     return {
         name: ProfileTable.model_validate(tomllib.loads(builtin_text(name))[_PROFILE][name]).placed(
             (_PROFILE, name), "built in"
@@ -202,7 +202,7 @@ class _Reader:
         return table
 
     def _place(self, table: Table, path: Path) -> None:
-        """Tell a table and those inside it where they stand."""
+        """Set the place of a table and of those inside it."""
         line, _ = self._positions.value(path)
         table.placed(path, f"{self._file}:{line}")
         for name, field in type(table).model_fields.items():
@@ -221,7 +221,7 @@ class _Reader:
 
 
 def _without(wrong: ValidationError, raw: object, model: type[Table]) -> Table | None:
-    """The table without what is wrong in it, as far as that is of no concern to others."""
+    """The table without its wrong values, if no other table refers to these."""
     found = wrong.errors(include_url=False)
     if not isinstance(raw, dict) or any(one["loc"][-1:] and one["loc"][-1] not in _NOT_REFERRED_TO for one in found):
         return None
@@ -241,7 +241,7 @@ def _locate(problem: Problem, positions: Positions, file: str, document: dict[st
 
 
 def _name(path: Path, document: dict[str, Any]) -> str:
-    """What the table at the beginning of `path` is called, if it is one of several."""
+    """The name of the table at the beginning of `path`, if it is one of several."""
     if len(path) < 2 or not isinstance(path[1], int):
         return ""
     row = document[str(path[0])][path[1]]

@@ -1,4 +1,4 @@
-"""What a config means: the settings of every part. Nothing behind this module has seen a config file."""
+"""Turns a config into the settings of every part. The parts do not depend on the config."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,12 +25,12 @@ from gateway.timing.table import Point as TimingPoint
 from gateway.timing.table import TimingTable
 from gateway.upstreams.upstream import UpstreamSettings
 
-#: Where clients connect when no [[listen]] says it.
+#: The listener without any [[listen]].
 DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=5020)
 
-#: What adapter and driver add to an answer, until the port is open and has found out.
+#: The latency of adapter and driver, until the port is open and has determined it.
 ASSUMED_LATENCY: Final = 0.005
-#: What a device server and the network add to it.
+#: The latency of a device server and the network.
 NETWORK_LATENCY: Final = 0.1
 
 #: The silence that ends an RTU frame, in characters (S 2.5.1.1), and the shortest turnaround delay (S 2.4.1).
@@ -46,24 +46,24 @@ DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterF
 
 @dataclass(frozen=True, slots=True)
 class LinePlan:
-    """A line we ask on: its port, how it behaves, and the devices on it."""
+    """A client line: its port, its settings, and its devices."""
 
     port: PortSettings
     line: LineSettings
     devices: tuple[DeviceSettings, ...]
-    #: No device is named: every unit that nobody else answers for passes through.
+    #: No device is configured: all units without another destination are passed through.
     passes_through: bool = False
-    #: Units that only the listeners for this line lead to: for other clients somebody else has them, or nobody.
+    #: Units that only the listeners for this line lead to.
     own_units: frozenset[int] = frozenset()
 
     @property
     def latency(self) -> float:
-        """What the port may add to an answer, as far as it is known before the port is open."""
+        """The latency of the port, as far as it is known before the port is open."""
         return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
 
     @property
     def meaning(self) -> "LinePlan":
-        """What makes it this line. A line that passes units through stays the same when others take some of them."""
+        """What a reload compares. A pass-through line is unchanged if other tables take some of its units."""
         if not self.passes_through:
             return self
         devices = tuple(replace(each, unit=0, known_as=0, name="") for each in self.devices[:1])
@@ -71,7 +71,7 @@ class LinePlan:
 
     @property
     def shared(self) -> tuple[DeviceSettings, ...]:
-        """The devices that every listener leads to which is not for another line."""
+        """The devices that general listeners lead to."""
         return tuple(device for device in self.devices if device.known_as not in self.own_units)
 
     @property
@@ -89,7 +89,7 @@ class LinePlan:
 
 @dataclass(frozen=True, slots=True)
 class UpstreamPlan:
-    """Another Modbus TCP server: how it is reached, how it is asked, and the units behind it."""
+    """Another Modbus TCP server: its address, its settings, and the units behind it."""
 
     port: TcpSettings
     upstream: UpstreamSettings
@@ -98,7 +98,7 @@ class UpstreamPlan:
 
 @dataclass(frozen=True, slots=True)
 class ServerPlan:
-    """A line on which an outside client asks us: its port, how it behaves, and who takes its broadcasts."""
+    """A server line: its port, its settings, and the recipients of its broadcasts."""
 
     port: PortSettings
     line: ServerSettings
@@ -106,13 +106,13 @@ class ServerPlan:
 
     @property
     def latency(self) -> float:
-        """What the port may add, as far as it is known before the port is open."""
+        """The latency of the port, as far as it is known before the port is open."""
         return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
 
 
 @dataclass(frozen=True, slots=True)
 class LogSettings:
-    """What is logged on standard error, and how it is written."""
+    """The level and the format of the log."""
 
     level: Literal["debug", "info", "warning", "error"] = "info"
     format: Literal["auto", "console", "json", "journald"] = "auto"
@@ -176,7 +176,7 @@ def resolve(config: Config) -> Plan:
 
 
 def passing_units(config: Config) -> list[int]:
-    """The units that pass through a line without devices: all that nobody else answers for. Mirrors may be of them."""
+    """The units of a pass-through line: all without another destination, and those that mirrors poll."""
     elsewhere = {image.unit for image in config.image if image.of is None}
     elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
     return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
@@ -203,7 +203,7 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
 
 
 def line_timing(line: Line) -> LineTiming:
-    """What mode, rate and character format make of time on `line`."""
+    """The timing of `line`: mode, rate and character format."""
     return LineTiming(line.spoken, line.baud, line.format or DEFAULT_FORMATS[line.spoken])
 
 
@@ -328,7 +328,7 @@ def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[D
 
 
 def _answer_time(line: Line, row: Device, profile: Profile) -> AnswerTime:
-    """A device's own time-out beats everything, the line's only what no table and no named profile says."""
+    """A device's own time-out has priority; the line's applies only without a timing table and a named profile."""
     if row.timeout is not None:
         return AnswerTime(profile.timing, profile.margin, row.timeout, fixed=True)
     of_line = line.timeout if row.profile is None else None
@@ -343,7 +343,7 @@ def _upstream(upstream: Upstream) -> UpstreamPlan:
 
 
 def _behind(upstream: Upstream) -> Iterator[DeviceSettings]:
-    """The units behind another server, which knows itself what they accept."""
+    """The units behind another server, without a profile: the server checks requests itself."""
     answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=upstream.timeout, fixed=True)
     for row in upstream.units:
         for unit, known_as, name in zip(row.units, row.known_as, upstream.unit_names(row), strict=True):

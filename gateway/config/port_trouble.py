@@ -1,4 +1,4 @@
-"""What can be seen of a port without opening it."""
+"""Checks a port without opening it."""
 
 import os
 import stat
@@ -10,13 +10,13 @@ from gateway.ports.wire import VIRTUAL_MAJORS, Wire, settled
 
 
 def port_trouble(path: str) -> str | None:
-    """What keeps this user from using the serial port at `path` at the moment, or None."""
+    """Why this user cannot use the serial port at `path` at the moment, or None."""
     try:
         mode = Path(path).stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return "there is no such port at the moment"
     except OSError as error:
-        return f"cannot be looked at: {error.strerror}"
+        return f"cannot be checked: {error.strerror}"
     if not stat.S_ISCHR(mode):
         return "is not a serial port"
     if not os.access(path, os.R_OK | os.W_OK):

@@ -1,4 +1,4 @@
-"""Where keys and values stand in a TOML text that `tomllib` has accepted."""
+"""Finds the positions of keys and values in TOML text that `tomllib` has accepted."""
 
 import re
 import tomllib

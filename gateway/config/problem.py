@@ -1,4 +1,4 @@
-"""What can be said about a config file, and where in it."""
+"""Problems of a config file, with their places in it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ _MOST_NEAREST: Final = 3
 
 
 class WrongValue(ValueError):  # noqa: N818 - it is a value that is wrong, not the program
-    """A value that cannot be used: what is wrong with it, and what to write instead where that can be said."""
+    """A value that cannot be used: what is wrong, and what to write instead, if known."""
 
     def __init__(self, what: str, remedy: str = "") -> None:
         super().__init__(what)
@@ -25,7 +25,7 @@ class WrongValue(ValueError):  # noqa: N818 - it is a value that is wrong, not t
 
 
 class NotText(WrongValue):
-    """A value that must be text, and is something else: mostly it lacks its quotes."""
+    """A value that must be text and is not, usually because its quotes are missing."""
 
     def __init__(self) -> None:
         super().__init__("must be text")
@@ -35,8 +35,8 @@ class NotText(WrongValue):
 class Problem:
     """One thing that is wrong, or deserves a second look, at `path`.
 
-    With `on_key` the key itself is meant, not its value. Who knows the text fills in `file`, `line` and `column`, which
-    are 0 when the file has no text, and `name`: what the table at the beginning of `path` is called.
+    `on_key`: the key itself is wrong, not its value. `located` fills in `file`, `line` and `column` (0 if the file has
+    no text), and `name`, the name of the table at the beginning of `path`.
     """
 
     severity: Severity
@@ -63,12 +63,12 @@ class Problem:
 
 
 def error(path: Path, what: str, remedy: str = "") -> Problem:
-    """A problem that forbids to use the file."""
+    """A problem with which the file cannot be used."""
     return Problem("error", path, what, remedy)
 
 
 def warning(path: Path, what: str, remedy: str = "") -> Problem:
-    """A problem that the file can be used with."""
+    """A problem with which the file can be used."""
     return Problem("warning", path, what, remedy)
 
 
@@ -81,7 +81,7 @@ def dotted(path: Path) -> str:
 
 
 def did_you_mean(written: str, known: Iterable[str]) -> str:
-    """A remedy for a name that is none of the `known` ones: the nearest, or all unless they are too many."""
+    """A remedy for an unknown name: the nearest of the `known` ones, or all unless they are too many."""
     names = list(dict.fromkeys(known))
     close = get_close_matches(written, names, n=_MOST_NEAREST + 1)
     nearest = [name for name in close if _likeness(name, written) == _likeness(close[0], written)]

@@ -53,7 +53,7 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class Table(BaseModel):
-    """A table of the file. `path` and `source` say where it stands in it, once `placed` was called."""
+    """A table of the file. `path` and `source` are its place, after `placed` was called."""
 
     # Deferred: of most tables the validator is only needed inside that of the whole file, which builds it anyway.
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
@@ -72,7 +72,7 @@ class Table(BaseModel):
         return self._source
 
     def placed(self, path: Path, source: str) -> Self:
-        """This table, which now knows where it stands. To be called once, by whoever has read the file."""
+        """Set the place of this table. Called once, after the file was read."""
         self._path = path
         self._source = source
         return self
@@ -133,7 +133,7 @@ class Listen(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or what it is called without one."""
+        """Its name, or its default name."""
         return self.name or str(self.bind)
 
 
@@ -336,7 +336,7 @@ class Line(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or what it is called without one."""
+        """Its name, or its default name."""
         return self.name or str(self.port).rstrip("/").rsplit("/", 1)[-1]
 
     @property
@@ -422,7 +422,7 @@ class Image(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or what it is called without one."""
+        """Its name, or its default name."""
         return self.name or f"image-{self.unit}"
 
     def ranges(self, area: Area) -> tuple[tuple[int, int], ...]:
@@ -451,7 +451,7 @@ class Upstream(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or what it is called without one."""
+        """Its name, or its default name."""
         return self.name or str(self.to)
 
     def unit_names(self, row: UpstreamUnit) -> list[str]:

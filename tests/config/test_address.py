@@ -33,14 +33,14 @@ def test_scheme_host_and_port(text, address):
         (
             "0.0.0.0:502",
             "is not a valid address",
-            'write it as "tcp://127.0.0.1:502"; an IPv6 address stands in brackets',
+            'write it as "tcp://127.0.0.1:502"; an IPv6 address needs brackets',
         ),
         (
             "tcp://::1:502",
             "is not a valid address",
-            'write it as "tcp://127.0.0.1:502"; an IPv6 address stands in brackets',
+            'write it as "tcp://127.0.0.1:502"; an IPv6 address needs brackets',
         ),
-        (502, "is not a valid address", 'write it as "tcp://127.0.0.1:502"; an IPv6 address stands in brackets'),
+        (502, "is not a valid address", 'write it as "tcp://127.0.0.1:502"; an IPv6 address needs brackets'),
         ("http://x:1", "unknown protocol http://", "it can be tcp://, rtu+tcp://, udp://"),
         ("tcp://:502", "names no host", '"tcp://0.0.0.0:502" stands for every IPv4 address'),
         ("tcp://*:502", "names no host", '"tcp://0.0.0.0:502" stands for every IPv4 address'),

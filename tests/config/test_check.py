@@ -266,7 +266,7 @@ def test_a_device_server_has_no_kernel_driver_here():
     text = LINE.replace('"/dev/a"', '"rtu+tcp://10.0.0.1:4001"\nrs485 = "kernel"')
     assert problems(text) == [
         (
-            "error: line[0].rs485: a device server has a driver of its own"
+            "error: line[0].rs485: a device server controls its own driver"
             ' | set RS-485 in the device server, and leave rs485 out or "adapter"'
         )
     ]
@@ -324,7 +324,7 @@ def test_a_server_line_has_no_keys_of_a_client_line():
 
 def test_a_server_line_serves_something():
     assert problems(LINE + SERVER) == [
-        "error: line[1].serves: serves is missing | name the units that we answer for: serves = [41]"
+        "error: line[1].serves: serves is missing | name the units that the gateway answers for: serves = [41]"
     ]
 
 
@@ -350,8 +350,8 @@ def test_two_server_lines_with_one_name_are_told_once():
 def test_a_line_without_devices_must_be_alone():
     assert problems(LINE + '[[line]]\nname = "b"\nport = "/dev/b"\n') == [
         (
-            "error: line[1]: has no devices beside another client line: nobody knows which units are on it"
-            " | name its devices, such as devices = [{ unit = 1 }], or give it a [[listen]] of its own,"
+            "error: line[1]: has no devices, but is not the only client line: it is unknown which units are on it"
+            " | name its devices, such as devices = [{ unit = 1 }], or give it its own [[listen]]"
             ' with line = "b"'
         )
     ]
@@ -421,15 +421,17 @@ def test_as_names_as_many_units_as_there_are_on_the_wire():
 
 def test_a_device_that_clients_know_twice_is_a_warning():
     text = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = 1, as = 41 },\n { unit = 1, as = 42 }]\n'
-    assert problems(text) == ["warning: line[0].devices[1].unit: unit 1 on the wire is already what clients know as 41"]
+    assert problems(text) == [
+        "warning: line[0].devices[1].unit: unit 1 on the wire already has the unit ID 41 for clients"
+    ]
 
 
 def test_unit_0_on_the_wire_wants_to_be_alone():
     alone = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = 0, as = 50 }]\n'
     assert problems(alone) == []
     (problem,) = problems(alone.replace("}]", "}, { unit = 1 }]"))
-    assert problem.startswith("warning: line[0].devices[0].unit: unit 0 asks whoever is there")
-    assert problem.endswith("| leave it the only device of its line")
+    assert problem.startswith("warning: line[0].devices[0].unit: any device on the line may answer unit 0")
+    assert problem.endswith("| it must be the only device of its line")
 
 
 def test_unit_0_needs_a_unit_for_clients():
@@ -740,15 +742,15 @@ def test_what_is_off_needs_no_warning():
     [
         (
             'port = "/dev/a"\ndevices = [{ unit = 1, profile = "mint" }]',
-            'line[0].devices[0].profile: mint devices speak ASCII, and this line RTU | set mode = "ascii" for the line',
+            'line[0].devices[0].profile: mint devices use ASCII, but this line RTU | set mode = "ascii" for the line',
         ),
         (
             'port = "/dev/a"\nmode = "ascii"\nprofile = "weigher"',
-            'line[0].profile: weigher devices speak RTU, and this line ASCII | set mode = "rtu" for the line',
+            'line[0].profile: weigher devices use RTU, but this line ASCII | set mode = "rtu" for the line',
         ),
         (
             'port = "rtu+tcp://10.1.0.9:4001"\nprofile = "mint"',
-            "line[0].profile: mint devices speak ASCII, and this line RTU | set ascii+tcp:// in port for the line",
+            "line[0].profile: mint devices use ASCII, but this line RTU | set ascii+tcp:// in port for the line",
         ),
     ],
 )

@@ -198,16 +198,14 @@ SOME = "clients = 8\nreserve = 7\n"
 
 
 def test_a_reserve_leaves_places_for_others():
-    what = "error: listen[0].reserve: leaves no place for clients that no row of [[access]] names"
+    what = "error: listen[0].reserve: leaves no connection for clients that no row of [[access]] names"
     assert access(NAMED, listen=SCADA + FULL) == [f"{what} | make clients larger, or reserve less than 8"]
     assert access(NAMED, listen=SCADA + SOME) == []
 
 
 @pytest.mark.parametrize("row", ["", 'listen = ["field"]\n' + NAMED, NAMED + "allow = []\n"])
 def test_a_reserve_is_for_somebody(row):
-    what = (
-        "warning: listen[0].reserve: places are kept for addresses that [[access]] names, and no row gives any a right"
-    )
+    what = "warning: listen[0].reserve: reserves connections, but no row of [[access]] gives an address any right"
     remedy = 'name them in a row: from = ["10.2.0.7"]'
     assert f"{what} | {remedy}" in access(row, listen=SCADA + SOME + FIELD)
 

@@ -14,7 +14,7 @@ B = LISTEN.format("port-b", 5022) + 'line = "b"\n'
 LINE_A = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = "1-2", as = "41-42" }, { unit = 0, as = 50 }]\n'
 LINE_B = '[[line]]\nname = "b"\nport = "/dev/b"\n'
 LINE_C = '[[line]]\nname = "c"\nport = "/dev/c"\n'
-LONE = "unit 0 asks whoever is there"
+LONE = "any device on the line may answer unit 0"
 PANEL = '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\nserves = 41\n'
 
 
@@ -44,12 +44,12 @@ def test_one_line_without_devices_can_do_without_a_listener_of_its_own():
     """All that the listener for all leads to is on that line."""
     assert said(SHARED + B + LINE_B + LINE_C) == []
     (problem,) = said(SHARED + B + LINE_B + LINE_C + LINE_A)
-    assert problem.startswith("error: line[1]: has no devices beside another client line")
+    assert problem.startswith("error: line[1]: has no devices, but is not the only client line")
 
 
 APART = (
-    "error: line[1]: has no devices beside another client line: nobody knows which units are on it"
-    " | name its devices, such as devices = [{ unit = 1 }], or give it a [[listen]] of its own, with"
+    "error: line[1]: has no devices, but is not the only client line: it is unknown which units are on it"
+    " | name its devices, such as devices = [{ unit = 1 }], or give it its own [[listen]] with"
 )
 
 
@@ -141,8 +141,8 @@ def test_the_units_of_a_row_for_one_line_are_addresses():
 def test_a_line_where_we_are_a_server():
     assert said(SHARED + A.replace('"a"', '"panel"') + LINE_A + PANEL) == [
         (
-            'error: listen[1].line: on line "panel" an outside client asks us'
-            " | leave line out: every listener leads to what we serve"
+            'error: listen[1].line: line "panel" is a server line'
+            " | leave line out: every listener leads to the units that it serves"
         )
     ]
 

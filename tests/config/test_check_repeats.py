@@ -20,7 +20,7 @@ def test_without_a_time_of_its_own_there_is_always_enough(keys):
 
 
 def test_it_means_nothing_where_nothing_is_repeated():
-    assert said('retry_within = "9 s"\n') == ["warning: line[0].retry_within: means nothing without retries"]
+    assert said('retry_within = "9 s"\n') == ["warning: line[0].retry_within: has no effect without retries"]
 
 
 @pytest.mark.parametrize(

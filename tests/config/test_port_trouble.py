@@ -21,7 +21,7 @@ def test_a_file_is_no_port(tmp_path):
 
 
 def test_a_path_that_the_system_refuses():
-    assert port_trouble("/dev/" + "x" * 5000) == "cannot be looked at: File name too long"
+    assert port_trouble("/dev/" + "x" * 5000) == "cannot be checked: File name too long"
 
 
 def test_a_port_that_this_user_may_not_open(monkeypatch):
