@@ -47,8 +47,11 @@ def test_nothing_is_found_before_whatever_comes(mode, data):
     framer = asked(mode)
     for chunk in before:
         framer.received(chunk, 0.0)
-    frames = framer.received(behind[: max(0, framer.missing - 1)], 0.0)
-    assert [frame for frame in frames if parse_request(QUESTION).accepts(frame.pdu)] == []
+    missing = framer.missing
+    frames = framer.received(behind[: max(0, missing - 1)], 0.0)
+    found = [frame.pdu for frame in frames if parse_request(QUESTION).accepts(frame.pdu)]
+    # Behind noise that began like the response a whole exception response may come sooner: it is read a little later.
+    assert [pdu for pdu in found if pdu != REFUSAL or missing <= len(encoded(mode, REFUSAL))] == []
 
 
 @pytest.mark.parametrize("mode", MODES)
