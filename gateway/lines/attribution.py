@@ -116,9 +116,9 @@ class Attribution:
 
     def may_be_others(self, transaction: Transaction) -> bool:
         """Whether another client waits for a response of the same unit."""
-        if self.doubts or not self.foreign:
-            return bool(self.doubts)
-        return transaction.answers_from is None or transaction.unit in self.foreign
+        if transaction.answers_from is None:
+            return bool(self.foreign)
+        return transaction.unit in self.foreign
 
     def _answers_request(self, token: Token) -> bool:
         asked = self._asked
@@ -126,10 +126,11 @@ class Attribution:
             return False
         if token.start < asked.expected.since or not asked.accepts(token.frame):
             return False
-        doubts = self._doubts_about(token.frame, asked) if self.foreign else []
-        is_answer, self._is_answered = not (doubts or self._is_answered), True
-        self.doubts += doubts
-        return is_answer
+        if self._is_answered:
+            return False
+        self._is_answered = True
+        self.doubts = self._doubts_about(token.frame, asked) if self.foreign else []
+        return not self.doubts
 
     def _doubts_about(self, frame: Frame, asked: Transaction) -> list[ForeignRequest]:
         """Other clients' requests that `frame` may answer. One that equals ours and came later has the same response.
@@ -156,7 +157,7 @@ class Attribution:
             if not is_repeated and not token.is_damaged and asked.accepts(frame.pdu):
                 self.foreign[frame.unit].remove(request)
                 self._drop_empty(frame.unit)
-                if self._asked is not None and self._windows.windows:
+                if self._asked is not None:
                     patience = self._patience(asked, self._asked.device.answer_time)
                     self._windows.extend(token, request.at + patience)
                 return True

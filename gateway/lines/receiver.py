@@ -166,7 +166,7 @@ class Receiver:
         if is_early:
             self._echo.record_early_response(current)
         self._notice_echo(current)
-        if self._unexplained(self._scanner.position):
+        if self._has_noise(self._scanner.position):
             return Diagnosis("broken", b"" if is_early else text)
         if not (others or copies):
             return NOTHING
@@ -227,23 +227,23 @@ class Receiver:
         self.stop()
         end = self._scanner.position if response is None else response.start
         if self._frames or end > current.expected.since:
-            current.counts.noise += self._unexplained(end) > 0
+            current.counts.noise += self._has_noise(end)
             self._notice_echo(current)
-        doubts = self._attribution.doubts
-        if response is not None and not doubts:
+        if response is not None:
             return response.frame
-        self._report.other_client(current, doubts[0].frame)
+        self._report.other_client(current, self._attribution.doubts[0].frame)
         return AmbiguousResponse()
 
-    def _unexplained(self, end: int) -> int:
-        """How many bytes since the request, up to this place, are not part of a frame."""
-        at, count = self._began_at, 0
+    def _has_noise(self, end: int) -> bool:
+        """Whether bytes since the request, up to this place, are not part of a frame."""
+        at = self._began_at
         sound = [token for token, _ in self._frames if not token.is_damaged]
         for token in sorted(sound, key=lambda token: token.start):
-            if at <= token.start < end:
-                count += token.start - at
+            if at < token.start < end:
+                return True
+            if at == token.start:
                 at = token.end
-        return count + max(0, end - at)
+        return at < end
 
     def _is_damaged(self, current: Transaction) -> bool:
         """Whether all that was received looks like the response with a wrong check sum.
@@ -251,7 +251,7 @@ class Receiver:
         It may be another response with a damaged unit identifier while a late response, another client's, or one to an
         earlier sending may come.
         """
-        if self._windows.windows or current.outstanding > 1 or self._attribution.foreign or self._attribution.doubts:
+        if self._windows.windows or current.outstanding > 1 or self._attribution.foreign:
             return False
         begin = current.expected.since - self._began_at
         if begin and not self._echo.is_configured:

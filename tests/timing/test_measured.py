@@ -3,13 +3,13 @@
 import pytest
 
 from gateway.modbus.chartime import CharacterFormat, LineTiming
-from gateway.timing.measured import NEVER, Phases, Spending, Times
+from gateway.timing.measured import NEVER, Phases, Times, TimeSpent
 
 LINE = LineTiming("rtu", 1000, CharacterFormat.parse("8N1"))
 
 
 def spent(*transactions: tuple[float, float, float, int, float]) -> Phases:
-    spending = Spending()
+    spending = TimeSpent()
     spending.tune(LINE)
     for each in transactions:
         spending.add(*each)
@@ -38,7 +38,7 @@ def test_a_port_without_a_wire_is_done_before_the_request_could_be_on_one() -> N
 
 
 def test_all_that_was_and_what_is_under_way() -> None:
-    spending = Spending()
+    spending = TimeSpent()
     spending.tune(LINE)
     assert spending.phases() == Phases(0.0, 0.0, 0.0, 0.0)
     spending.add(20.0, 20.08, 20.50, 5, 20.535)
