@@ -314,6 +314,14 @@ def test_noise_while_another_unit_is_in_its_window_is_a_failure(bench: Bench) ->
     assert [event.unit for event in bench.told(UnitResting)] == [1]
 
 
+def test_so_is_noise_beside_a_frame_that_nobody_awaits(bench: Bench) -> None:
+    for _ in range(FAILURES):
+        bench.ask()
+        bench.hear("55 " + frame(2, RESPONSE))
+        bench.pass_time(1.0)
+    assert [event.unit for event in bench.told(UnitResting)] == [1]
+
+
 def test_a_port_that_is_back_ends_all_rests(bench: Bench) -> None:
     fail(bench, FAILURES)
     assert bench.devices[1].is_resting(bench.now)

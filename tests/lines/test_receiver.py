@@ -2,7 +2,8 @@
 
 import pytest
 
-from gateway.events import ForeignFrame, LateResponse, OtherClientHeard
+from gateway.devices.quirks import AddressZeroDevice
+from gateway.events import BadFrame, ForeignFrame, LateResponse, OtherClientHeard
 from kit.line_bench import ASCII, LIMIT, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench
 
 WRITE = "06 00 01 00 07"
@@ -130,3 +131,133 @@ def test_a_damaged_answer_behind_an_early_copy_may_be_another_clients() -> None:
     bench.hear(RESPONSE_FRAME[:-2] + "00")
     bench.pass_time(0.1)
     assert len(bench.written) == 1
+
+
+# --- what is told of it ---
+
+
+def exchange(bench: Bench) -> None:
+    """So that what follows does not begin at the first byte of the line."""
+    bench.ask()
+    bench.hear(request_frame(bench))
+    bench.respond()
+    bench.pass_time(0.05)
+
+
+def test_a_broken_answer_is_shown_without_the_echo_before_it(timing) -> None:
+    bench = Bench(echo=True, timing=timing)
+    exchange(bench)
+    bench.ask()
+    bench.pass_time(0.01)
+    bench.hear("AA " + request_frame(bench) + "55 66")
+    bench.pass_time(2.0)
+    assert [event.heard for event in bench.told(BadFrame)] == ["AA 55 66"]
+
+
+def test_of_two_copies_the_first_is_the_echo_and_the_second_is_shown() -> None:
+    bench = Bench(echo=True)
+    exchange(bench)
+    bench.ask()
+    bench.pass_time(0.01)
+    bench.hear(READ_FRAME + "AA" + READ_FRAME)
+    bench.pass_time(2.0)
+    assert [event.heard for event in bench.told(BadFrame)] == ["AA " + READ_FRAME]
+
+
+def test_behind_its_echo_a_damaged_answer_is_known_at_once(timing) -> None:
+    bench = Bench(echo=True, retries=1, timing=timing)
+    exchange(bench)
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + 0.02)
+    bench.hear(request_frame(bench))
+    damaged = bytearray.fromhex(bench.frame(1, RESPONSE))
+    damaged[-3] ^= 1
+    bench.hear(damaged.hex())
+    bench.pass_time(0.03)
+    assert len(bench.written) == 3
+
+
+@pytest.mark.parametrize("more", ["before", "behind"])
+def test_not_if_there_is_more_beside_its_echo(timing, more: str) -> None:
+    bench = Bench(echo=True, retries=1, timing=timing)
+    exchange(bench)
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + 0.02)
+    bench.hear("AA" * (more == "before") + request_frame(bench))
+    damaged = bytearray.fromhex(bench.frame(1, RESPONSE))
+    damaged[-3] ^= 1
+    bench.hear("AA" * (more == "behind") + damaged.hex())
+    bench.pass_time(0.03)
+    assert len(bench.written) == 2
+
+
+def test_a_damaged_frame_is_not_told_as_another_units(timing) -> None:
+    bench = Bench(timing=timing)
+    bench.ask()
+    bench.line.received(bytes.fromhex(bench.frame(2, RESPONSE)), bench.now, damaged=True)
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
+    assert not bench.told(ForeignFrame)
+    assert bench.counts.noise == 1
+
+
+@pytest.mark.parametrize(
+    ("before", "noise"),
+    [
+        pytest.param([], 0, id="nothing"),
+        pytest.param([(2, RESPONSE), (3, RESPONSE)], 0, id="frames of other units"),
+        pytest.param([(2, RESPONSE), None, (3, RESPONSE)], 1, id="a byte between such frames"),
+        pytest.param([(2, RESPONSE), None], 1, id="a byte behind them"),
+        pytest.param([None, (2, RESPONSE)], 1, id="a byte before them"),
+        pytest.param([None, None], 1, id="two bytes"),
+    ],
+)
+def test_noise_is_what_is_no_part_of_a_frame(timing, before, noise: int) -> None:
+    bench = Bench(timing=timing)
+    bench.ask()
+    bench.respond()
+    bench.pass_time(0.05)
+    bench.ask()
+    for each in before:
+        bench.hear("AA" if each is None else bench.frame(*each))
+    bench.respond()
+    assert bench.client.answers == [RESPONSE, RESPONSE]
+    assert bench.counts.noise == noise
+
+
+def test_of_two_other_clients_the_first_is_told(timing) -> None:
+    bench = Bench(timing=timing)
+    bench.respond("03 00 30 00 01")
+    bench.respond("03 00 31 00 01")
+    bench.pass_time(0.01)
+    bench.ask()
+    bench.pass_time(0.05)
+    bench.respond()
+    assert bench.told(OtherClientHeard) == [OtherClientHeard("hall-a", 1, "unit-1", "01 03 00 30 00 01")]
+
+
+def test_while_another_client_waits_for_the_unit_at_address_0_nothing_is_repeated_at_once() -> None:
+    """Any unit may be the one that has this address."""
+    for foreign, sendings in ((False, 2), (True, 1)):
+        bench = Bench(retries=1)
+        bench.devices[0] = AddressZeroDevice(bench.device(unit=0).settings, bench.line)
+        if foreign:
+            bench.respond("03 00 30 00 01", unit=9)
+            bench.pass_time(0.05)
+        bench.ask(unit=0)
+        bench.hear("55 AA")
+        bench.pass_time(REQUEST_TIME + LIMIT + 0.001)
+        assert len(bench.written) == sendings
+
+
+# --- on the idle line ---
+
+
+def test_who_responds_is_who_has_sent_the_last_bytes(timing) -> None:
+    bench = Bench(timing=timing)
+    bench.respond(unit=2)
+    assert bench.line._receiver.responding({1, 3}) == set()
+    bench.respond()
+    assert bench.line._receiver.responding({1, 2}) == {1}
+    bench.hear("55")
+    assert bench.line._receiver.responding({1, 2}) == set()

@@ -1,0 +1,256 @@
+"""The table of attribution, row by row, with the places and times that decide."""
+
+import pytest
+
+from gateway.devices.quirks import AddressZeroDevice
+from gateway.lines.attribution import Attribution
+from gateway.lines.late import LateWindows, Overdue
+from gateway.lines.transaction import Transaction
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import parse_request
+from gateway.modbus.scan import Expected, Token
+from kit.line_bench import READ, RESPONSE, Bench
+
+THEIRS = "03 00 30 00 01"
+WRITE = "06 00 01 00 05"
+#: Of another client's request, in seconds; and when our request is sent, where, and until when a copy is an echo.
+PATIENCE = 2.0
+NOW = 100.0
+PLACE = 50
+ECHO_UNTIL = NOW + 0.5
+
+
+class Table:
+    """An attribution, and the frames that it is shown, each behind the one before."""
+
+    def __init__(self) -> None:
+        self.windows = LateWindows(None)
+        self.attribution = Attribution(self.windows, lambda asked, answer_time: PATIENCE)
+        self.position = PLACE
+        self._bench = Bench()
+
+    def transaction(self, pdu: str = READ, unit: int = 1) -> Transaction:
+        device = self._bench.device(unit)
+        if unit == 0:
+            device = AddressZeroDevice(device.settings, self._bench.line)
+        asked = parse_request(bytes.fromhex(pdu))
+        return device._transaction(self._bench.client.ask(pdu), asked)
+
+    def begin(self, pdu: str = READ, unit: int = 1, now: float = NOW) -> Transaction:
+        transaction = self.transaction(pdu, unit)
+        transaction.expected = Expected(transaction.answers_from, transaction.asked, self.position)
+        self.attribution.begin(transaction, now, self.position, ECHO_UNTIL)
+        return transaction
+
+    def owner(self, pdu: str, unit: int = 1, at: float = NOW + 0.1, *, is_damaged: bool = False) -> str:
+        frame = Frame(unit, bytes.fromhex(pdu))
+        start, self.position = self.position, self.position + len(frame.pdu) + 3
+        return self.attribution.owner(Token(start, self.position, at, frame, is_damaged=is_damaged))
+
+
+@pytest.fixture
+def table() -> Table:
+    return Table()
+
+
+def test_the_first_that_fits_is_the_response(table: Table) -> None:
+    table.begin()
+    assert table.owner(RESPONSE) == "the request"
+    assert table.owner(RESPONSE) == "nobody"
+
+
+def test_what_began_before_the_request_is_not(table: Table) -> None:
+    table.begin()
+    table.position -= 1
+    assert table.owner(RESPONSE) == "nobody"
+    assert table.owner(RESPONSE) == "the request"
+
+
+def test_nor_is_a_damaged_frame_nor_one_that_comes_when_the_request_is_over(table: Table) -> None:
+    table.begin()
+    assert table.owner(RESPONSE, is_damaged=True) == "nobody"
+    table.attribution.end(table.position)
+    assert table.owner(RESPONSE) == "nobody"
+
+
+def test_what_comes_behind_the_response_does_not_put_it_in_doubt(table: Table) -> None:
+    """Whether it comes in the same chunk or later."""
+    table.begin()
+    assert table.owner(RESPONSE) == "the request"
+    assert table.owner(THEIRS) == "another's request"
+    assert table.owner(RESPONSE) == "another client"
+    assert table.attribution.doubts == []
+
+
+def test_what_may_be_another_clients_response_is_ambiguous(table: Table) -> None:
+    assert table.owner(THEIRS) == "another's request"
+    assert table.owner(READ) == "another's request"
+    table.begin()
+    assert table.owner(RESPONSE) == "another client"
+    assert [request.frame.pdu for request in table.attribution.doubts] == [bytes.fromhex(THEIRS), bytes.fromhex(READ)]
+    assert table.owner(RESPONSE) == "another client"
+    assert table.owner(RESPONSE) == "nobody"
+
+
+def test_a_damaged_frame_answers_no_request_of_another_client(table: Table) -> None:
+    assert table.owner(THEIRS) == "another's request"
+    assert table.owner(RESPONSE, is_damaged=True) == "nobody"
+    assert table.owner(RESPONSE) == "another client"
+
+
+def test_a_damaged_request_counts(table: Table) -> None:
+    assert table.owner(THEIRS, is_damaged=True) == "another's request"
+    assert table.owner(RESPONSE) == "another client"
+
+
+@pytest.mark.parametrize("pdu", ["41 00 01", "03 00 30 00 00", "83 02", RESPONSE])
+def test_what_is_neither_is_nobodys(table: Table, pdu: str) -> None:
+    assert table.owner(pdu) == "nobody"
+    assert table.attribution.foreign_requests() == []
+
+
+# --- who waits for a response ---
+
+
+def test_another_client_waits_until_it_has_its_response(table: Table) -> None:
+    ours = table.transaction()
+    assert not table.attribution.may_be_others(ours)
+    table.owner(THEIRS, unit=2)
+    assert not table.attribution.may_be_others(ours)
+    table.owner(THEIRS)
+    assert table.attribution.may_be_others(ours)
+    table.owner(RESPONSE)
+    assert not table.attribution.may_be_others(ours)
+
+
+def test_whoever_waits_may_have_asked_the_unit_at_address_0(table: Table) -> None:
+    ours = table.transaction(unit=0)
+    assert not table.attribution.may_be_others(ours)
+    table.owner(THEIRS, unit=2)
+    assert table.attribution.may_be_others(ours)
+
+
+@pytest.mark.parametrize(("later", "is_kept"), [(0.0, True), (0.001, False)])
+def test_a_request_is_kept_as_long_as_its_response_may_come(table: Table, later: float, is_kept: bool) -> None:
+    table.owner(THEIRS, at=NOW - PATIENCE - later)
+    table.owner(THEIRS, at=NOW - 1.0)
+    table.begin()
+    assert len(table.attribution.foreign_requests()) == 1 + is_kept
+
+
+@pytest.mark.parametrize(("later", "owner"), [(0.0, "another client"), (0.001, "the request")])
+def test_at_address_0_too_a_request_is_doubted_only_as_long_as_its_response_may_come(
+    table: Table, later: float, owner: str
+) -> None:
+    table.owner(THEIRS, unit=77, at=NOW - PATIENCE - later)
+    table.begin(unit=0)
+    assert table.owner(RESPONSE, unit=77) == owner
+
+
+# --- late responses ---
+
+
+def overdue(table: Table, ends_at: float, since: int = 0, owed: int = 1, answers_from: int | None = 1) -> Overdue:
+    request = Overdue(1, answers_from, bytes.fromhex(READ), owed, ends_at)
+    table.windows.open(request, Expected(answers_from, request.asked, since), ends_at, owed)
+    return request
+
+
+def test_a_late_response_is_for_the_oldest_request_that_it_fits(table: Table) -> None:
+    first, second = overdue(table, NOW + 5.0), overdue(table, NOW + 6.0)
+    assert table.owner(RESPONSE) == "a late response"
+    assert table.attribution.late is first
+    assert table.owner(RESPONSE) == "a late response"
+    assert table.attribution.late is second
+    assert table.owner(RESPONSE) == "nobody"
+
+
+def test_a_window_of_an_earlier_line_is_for_the_unit_that_was_asked(table: Table) -> None:
+    overdue(table, NOW + 5.0)
+    assert table.owner(RESPONSE, unit=2) == "nobody"
+    assert table.owner("04 02 01 10") == "nobody"
+    assert table.owner(RESPONSE) == "a late response"
+
+
+def test_or_for_any_unit_if_that_is_not_known(table: Table) -> None:
+    overdue(table, NOW + 5.0, answers_from=None)
+    assert table.owner("04 02 01 10", unit=2) == "nobody"
+    assert table.owner(RESPONSE, unit=2) == "a late response"
+
+
+def test_a_late_response_began_behind_its_request_and_is_not_damaged(table: Table) -> None:
+    overdue(table, NOW + 5.0, since=PLACE + 1)
+    assert table.owner(RESPONSE) == "nobody"
+    assert table.owner(RESPONSE, is_damaged=True) == "nobody"
+    assert table.owner(RESPONSE) == "a late response"
+
+
+def test_another_client_on_a_line_that_has_sent_nothing_yet(table: Table) -> None:
+    """A window of the line before it is still open."""
+    overdue(table, NOW + 5.0)
+    assert table.owner(THEIRS) == "another's request"
+    assert table.owner(RESPONSE) == "another client"
+    assert table.windows.next_end() == NOW + 5.0
+
+
+def test_a_window_lasts_while_the_other_of_two_responses_may_come(table: Table) -> None:
+    table.begin()
+    table.attribution.end(table.position)
+    overdue(table, NOW + 1.0)
+    assert table.owner(THEIRS, at=NOW + 0.5) == "another's request"
+    assert table.owner(RESPONSE, at=NOW + 0.9) == "another client"
+    assert table.windows.next_end() == NOW + 0.5 + PATIENCE
+
+
+# --- copies of our request ---
+
+
+@pytest.mark.parametrize(("at", "owner"), [(ECHO_UNTIL - 0.001, "an echo"), (ECHO_UNTIL, "another's request")])
+def test_a_copy_that_comes_so_soon_is_an_echo(table: Table, at: float, owner: str) -> None:
+    table.begin()
+    assert table.owner(READ, at=at) == owner
+
+
+def test_the_second_copy_is_another_clients_request(table: Table) -> None:
+    table.begin()
+    assert table.owner(READ) == "an echo"
+    assert table.owner(READ) == "another's request"
+
+
+def test_so_is_one_to_another_unit_and_one_of_another_request(table: Table) -> None:
+    table.begin()
+    assert table.owner(READ, unit=2) == "another's request"
+    assert table.owner(THEIRS) == "another's request"
+    assert table.owner(READ) == "an echo"
+
+
+def test_so_is_one_behind_the_end_of_the_request(table: Table) -> None:
+    table.begin()
+    table.attribution.end(table.position)
+    assert table.owner(READ) == "another's request"
+
+
+def test_whoever_is_asked_at_address_0_may_repeat_what_was_sent(table: Table) -> None:
+    table.begin(unit=0)
+    assert table.owner(READ, unit=77) == "an echo"
+
+
+def test_a_second_copy_of_a_writes_response_is_an_echo(table: Table) -> None:
+    table.begin(WRITE)
+    assert table.owner(WRITE) == "the request"
+    assert table.owner(WRITE) == "an echo"
+    assert table.owner(WRITE, unit=2) == "another's request"
+
+
+def test_copies_besides_the_response_are_counted_request_by_request(table: Table) -> None:
+    counts = []
+    for copies in (1, 2, 0, 1, 0):
+        table.begin()
+        counts.append(table.attribution.echoes_in_a_row)
+        for _ in range(copies):
+            table.owner(READ)
+        table.attribution.end(table.position)
+    table.begin()
+    assert [*counts, table.attribution.echoes_in_a_row] == [0, 1, 2, 0, 1, 0]
+
+
