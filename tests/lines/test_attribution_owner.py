@@ -252,5 +252,3 @@ def test_copies_besides_the_response_are_counted_request_by_request(table: Table
         table.attribution.end(table.position)
     table.begin()
     assert [*counts, table.attribution.echoes_in_a_row] == [0, 1, 2, 0, 1, 0]
-
-

@@ -1,14 +1,14 @@
 """Mutation testing of the request path: small faults in its code, one at a time, each of which the tests have to see.
 
     .venv/bin/pip install cosmic-ray
-    .venv/bin/python tests/mutation/mutants.py --sample 300
+    .venv/bin/python tests/mutation/mutants.py --sample 300 --quick --jobs 2
     .venv/bin/python tests/mutation/mutants.py gateway/lines/late.py --jobs 2
 
-Without `--sample` every mutant runs, which takes hours. The tests of a mutant are those of its module, then those of its
-package. What is known is kept in `.mutation`, in one session of cosmic-ray for each module (`cr-html` shows it) and
-until that module changes: a run that was stopped goes on, and `--again` runs only what has survived so far. Mutants that
-no test can tell from the code as it is stand in `equivalent.toml` with the reason, and are left out. Ends with status 0
-if enough of the others are killed.
+Without `--sample` every mutant runs, which takes hours. The tests of a mutant are those of its module, then those of
+its package. What is known is kept in `.mutation`, in one session of cosmic-ray for each module (`cr-html` shows it),
+until that module changes: a run that was stopped goes on, and `--again` runs only what has survived so far. Mutants
+that no test can tell from the code as it is stand in `equivalent.toml` with the reason, and are left out. Ends with
+status 0 if enough of the others are killed.
 """
 
 import argparse
@@ -25,12 +25,10 @@ from typing import Final
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
 
 try:
-    from cosmic_ray.work_item import TestOutcome
+    from mutation.running import TESTS, Runner, survey
+    from mutation.sessions import ROOT, SESSIONS, Module, Mutant, TestOutcome, open_module
 except ImportError:
     sys.exit("cosmic-ray is not installed; .venv/bin/pip install cosmic-ray")
-
-from mutation.running import TESTS, Runner, survey
-from mutation.sessions import ROOT, SESSIONS, Module, Mutant, open_module
 
 PACKAGES: Final = ("gateway/lines", "gateway/modbus", "gateway/routing", "gateway/timing")
 EQUIVALENT: Final = Path(__file__).with_name("equivalent.toml")
@@ -110,7 +108,7 @@ def main() -> int:
     modules = open_modules(args.module)
     seen = survey(SESSIONS / f"tests-{_version()}.json")
     if seen is None:
-        print("the tests fail without any mutant")
+        print(f"the tests fail without any mutant: pytest {' '.join(TESTS)}")
         return 1
     chosen = choose(modules, args.sample, args.seed)
     runner = Runner(seen, args.jobs, SLOW if args.quick else math.inf)

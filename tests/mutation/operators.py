@@ -123,7 +123,9 @@ def out_of_reach(source: str) -> list[Place]:
     found: list[Place] = []
     for node in ast.walk(ast.parse(source)):
         inside = [getattr(node, "annotation", None), getattr(node, "returns", None)]
-        inside += [argument for call in getattr(node, "decorator_list", ()) for argument in getattr(call, "keywords", ())]
+        inside += [
+            argument for call in getattr(node, "decorator_list", ()) for argument in getattr(call, "keywords", ())
+        ]
         found += (_place(each) for each in inside if each is not None)
     return found
 

@@ -1,4 +1,4 @@
-"""Runs the tests of a mutant in a child process: in one where all tests are collected already, if it can be put in there.
+"""Runs the tests of a mutant in a child process, where possible in one in which all tests are collected already.
 
 A fault in the body of a function replaces the code of that function. Any other fault, and one in a function that was
 called while the tests were collected, needs a process that imports everything anew.
@@ -12,7 +12,6 @@ import resource
 import signal
 import sys
 import types
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -23,7 +22,7 @@ from typing import Final
 import hypothesis
 import pytest
 
-from mutation.sessions import ROOT, Module, Mutant
+from mutation.sessions import Module, Mutant
 
 #: Tests of other packages that see more of a package than its own do.
 WIDER: Final = {"modbus": ("lines",), "timing": ("lines",)}
@@ -39,7 +38,16 @@ MEMORY: Final = 3 * 2**30
 
 _PYTEST: Final = (
     *("-x", "-q", "--no-header", "--tb=no", "--capture=no", "--hypothesis-profile=mutants"),
-    *("-W", "ignore::pytest.PytestAssertRewriteWarning", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:pytest_cov"),
+    *(
+        "-W",
+        "ignore::pytest.PytestAssertRewriteWarning",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "-p",
+        "no:pytest_cov",
+    ),
 )
 hypothesis.settings.register_profile(
     "mutants", deadline=None, derandomize=True, phases=[hypothesis.Phase.explicit, hypothesis.Phase.generate]
@@ -81,13 +89,13 @@ class _Surveyor:
 
 def survey(file: Path) -> Survey | None:
     """Run all tests without any mutant, or read from `file` what came out of that. None if they fail."""
-    if not file.exists():
-        if _wait(_fork(lambda: _write_survey(file))) != 0:
-            return None
+    if not file.exists() and _wait(_fork(lambda: _write_survey(file))) != 0:
+        return None
     return Survey(**json.loads(file.read_text()))
 
 
 def _write_survey(file: Path) -> int:
+    _discard((1,))
     surveyor = _Surveyor()
     status = int(pytest.main([*_PYTEST, *TESTS], plugins=[surveyor]))
     if status == 0:
@@ -113,8 +121,12 @@ def _fork(run: Callable[[], int], *, quiet: bool = False) -> int:
 def _be_quiet() -> None:
     os.setpgid(0, 0)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    _discard((0, 1, 2))
+
+
+def _discard(descriptors: Iterable[int]) -> None:
     nothing = os.open(os.devnull, os.O_RDWR)
-    for descriptor in (0, 1, 2):
+    for descriptor in descriptors:
         os.dup2(nothing, descriptor)
 
 
@@ -163,20 +175,22 @@ class Runner:
         self._jobs = jobs
         self._longest = longest
         self._called = set(seen.called)
-        self._is_child = False
         self._done = 0
         self._begin = monotonic()
 
     def run(self, mutants: Sequence[Mutant]) -> None:
-        """Run them, and keep what comes out in their sessions. The process is of no use for more of them after that."""
+        """Run them, those first that need no new imports, and keep what comes out in their sessions."""
         self._inside = [mutant for mutant in mutants if self._fits_inside(mutant)]
-        if not os.environ.get("INSIDE"):  # XXX
-            self._all(mutant for mutant in mutants if not self._fits_inside(mutant))
-        if not self._inside:
-            return
-        status = int(pytest.main([*_PYTEST, *TESTS], plugins=[self]))
-        if self._is_child:
-            os._exit(status)
+        if self._inside:
+            _wait(_fork(self._serve))
+        self._all(mutant for mutant in mutants if not self._fits_inside(mutant))
+
+    def _serve(self) -> int:
+        """Collect all tests. Each mutant then runs in a child."""
+        for module in {id(mutant.module): mutant.module for mutant in self._inside}.values():
+            module.reopen()
+        _discard((1,))
+        return int(pytest.main([*_PYTEST, *TESTS], plugins=[self]))
 
     def _fits_inside(self, mutant: Mutant) -> bool:
         function = mutant.function
@@ -195,7 +209,6 @@ class Runner:
         return True
 
     def _go_inside(self, mutant: Mutant, session: pytest.Session) -> None:
-        self._is_child = True
         _be_quiet()
         selection = Selection(mutant.module, self._seen, self._longest)
         selection.select(session.items)
@@ -283,7 +296,7 @@ class _Mutated(importlib.machinery.SourceFileLoader):
 
 def replace(mutant: Mutant) -> None:
     """Put a fault into the function that has been imported without it."""
-    codes = [code for code in _codes(compile(mutant.source, str(mutant.module.path), "exec", dont_inherit=True))]
+    codes = _codes(compile(mutant.source, str(mutant.module.path), "exec", dont_inherit=True))
     found = [code for code in codes if code.co_qualname == mutant.function]
     live = [
         function

@@ -50,6 +50,10 @@ class Module:
         """First and last line of the body of each function that is not inside another, and its qualified name."""
         return list(_functions(ast.parse(self.source), ""))
 
+    def reopen(self) -> None:
+        """In a process of its own, the database has a connection of its own."""
+        self.database = WorkDB(self.database.name(), WorkDB.Mode.open)
+
     @property
     def equivalents(self) -> int:
         return len(self.database.work_items) - len(self.mutants)
