@@ -53,7 +53,7 @@ class Budget:
     def response_wire_time(self, asked: RequestPdu) -> float:
         """Seconds of the longest expected response on the wire; 0 for one of unknown size."""
         longest = asked.longest_response
-        return self.line.frame(max(longest, _EXCEPTION_SIZE)) if longest else 0.0
+        return self.line.frame(longest) if longest else 0.0
 
     def request_wire_time(self, asked: RequestPdu) -> float:
         """Seconds of the request on the wire."""
