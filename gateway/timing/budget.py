@@ -12,9 +12,6 @@ from gateway.modbus.pdu import RequestPdu
 from gateway.timing.characters import LineTiming
 from gateway.timing.table import TimingTable
 
-#: The PDU of an exception response, which every request may get.
-_EXCEPTION_SIZE = 2
-
 
 @dataclass(frozen=True, slots=True)
 class AnswerTime:

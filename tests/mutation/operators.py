@@ -6,6 +6,7 @@ its opposite, as in PIT.
 """
 
 import ast
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
@@ -119,7 +120,10 @@ def is_used(operator: str) -> bool:
 
 
 def out_of_reach(source: str) -> list[Place]:
-    """Where no test can tell mutants apart: types, and what a decorator is called with (frozen, slots)."""
+    """Where no test can tell mutants apart: types, and what a decorator is called with (frozen, slots).
+
+    And what is taken for a multiplication or a division, but parts the parameters of a function.
+    """
     found: list[Place] = []
     for node in ast.walk(ast.parse(source)):
         inside = [getattr(node, "annotation", None), getattr(node, "returns", None)]
@@ -127,6 +131,8 @@ def out_of_reach(source: str) -> list[Place]:
             argument for call in getattr(node, "decorator_list", ()) for argument in getattr(call, "keywords", ())
         ]
         found += (_place(each) for each in inside if each is not None)
+    for row, line in enumerate(source.splitlines(), 1):
+        found += (((row, at.start()), (row, at.end())) for at in re.finditer(r"[*/](?=,)", line))
     return found
 
 

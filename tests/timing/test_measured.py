@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
+from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.measured import NEVER, Phases, Times, TimeSpent
 
 LINE = LineTiming("rtu", 1000, CharacterFormat.parse("8N1"))
