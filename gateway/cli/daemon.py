@@ -3,6 +3,7 @@
 import argparse
 import json
 import socket
+import struct
 import sys
 import tomllib
 from contextlib import suppress
@@ -17,6 +18,8 @@ from gateway.service.control import SYSTEM_SOCKET, control_path
 #: How long the daemon may take to answer, in seconds. A reload may need 10 to read the file, 15 to look up names, 3 for
 #: requests in progress, and 1.5 to close ports.
 _PATIENCE: Final = 40.0
+#: `struct ucred`: the process at the other end of a socket, its user and group.
+_PEER: Final = struct.Struct("=3i")
 #: Shown for values that a daemon of another version does not have.
 UNKNOWN: Final = "unknown"
 
@@ -62,6 +65,12 @@ class Conversation:
         """Allow this time for an answer, if it is longer than the usual one."""
         self._patience = max(_PATIENCE, seconds)
         self._sock.settimeout(self._patience)
+
+    @property
+    def pid(self) -> int:
+        """The process of the daemon."""
+        pid, _user, _group = _PEER.unpack(self._sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
+        return int(pid)
 
     def ask(self, verb: str, **details: object) -> dict[str, Any]:
         """The daemon's answer to a request."""

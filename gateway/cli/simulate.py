@@ -17,6 +17,7 @@ from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.unitset import parse_units, show_units
 from gateway.config.values import parse_format
 from gateway.ports.exact_loop import run_exactly
+from gateway.simulator.broken import FAULTS, line_faults, with_faults
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import Faults
 from gateway.simulator.kinds import KINDS
@@ -63,6 +64,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--silent", action="store_true", help="no device responds")
     add("--silent-unit", type=_units, default=(), metavar="UNITS", help="devices that do not respond")
+    add(
+        "--fault",
+        type=_fault_words,
+        default=frozenset(),
+        metavar="WORD[,WORD...]",
+        help=f"what is wrong with the line, for doctor to find: {', '.join(FAULTS)}",
+    )
     add("--slow", type=_duration, default=0.0, metavar="TIME", help='respond later, such as "200 ms"')
     add("--noise", type=_share, default=0.0, metavar="SHARE", help="damage some responses, such as 5%%")
     add("--seed", type=int, default=0, metavar="N", help="seed of the noise (default 0)")
@@ -81,8 +89,9 @@ def run(args: argparse.Namespace) -> int:
     end = asyncio.Event()
     tell = _print_frames(mode, end) if args.verbose else ignore_frame
     try:
-        devices = _devices(groups, args)
-        line = SimulatedLine(args.port, devices, mode=mode, format_=format_, seed=args.seed, tell=tell)
+        devices = with_faults(_devices(groups, args), args.fault, _shown_baud(groups, args))
+        faults = line_faults(args.fault)
+        line = SimulatedLine(args.port, devices, mode=mode, format_=format_, seed=args.seed, tell=tell, faults=faults)
     except ValueError as wrong:
         print(f"modbus-gateway simulate: error: {wrong}", file=sys.stderr)
         return WRONG_USAGE
@@ -145,7 +154,7 @@ def _name_groups(groups: list[_Group]) -> str:
 def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, format_: CharacterFormat) -> str:
     """The `[[line]]` table for these devices, with this rate or the usual one."""
     port = args.port.absolute()
-    baud = args.baud or _USUAL_BAUD.get(groups[0].kind, _DEFAULT_BAUD)
+    baud = _shown_baud(groups, args)
     rows = [
         f"  {{ unit = {units if units.isdecimal() else json.dumps(units)}, profile = {json.dumps(group.kind)} }},"
         for group in groups
@@ -154,6 +163,19 @@ def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, form
     keys = {"name": port.name, "port": str(port), "mode": mode, "baud": baud, "format": str(format_)}
     lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()]
     return "\n".join(["[[line]]", *lines, "devices = [", *rows, "]"])
+
+
+def _shown_baud(groups: list[_Group], args: argparse.Namespace) -> int:
+    """The rate in the config that is shown."""
+    return args.baud or _USUAL_BAUD.get(groups[0].kind, _DEFAULT_BAUD)
+
+
+def _fault_words(text: str) -> frozenset[str]:
+    words = [word.strip() for word in text.split(",")]
+    for word in words:
+        if word not in FAULTS:
+            raise argparse.ArgumentTypeError(f'there is no fault "{word}"; {did_you_mean(word, FAULTS)}')
+    return frozenset(words)
 
 
 def _group(text: str) -> tuple[str, tuple[int, ...] | None]:

@@ -21,6 +21,7 @@ from typing import Final, Literal, NamedTuple
 
 from gateway.errors import RequestError
 from gateway.lines.late import LateWindows, SentRequest
+from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
@@ -52,12 +53,13 @@ class Attribution:
 
     `windows` are our late windows. `patience(asked, answer_time)` is for how many seconds a response to another
     client's request may come from the unit that we ask. `foreign` are other clients' requests without a response, by
-    unit, `doubts` those that the response to our request may belong to.
+    unit, `doubts` those that the response to our request may belong to. `overheard` has the counters of other frames.
     """
 
     def __init__(self, windows: LateWindows, patience: Callable[[RequestPdu, AnswerTime], float]) -> None:
         self.foreign: dict[int, deque[ForeignRequest]] = {}
         self.doubts: list[ForeignRequest] = []
+        self.overheard = Overheard()
         #: Of how many requests in a row a copy was received besides the response.
         self.echoes_in_a_row = 0
         self._windows = windows
@@ -108,7 +110,10 @@ class Attribution:
             return "a late response"
         if self._is_echo(token):
             return "an echo"
-        return "another's request" if self._is_request(token) else "nobody"
+        if self._is_request(token):
+            return "another's request"
+        self._count_stray_response(token)
+        return "nobody"
 
     def foreign_requests(self) -> list[ForeignRequest]:
         """Other clients' requests without a response."""
@@ -185,7 +190,9 @@ class Attribution:
         if asked.expects_answer and token.start >= self._ended_at:
             return False  # it may be another client's request
         is_first, self._had_echo = not self._had_echo, True
-        return is_first and token.at < self._echo_until
+        is_echo = is_first and token.at < self._echo_until
+        self.overheard.copies += is_echo
+        return is_echo
 
     def _is_request(self, token: Token) -> bool:
         frame = token.frame
@@ -195,9 +202,24 @@ class Attribution:
             return False
         if asked.function not in KNOWN_FUNCTIONS:
             return False
+        self.overheard.count_request(is_copy=self._is_copy(frame))
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
         return True
+
+    def _is_copy(self, frame: Frame) -> bool:
+        last = self._asked
+        return last is not None and frame == (last.unit, last.asked.data)
+
+    def _count_stray_response(self, token: Token) -> None:
+        """A frame without an owner may be a second response to our last request, or come after its late window."""
+        asked = self._asked
+        if asked is None or self._is_on_line or token.is_damaged or not asked.accepts(token.frame):
+            return
+        if self._is_answered:
+            self.overheard.count_second_response(token.frame.unit)
+        else:
+            self.overheard.count_belated(token.frame.unit, token.at - asked.ends_at)
 
     def _forget(self, asked: Transaction, now: float) -> None:
         """Forget requests that nothing can answer any more. The answer times of other units are not known here."""

@@ -1,5 +1,6 @@
 """Counters of the requests to one unit: plain integers, because they are on the request path."""
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from operator import attrgetter
@@ -11,6 +12,8 @@ from gateway.timing.measured import NEVER, Times
 
 #: The key of all functions that the gateway does not know; clients may send any of them.
 OTHER_FUNCTIONS: Final = 0
+#: How often what came in place of a response is kept.
+_KEPT: Final = 8
 
 
 @dataclass(slots=True)
@@ -64,15 +67,17 @@ class UnitCounts(dict[int, Counts]):
     """The Counts of one unit by function; unknown functions share one. `times` has the same keys.
 
     `codes` counts the unit's exception responses by code. `last_error` is the result of the last request that was sent
-    and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`.
+    and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`. `received_instead` has the last bytes that
+    came in place of responses.
     """
 
-    __slots__ = ("codes", "last_error", "last_error_at", "times")
+    __slots__ = ("codes", "last_error", "last_error_at", "received_instead", "times")
 
     def __init__(self) -> None:
         super().__init__()
         self.times: dict[int, Times] = {}
         self.codes: dict[int, int] = {}
+        self.received_instead: deque[bytes] = deque(maxlen=_KEPT)
         self.last_error = ""
         self.last_error_at = NEVER
 

@@ -10,7 +10,7 @@ from gateway.lines.line import Line
 from gateway.lines.scheduler import earliest
 from gateway.lines.transaction import Transaction
 from gateway.ports.error_boundary import ErrorBoundary
-from gateway.ports.port import Port
+from gateway.ports.port import CharacterErrors, Port
 from gateway.ports.wire import Wire, settled
 
 
@@ -67,6 +67,11 @@ class LineDriver:
     def is_renewing(self) -> bool:
         """Whether the line has closed its connection and waits for a new one."""
         return self.line.is_renewing
+
+    @property
+    def errors(self) -> CharacterErrors | None:
+        """What was wrong with received characters since the port was opened, as far as its driver counts that."""
+        return None if self._boundary.port is None else self._boundary.port.errors
 
     @property
     def is_busy(self) -> bool:

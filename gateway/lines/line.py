@@ -34,6 +34,7 @@ from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateWindows, Overdue
+from gateway.lines.overheard import Overheard
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.report import Report
 from gateway.lines.scheduler import Scheduler, earliest
@@ -86,6 +87,11 @@ class Line:
     def waiting(self) -> int:
         """How many requests wait."""
         return len(self._scheduler)
+
+    @property
+    def overheard(self) -> Overheard:
+        """Counters of frames that are not responses to its requests."""
+        return self._receiver.overheard
 
     def late_windows(self, now: float) -> int:
         """How many late windows are open."""

@@ -56,7 +56,8 @@ class Receiver:
     """Receives from one line. A request is on the line between `begin` and an outcome, or `diagnose`.
 
     `late_responses` are for the caller to take out. `damaged_at` is when silence will have shown that the response came
-    with a wrong check sum; None unless it looks so. `may_be_others` and `foreign_requests` are those of Attribution.
+    with a wrong check sum; None unless it looks so. `may_be_others`, `foreign_requests` and `overheard` are those of
+    Attribution.
     """
 
     def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report) -> None:
@@ -73,6 +74,7 @@ class Receiver:
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
         self.may_be_others = self._attribution.may_be_others
         self.foreign_requests = self._attribution.foreign_requests
+        self.overheard = self._attribution.overheard
         #: The request on the line, the place where it began, the first bytes since then, and the frames that are not
         #: its response. On the idle line: the last frames.
         self._current: Transaction | None = None

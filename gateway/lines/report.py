@@ -31,6 +31,7 @@ class Report:
     def given_up(self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool = False) -> None:
         """No valid response came; `received` came instead, `is_echo` if that is the request."""
         if received:
+            transaction.device.counts.received_instead.append(received)
             hint = f"this is the request itself: {_echo_hint(transaction)}"
             reason = hint if is_echo else _NO_ANSWER if transaction.outstanding else _DAMAGED
             self._log(partial(events.BadFrame, heard=received[:64].hex(" ").upper(), reason=reason), transaction, now)
@@ -40,6 +41,7 @@ class Report:
     def late_response(self, transaction: Transaction, now: float) -> None:
         """A response came after its time limit."""
         transaction.counts.late_responses += 1
+        transaction.times.latest = max(transaction.times.latest, now - transaction.ends_at)
         self._log(events.LateResponse, transaction, now)
 
     def too_early(self, transaction: Transaction, *, proven: bool) -> None:

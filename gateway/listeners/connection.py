@@ -35,6 +35,9 @@ class ConnectionOwner(Protocol):
     def rejected(self, client: str, reason: str) -> None:
         """A client is rejected."""
 
+    def left_early(self, host: str, waited: float) -> None:
+        """A client has closed its side `waited` seconds after its last request, and a response is missing."""
+
     def failed(self, part: str, error: Exception) -> None:
         """An unexpected error was caught at the error boundary of a connection."""
 
@@ -96,6 +99,7 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def eof_received(self) -> bool:
         """The client has closed its side; keep the connection until its responses have been sent."""
+        self._leaves()
         self.session.end_of_input()
         return True
 
@@ -109,6 +113,8 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
+        if exc is not None:
+            self._leaves()
         self.session.closed()
         if self._timer is not None:
             self._timer.close()
@@ -177,6 +183,12 @@ class TcpConnection(asyncio.BufferedProtocol):
         self.session.closed()
         self._listener.closing(self)
         self.transport.abort()
+
+    def _leaves(self) -> None:
+        """The client closes its side; the listener is told if a response is missing."""
+        session = self.session
+        if not session.is_idle and session.takes_responses:
+            self._listener.left_early(self.host, self._time() - session.last_asked)
 
     def _part(self, reason: str) -> None:
         """Close, and drop the responses that the client still waits for."""

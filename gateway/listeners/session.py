@@ -193,6 +193,11 @@ class Session(ABC):
         return self._life == GONE
 
     @property
+    def takes_responses(self) -> bool:
+        """Whether neither end of the connection has been closed yet."""
+        return self._life < HALF_CLOSED
+
+    @property
     def is_idle(self) -> bool:
         """Whether no request of the client is in progress."""
         return self._in_flight == 0

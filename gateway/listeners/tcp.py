@@ -7,6 +7,7 @@ from typing import Final
 from gateway import events
 from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.connection import TcpConnection
+from gateway.listeners.departures import Departures
 from gateway.listeners.origin import Origins
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.sockets import (
@@ -37,7 +38,7 @@ class TcpListener:
     """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
 
     `connections` are those that count for `clients`. One that is being closed no longer counts; it has
-    CLOSING_DEADLINE to send its remaining data.
+    CLOSING_DEADLINE to send its remaining data. `departures` counts clients that left before their responses.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -45,6 +46,7 @@ class TcpListener:
         self.router = router
         self.emit = emit
         self.counts = Counts()
+        self.departures = Departures()
         self.connections: Admission[TcpConnection] = Admission(Origins().of)
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
@@ -149,6 +151,10 @@ class TcpListener:
         """A client is rejected."""
         self.counts.rejected += 1
         self.emit(events.ClientRejected(self.settings.name, client, reason))
+
+    def left_early(self, host: str, waited: float) -> None:
+        """A client has left before its response."""
+        self.departures.add(host, waited)
 
     def failed(self, part: str, error: Exception) -> None:
         """An unexpected error was caught at one of this module's error boundaries."""

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Final
 
 PROC: Final = Path("/proc")
+#: The other ends of pseudo-terminals.
+_FAR_ENDS: Final = frozenset({"/dev/ptmx", "/dev/pts/ptmx"})
 
 
 def holder(device: str) -> str | None:
@@ -14,31 +16,54 @@ def holder(device: str) -> str | None:
 
     Only root may see other users' descriptors. Everybody may see locks, and most serial programs set one.
     """
-    for pid in (*_by_lock(Path(device)), *_by_descriptor(device)):
+    for pid in (*_by_lock(Path(device), PROC), *_by_descriptor(Path(device), PROC)):
         if pid != os.getpid():
-            return f"{_name(pid)} (pid {pid})"
+            return f"{name_of(pid, PROC)} (pid {pid})"
     return None
 
 
-def _by_lock(device: Path) -> Iterator[int]:
+def holders(device: Path, programs: Path = PROC) -> set[int]:
+    """The programs that hold the device, by pid, as far as they may be seen; not who simulates it, at its other end."""
+    by_descriptor = (pid for pid in _by_descriptor(device, programs) if not _has_other_end(device, programs / str(pid)))
+    return {*_by_lock(device, programs), *by_descriptor}
+
+
+def running_programs(programs: Path = PROC) -> set[str]:
+    """The names of all programs that run."""
+    return {name_of(int(process.name), programs) for process in programs.glob("[1-9]*")}
+
+
+def name_of(pid: int, programs: Path = PROC) -> str:
+    """The name of a program, cut after 15 characters."""
+    try:
+        return (programs / str(pid) / "comm").read_text().strip()
+    except OSError:
+        return "a program"
+
+
+def _by_lock(device: Path, programs: Path = PROC) -> Iterator[int]:
     with suppress(OSError):
         node = device.stat()
         place = f"{os.major(node.st_dev):02x}:{os.minor(node.st_dev):02x}:{node.st_ino}"
-        for line in (PROC / "locks").read_text().splitlines():
+        for line in (programs / "locks").read_text().splitlines():
             match line.split():
                 case [_, "FLOCK", _, _, pid, lock, *_] if lock == place:
                     yield int(pid)
 
 
-def _by_descriptor(device: str) -> Iterator[int]:
-    for process in PROC.glob("[1-9]*"):
+def _by_descriptor(device: Path, programs: Path) -> Iterator[int]:
+    for process in programs.glob("[1-9]*"):
         with suppress(OSError):  # another user's process, or one that has just ended
-            if any(descriptor.readlink() == Path(device) for descriptor in (process / "fd").iterdir()):
+            if any(descriptor.readlink() == device for descriptor in (process / "fd").iterdir()):
                 yield int(process.name)
 
 
-def _name(pid: int) -> str:
-    try:
-        return (PROC / str(pid) / "comm").read_text().strip()
-    except OSError:
-        return "a program"
+def _has_other_end(device: Path, process: Path) -> bool:
+    """Whether a program has the other end of a pseudo-terminal: it is the device, and does not take it from anybody."""
+    with suppress(OSError):
+        for descriptor in (process / "fd").iterdir():
+            if str(descriptor.readlink()) in _FAR_ENDS:
+                told = (process / "fdinfo" / descriptor.name).read_text().split()
+                if told[told.index("tty-index:") + 1] == device.name:
+                    return True
+    return False

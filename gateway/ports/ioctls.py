@@ -11,6 +11,7 @@ from typing import Final
 
 from serial.serialposix import TCGETS2, TIOCOUTQ
 
+from gateway.ports.port import CharacterErrors
 from gateway.timing.characters import CharacterFormat
 
 #: The control flags that make up a character format.
@@ -18,6 +19,9 @@ FORMAT_FLAGS: Final = termios.CSIZE | termios.PARENB | termios.PARODD | termios.
 
 #: `struct termios2`: four words of flags, the line discipline, 19 control characters, input and output rate.
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
+#: `struct serial_icounter_struct`: changes of CTS, DSR, RI and DCD, bytes received and sent, framing errors, overruns
+#: of the UART, parity errors, breaks, overruns of the driver's buffer; the rest is reserved.
+_ICOUNTER: Final = struct.Struct("=11i36x")
 #: `struct serial_struct` begins with these words; 128 bytes hold it on every architecture.
 _SERIAL_STRUCT_SIZE: Final = 128
 _SERIAL_TYPE: Final = 0
@@ -89,6 +93,16 @@ def has_redefined_38400(descriptor: int) -> bool:
 def divided(baud_base: int, baud: int) -> int | None:
     """`baud_base` divided by the whole number that comes nearest to `baud`, rounded as in the kernel."""
     return round(baud_base / max(1, (2 * baud_base + baud) // (2 * baud))) if baud_base > 0 else None
+
+
+def character_errors(descriptor: int) -> CharacterErrors | None:
+    """What the driver has counted since it found the port; None where it does not count."""
+    try:
+        answer = fcntl.ioctl(descriptor, termios.TIOCGICOUNT, bytes(_ICOUNTER.size))
+    except OSError:
+        return None
+    *_, received, _sent, framing, overrun, parity, _breaks, lost = _ICOUNTER.unpack(answer)
+    return CharacterErrors(received, framing, parity, overrun + lost)
 
 
 def bytes_to_send(descriptor: int) -> int:

@@ -36,7 +36,7 @@ def serial_ports() -> list[ListedPort]:
     """All serial ports with hardware, not virtual ones. Opens none of them."""
     names = sorted((entry.name for entry in TERMINALS.glob("*") if _has_hardware(entry)), key=numsplit)
     devices = [DEVICES / name.replace("!", "/") for name in names]
-    links = _stable_links()
+    links = stable_links()
     return [_listed(device, links.get(device, device)) for device in devices if device.exists()]
 
 
@@ -47,11 +47,11 @@ def _has_hardware(terminal: Path) -> bool:
     return _line(terminal / "type") != "0"
 
 
-def _stable_links() -> dict[Path, Path]:
-    """The best stable link to each device."""
+def stable_links(within: Path | None = None) -> dict[Path, Path]:
+    """The best stable link to each device, `within` the folder of devices."""
     links: dict[Path, Path] = {}
     for folder in STABLE_LINKS:
-        for link in sorted((DEVICES / folder).glob("*")):
+        for link in sorted(((within or DEVICES) / folder).glob("*")):
             links.setdefault(link.resolve(), link)
     return links
 

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from gateway.errors import PortClosed, PortError
-from gateway.ports.port import Port, PortUser
+from gateway.ports.port import CharacterErrors, Port, PortUser
 
 
 class MemoryLine:
@@ -30,6 +30,8 @@ class MemoryLine:
         self.openings = 0
         self.opens_in = 0.0
         self.baud = 0
+        self.errors: CharacterErrors | None = None
+        self.virtual = True
         self._port: MemoryPort | None = None
         self._absent: str | None = None
 
@@ -94,13 +96,18 @@ class MemoryPort:
 
     def __init__(self, line: MemoryLine, user: PortUser) -> None:
         self.latency = line.latency
-        self.virtual = True
+        self.virtual = line.virtual
         self.has_arrived = line.has_arrived
         self.baud: int | None = None
         self.user = user
         self._line: MemoryLine | None = line
         self._is_paused = False
         self._kept = b""
+
+    @property
+    def errors(self) -> CharacterErrors | None:
+        """What the test says."""
+        return None if self._line is None else self._line.errors
 
     def write(self, data: bytes) -> None:
         """Send `data` now."""

@@ -8,6 +8,28 @@ from gateway.errors import PortError
 from gateway.timing.characters import CharacterFormat
 
 
+@dataclass(frozen=True, slots=True)
+class CharacterErrors:
+    """Characters that a driver has received, and those among them that it found wrong, since the port was opened.
+
+    `overrun` are characters that were lost because nobody took those before them in time.
+    """
+
+    received: int
+    framing: int
+    parity: int
+    overrun: int
+
+    def since(self, earlier: "CharacterErrors") -> "CharacterErrors":
+        """Those that have come after `earlier`."""
+        return CharacterErrors(
+            self.received - earlier.received,
+            self.framing - earlier.framing,
+            self.parity - earlier.parity,
+            self.overrun - earlier.overrun,
+        )
+
+
 class Port(Protocol):
     """An open port. All of it is called in the event loop and nothing blocks."""
 
@@ -21,6 +43,10 @@ class Port(Protocol):
     @property
     def has_arrived(self) -> Callable[[], bool] | None:
         """Whether the other end has received all that was written. None: this port is no connection."""
+
+    @property
+    def errors(self) -> CharacterErrors | None:
+        """What was wrong with received characters; None where the driver does not count that."""
 
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""

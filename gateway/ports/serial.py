@@ -14,10 +14,10 @@ from serial import PARITY_NONE, Serial
 from serial_asyncio import SerialTransport
 
 from gateway.errors import PortClosed, PortError
-from gateway.ports.ioctls import set_input_flags
+from gateway.ports.ioctls import character_errors, set_input_flags
 from gateway.ports.marked import MarkedInput
 from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
-from gateway.ports.port import Port, PortUser, SerialSettings
+from gateway.ports.port import CharacterErrors, Port, PortUser, SerialSettings
 from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.threads import ThreadPerCall
 from gateway.timing.characters import CharacterFormat
@@ -127,6 +127,13 @@ class SerialPort(SerialTransport):
         self._user: PortUser | None = user
         self._received = MarkedInput(user.received).received if device.marked else user.received
         self._closed = asyncio.Event()
+        self._errors_before = character_errors(self._descriptor)
+
+    @property
+    def errors(self) -> CharacterErrors | None:
+        """What was wrong with received characters; None where the driver does not count that."""
+        counted = None if self._closing else character_errors(self._descriptor)
+        return None if counted is None or self._errors_before is None else counted.since(self._errors_before)
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send `data` now; what the driver does not take at once follows later."""

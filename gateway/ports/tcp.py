@@ -76,6 +76,7 @@ class TcpPort(asyncio.BufferedProtocol):
 
     virtual = True
     baud: int | None = None
+    errors = None
 
     def __init__(self, settings: TcpSettings) -> None:
         self.latency = settings.latency

@@ -26,7 +26,10 @@ from gateway.upstreams.upstream import Upstream
 
 
 class GatewayLine:
-    """A client line with its parts. Keys of devices and longest waits are the units for clients."""
+    """A client line with its parts. Keys of devices and longest waits are the units for clients.
+
+    `opener` opens ports.
+    """
 
     def __init__(
         self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit
@@ -37,6 +40,7 @@ class GatewayLine:
         self._addresses = UnitAddresses()
         self.name = name = plan.line.name
         timing = plan.line.timing
+        self.opener = opener
         self._port = _RememberedPort(plan, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
         self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)

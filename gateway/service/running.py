@@ -50,6 +50,7 @@ class Running:
         self._sockets = sockets or OpenSockets()
         self._left_behind = left_behind or LeftBehind()
         self._tasks: dict[Part, asyncio.Task[None]] = {}
+        self._is_ending = False
         #: Listeners that were removed from the config and still have clients.
         self._going: list[Listener] = []
 
@@ -68,6 +69,7 @@ class Running:
         try:
             yield
         finally:
+            self._is_ending = True
             await self._end(list(self._tasks))
             for mirror in self.gateway.mirrors:
                 mirror.close()
@@ -94,6 +96,23 @@ class Running:
         """Drop all clients."""
         for listener in (*self.gateway.listeners, *self._going):
             listener.close()
+
+    def keeps(self, line: GatewayLine) -> bool:
+        """Whether the line is still part of the gateway, and the gateway does not stop."""
+        return not self._is_ending and line in self.gateway.lines
+
+    @asynccontextmanager
+    async def port_lent(self, line: GatewayLine) -> AsyncIterator[None]:
+        """Close the port of `line` for the context, where it may be opened otherwise; requests to the line get 0A."""
+        task = self._tasks.pop(line, None)
+        if task is not None:
+            task.cancel()
+            await asyncio.wait((task,), timeout=CLOSING_TIME)
+        try:
+            yield
+        finally:
+            if task is not None and self.keeps(line):
+                self._tasks[line] = asyncio.create_task(_keep(line, self.emit), name=f"line:{line.name}")
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
         """Take no more clients and requests, and let those in progress finish, unless that becomes urgent.

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from gateway.service.control import IsThere, Verb
+from gateway.service.doctor import examine
 from gateway.service.operator import ask, picture
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
@@ -14,6 +15,7 @@ from gateway.service.status import status
 
 def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
     """The verbs, by name."""
+    examining = asyncio.Lock()  # two that look for a device at once would be in each other's way
 
     async def show_status(_request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"status": status(running.gateway, asyncio.get_running_loop().time(), running.recent)}
@@ -28,4 +30,8 @@ def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
     async def unit(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"unit": picture(running.gateway, request.get("unit"))}
 
-    return {"status": show_status, "reload": reload, "unit": unit, "request": request}
+    async def doctor(request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        async with examining:
+            return await examine(running, request, is_there)
+
+    return {"status": show_status, "reload": reload, "unit": unit, "request": request, "doctor": doctor}

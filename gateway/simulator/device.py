@@ -63,7 +63,7 @@ class Device:
         delay, response = self._act(frame.pdu, now, baud)
         if not self.answers(frame):
             return None
-        return Answer(delay + self.faults.slow, Frame(self.unit, response))
+        return Answer(self.faults.delay(delay, self._allowed(frame.pdu)), Frame(self.unit, response))
 
     def is_meant(self, frame: Frame) -> bool:
         """Whether the device acts on `frame`."""
@@ -95,6 +95,15 @@ class Device:
             return self.answer_time if time is None else time, self.perform(asked, now, baud)
         except RequestError as error:
             return self.answer_time, exception_response(pdu[0], error.code)
+
+    def _allowed(self, pdu: bytes) -> float:
+        """Seconds that the profile allows for an answer."""
+        try:
+            asked = self._check(pdu)
+        except RequestError:
+            return self.profile.timeout
+        time = self.profile.timing.time(asked.function, asked.items)
+        return self.profile.timeout if time is None else self.profile.margin * time
 
     def _check(self, pdu: bytes) -> RequestPdu:
         if pdu[0] not in TABLE_FUNCTIONS:

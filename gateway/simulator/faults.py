@@ -4,6 +4,9 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final
 
+#: What a late device takes of the time that its profile allows, and seconds beyond that.
+_LATE: Final = 1.25
+_LATER: Final = 0.15
 #: The most bytes of noise before a response.
 _MOST_NOISE: Final = 4
 
@@ -12,13 +15,18 @@ _MOST_NOISE: Final = 4
 class Faults:
     """The faults of a device.
 
-    `silent`: it never responds. `slow`: additional seconds before each response. `noise`: the share of its responses, 0
-    to 1, that have a flipped bit or bytes of noise before them.
+    `silent`: it never responds. `slow`: additional seconds before each response. `late`: it takes longer than its
+    profile allows. `noise`: the share of its responses, 0 to 1, that have a flipped bit or bytes of noise before them.
     """
 
     silent: bool = False
     slow: float = 0.0
+    late: bool = False
     noise: float = 0.0
+
+    def delay(self, time: float, allowed: float) -> float:
+        """Seconds until a response that takes `time` without faults; its profile allows `allowed`."""
+        return self.slow + (_LATE * allowed + _LATER if self.late else time)
 
     def on_the_line(self, adu: bytes, dice: Random) -> bytes:
         """The response as it arrives."""
@@ -30,6 +38,17 @@ class Faults:
 
 
 NO_FAULTS: Final = Faults()
+
+
+@dataclass(frozen=True, slots=True)
+class LineFaults:
+    """The faults of a line. `echo`: the adapter returns what is sent. `second_client`: another client polls."""
+
+    echo: bool = False
+    second_client: bool = False
+
+
+NO_LINE_FAULTS: Final = LineFaults()
 
 
 def flip_bit(data: bytes, bit: int) -> bytes:

@@ -14,6 +14,7 @@ from typing import Self
 from gateway.config.plan import DEFAULT_FORMATS
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.simulator.device import Device, Mode
+from gateway.simulator.faults import NO_LINE_FAULTS, LineFaults
 from gateway.simulator.paced_line import PacedLine, Tell, ignore_frame
 from gateway.simulator.port import VirtualPort
 from gateway.timing.characters import CharacterFormat
@@ -24,6 +25,7 @@ class SimulatedLine:
 
     `format_` decides how many bits a character takes (default 8E1 for RTU, 7E1 for ASCII); on a pseudo-terminal the
     kernel always carries eight bits without parity. `seed` is for the noise. `tell` is called with each frame.
+    `faults` are those of the line itself.
 
     Raises:
         PortError: on entering, if the port cannot be created at `path`.
@@ -39,6 +41,7 @@ class SimulatedLine:
         format_: CharacterFormat | None = None,
         seed: int = 0,
         tell: Tell = ignore_frame,
+        faults: LineFaults = NO_LINE_FAULTS,
     ) -> None:
         for device in devices:
             if mode not in device.modes:
@@ -46,7 +49,7 @@ class SimulatedLine:
                 raise ValueError(f"a {kind} does not speak {mode}, and all devices of a line speak the same")
         self.path = Path(path)
         self.devices = tuple(devices)
-        self._line = PacedLine(mode, format_ or DEFAULT_FORMATS[mode], devices, seed=seed, tell=tell)
+        self._line = PacedLine(mode, format_ or DEFAULT_FORMATS[mode], devices, seed=seed, tell=tell, faults=faults)
 
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()

@@ -12,7 +12,11 @@ from random import Random
 from typing import Final, Literal
 
 from gateway.simulator.device import Device, Mode
+from gateway.simulator.echo import Echo
+from gateway.simulator.faults import NO_LINE_FAULTS, LineFaults
 from gateway.simulator.pace import Transmission
+from gateway.simulator.second_client import SecondClient
+from gateway.simulator.speaker import Speaker
 from gateway.simulator.station import Station
 from gateway.timing.characters import CharacterFormat, LineTiming
 
@@ -39,11 +43,17 @@ class PacedLine:
         *,
         seed: int = 0,
         tell: Tell = ignore_frame,
+        faults: LineFaults = NO_LINE_FAULTS,
     ) -> None:
         dice = Random(seed)  # noqa: S311 - noise is not a secret, and repeatable
         self._mode = mode
         self._format = format_
-        self._stations = [Station(device, mode, dice) for device in devices]
+        self._speakers: list[Speaker] = [Station(device, mode, dice) for device in devices]
+        if faults.second_client:
+            self._speakers.append(SecondClient(devices[0].unit, mode, dice))
+        self._echo = Echo(dice) if faults.echo else None
+        if self._echo is not None:
+            self._speakers.append(self._echo)
         self._tell = tell
         self._port_is_free_at = 0.0
 
@@ -56,38 +66,38 @@ class PacedLine:
         if data:
             sent = Transmission(data, start, timing)
             self._port_is_free_at = sent.end
-            self._begin("port", sent, self._stations, disturbed=self._any_sends(start, self._stations))
+            self._begin("port", sent, self._speakers, disturbed=self._any_sends(start, self._speakers))
 
     def deadline(self) -> float | None:
         """When `tick` must be called, or None."""
-        deadlines = [station.deadline() for station in self._stations]
+        deadlines = [speaker.deadline() for speaker in self._speakers]
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def tick(self, now: float) -> bytes:
         """Let time pass; the bytes that the port has received."""
         readable = b""
         while (at := self.deadline()) is not None and at <= now:
-            readable += b"".join(self._step(station, at) for station in self._stations)
+            readable += b"".join(self._step(speaker, at) for speaker in self._speakers)
         return readable
 
-    def _step(self, station: Station, now: float) -> bytes:
-        """Let a station do what is due; the characters of its response that have arrived."""
-        station.listen(now)
-        answer = station.begin(now)
-        if answer is not None:
-            others = [other for other in self._stations if other is not station]
+    def _step(self, speaker: Speaker, now: float) -> bytes:
+        """Let a speaker do what is due; the characters that it sent and that have arrived."""
+        speaker.listen(now)
+        sent = speaker.begin(now)
+        if sent is not None:
+            others = [other for other in self._speakers if other is not speaker and other is not self._echo]
             port_sends = now < self._port_is_free_at
-            self._begin("device", answer, others, disturbed=port_sends or self._any_sends(now, others))
-        return station.take(now)
+            self._begin("device", sent, others, disturbed=port_sends or self._any_sends(now, others))
+        return speaker.take(now)
 
-    def _begin(self, sender: Sender, sent: Transmission, receivers: Sequence[Station], *, disturbed: bool) -> None:
+    def _begin(self, sender: Sender, sent: Transmission, receivers: Sequence[Speaker], *, disturbed: bool) -> None:
         self._tell(sender, sent.data)
-        for station in receivers:
-            station.receive(sent)
+        for receiver in receivers:
+            receiver.receive(sent)
         if disturbed:
-            for station in self._stations:
-                station.disturb()
+            for speaker in self._speakers:
+                speaker.disturb()
 
     @staticmethod
-    def _any_sends(time: float, stations: Iterable[Station]) -> bool:
-        return any(station.sends_at(time) for station in stations)
+    def _any_sends(time: float, speakers: Iterable[Speaker]) -> bool:
+        return any(speaker.sends_at(time) for speaker in speakers)

@@ -17,9 +17,10 @@ class Times:
     `wait` is from a request's arrival until it was sent, `answer` from its last character to the last one of a valid
     response, and `share` that time divided by the limit. `request` is from a request's arrival to its response, for all
     that were sent. `limit` is that of the last transaction, `answered_at` the time of the last valid response.
+    `latest` is the longest time of a response that came after its limit, 0 if none did.
     """
 
-    __slots__ = ("answer", "answered_at", "limit", "request", "share", "wait")
+    __slots__ = ("answer", "answered_at", "latest", "limit", "request", "share", "wait")
 
     def __init__(self) -> None:
         self.wait = Histogram(SECONDS)
@@ -27,6 +28,7 @@ class Times:
         self.share = Histogram(SHARES)
         self.request = Histogram(SECONDS)
         self.limit = 0.0
+        self.latest = 0.0
         self.answered_at = NEVER
 
     def answered(self, now: float, ends_at: float, limit: float) -> None:

@@ -14,6 +14,7 @@ from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.service.build import Gateway, build
 from gateway.service.recent import Recent
+from gateway.service.running import Running
 from gateway.service.state import Memory
 from gateway.service.supervisor import keep_lines_open
 from kit.device import SimulatedLine
@@ -93,8 +94,10 @@ class GatewayBench:
     """A running gateway, and the far end of each of its lines and connections.
 
     Keys of `lines` and `opened` (the settings each was opened with) are port paths without /dev/. What is written to
-    a line in `holding_back` has not arrived yet.
+    a line in `holding_back` has not arrived yet. `running` has the lines open.
     """
+
+    running: Running
 
     def __init__(self, config: str, memory: Memory | None = None, state: Path | None = None) -> None:
         loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
@@ -135,6 +138,6 @@ class GatewayBench:
 async def gateway_bench(config: str, memory: Memory | None = None, state: Path | None = None):
     """A running gateway with this config, every line up and idle. Persistent images need a `state` folder."""
     bench = GatewayBench(config, memory, state)
-    async with keep_lines_open(bench.gateway, bench.events.append):
+    async with keep_lines_open(bench.gateway, bench.events.append) as bench.running:
         await asyncio.sleep(1.0)
         yield bench

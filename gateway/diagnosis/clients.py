@@ -1,0 +1,26 @@
+"""Rules about clients."""
+
+from collections.abc import Iterator
+from math import ceil
+from typing import Final
+
+from gateway.config.duration import show_duration
+from gateway.diagnosis.evidence import ClientEvidence
+from gateway.diagnosis.finding import Finding
+
+#: A client that has left so often before its response does it again and again.
+OFTEN: Final = 3
+
+
+def about_client(client: ClientEvidence) -> Iterator[Finding]:
+    """A client whose time-out is shorter than its responses may take."""
+    if client.left < OFTEN:
+        return
+    about = f"client {client.host} of {client.listener}"
+    waited = show_duration(client.waited)
+    what = f"closed its connection {client.left} times before its response came, the last time after {waited}"
+    if client.waited < client.longest_wait:
+        longest = show_duration(ceil(client.longest_wait * 10) / 10)
+        yield Finding("fix", about, what, f"set the time-out of this client above {longest}")
+    else:
+        yield Finding("note", about, what)

@@ -1,0 +1,116 @@
+"""Rules about a line where the gateway asks."""
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
+from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.units import about_unit
+
+#: An adapter that echoes returns every request: some may be lost in noise.
+ECHOED: Final = 0.8
+#: So many are no chance.
+ENOUGH: Final = 3
+#: From which share of the received characters on errors are no chance, and from which share of the time on a line is
+#: full.
+WRONG: Final = 0.01
+FULL: Final = 0.9
+
+
+def about_line(line: LineEvidence) -> Iterator[Finding]:
+    """What there is to say about a line and its units; one row says that nothing is wrong."""
+    if line.reason:
+        remedy = "see the rows about its port" if line.is_serial else "check its address, and the device server"
+        yield Finding("fix", line.name, f"is down: {line.reason}", remedy)
+        return
+    findings = [finding for rule in _RULES for finding in rule(line)]
+    findings += [finding for unit in line.units for finding in about_unit(unit, line)]
+    yield from findings
+    asked = [unit for unit in line.units if unit.asked]
+    if asked and not any(finding.level == "fix" for finding in findings):
+        yield Finding("ok", line.name, _how_it_is(asked))
+    if len(asked) < len(line.units):
+        yield Finding("note", line.name, f"not asked yet: {len(line.units) - len(asked)} of {len(line.units)} units")
+
+
+def _how_it_is(units: list[UnitEvidence]) -> str:
+    requests, answered = sum(unit.asked for unit in units), sum(unit.answered for unit in units)
+    share = 100 * answered // requests
+    return f"{len(units)} {'unit answers' if len(units) == 1 else 'units answer'}: {share} % of {requests} requests"
+
+
+def _echo(line: LineEvidence) -> Iterator[Finding]:
+    if _is_echoing(line) and not line.echo:
+        what = f"the adapter returns what is sent: {line.copies} of {line.sent} requests came back"
+        yield Finding("fix", line.name, what, f"{line.source}: echo = true")
+
+
+def _second_client(line: LineEvidence) -> Iterator[Finding]:
+    others = line.others + (0 if _is_echoing(line) else line.copies)
+    if others >= ENOUGH:
+        what = f"another client sends requests on this line: {others} were heard"
+        remedy = 'disconnect it, or connect it to a line of its own with role = "server"'
+        yield Finding("fix", line.name, what, remedy)
+
+
+def _parity(line: LineEvidence) -> Iterator[Finding]:
+    errors = line.errors
+    if errors is None or errors.parity < ENOUGH or errors.parity < WRONG * errors.received:
+        return
+    what = f"{errors.parity} of {errors.received} characters had a wrong parity bit: the devices have another"
+    others = [f'"{each}"' for each in _OTHER_PARITIES if each != line.format]
+    yield Finding("fix", line.name, what, f"{line.source}: format = {' or '.join(others)}, as at the devices")
+
+
+def _framing(line: LineEvidence) -> Iterator[Finding]:
+    errors = line.errors
+    if errors is None or errors.framing < ENOUGH or errors.framing < WRONG * errors.received:
+        return
+    what = f"{errors.framing} of {errors.received} characters came without a stop bit: another rate, or noise"
+    yield Finding("fix", line.name, what, f"check baud = {line.baud} at the devices, then termination and shield")
+
+
+def _overrun(line: LineEvidence) -> Iterator[Finding]:
+    errors = line.errors
+    if errors is not None and errors.overrun:
+        what = f"{errors.overrun} received characters were lost because the computer was too slow"
+        yield Finding("note", line.name, what, "use a UART with a FIFO or a USB adapter, and a less loaded computer")
+
+
+def _speed(line: LineEvidence) -> Iterator[Finding]:
+    search = line.search
+    if search is None or not search.speeds:
+        return
+    if search.speed is not None:
+        baud, format_ = search.speed
+        what = f"nobody answers at {line.baud} {line.format}, but at {baud} {format_}"
+        yield Finding("fix", line.name, what, f'{line.source}: baud = {baud}, format = "{format_}"')
+    elif not search.found:
+        others = "rates and formats" if search.has_parity else "rates (this port has no parity to try)"
+        what = f"nobody answers at {line.baud} {line.format}, nor at {search.speeds} other {others}"
+        remedy = f"check power, wires (are A and B swapped?), rate and parity ({line.format}) at the devices"
+        yield Finding("fix", line.name, what, remedy)
+
+
+def _full(line: LineEvidence) -> Iterator[Finding]:
+    if line.busy_share is not None and line.busy_share >= FULL:
+        what = f"was busy for {line.busy_share:.0%} of the last minute"
+        remedy = "let clients ask less often, raise the rate, or let them read an [[image]] with `of`"
+        yield Finding("note", line.name, what, remedy)
+
+
+def _is_echoing(line: LineEvidence) -> bool:
+    return line.copies >= ENOUGH and line.copies >= ECHOED * line.sent
+
+
+_OTHER_PARITIES: Final = ("8E1", "8N1", "8O1")
+
+_RULES: Final[tuple[Callable[[LineEvidence], Iterator[Finding]], ...]] = (
+    _speed,
+    _echo,
+    _second_client,
+    _parity,
+    _framing,
+    _overrun,
+    _full,
+)

@@ -1,0 +1,31 @@
+"""Clients that close their connection before they have their responses: their time-out may be too short."""
+
+from dataclasses import dataclass
+from typing import Final
+
+#: So many addresses are kept; those that have not done it for the longest time are forgotten first.
+MOST_HOSTS: Final = 64
+
+
+@dataclass(slots=True)
+class Departure:
+    """How often clients at one address have left like that, and for how long, in seconds, the last one had waited."""
+
+    count: int = 0
+    waited: float = 0.0
+
+
+class Departures:
+    """Those of one listener, by the address of the client."""
+
+    def __init__(self) -> None:
+        self.by_host: dict[str, Departure] = {}
+
+    def add(self, host: str, waited: float) -> None:
+        """A client at `host` has closed its connection `waited` seconds after its last request, which is under way."""
+        departure = self.by_host.pop(host, None) or Departure()
+        departure.count += 1
+        departure.waited = waited
+        self.by_host[host] = departure
+        if len(self.by_host) > MOST_HOSTS:
+            del self.by_host[next(iter(self.by_host))]

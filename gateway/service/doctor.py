@@ -1,0 +1,167 @@
+"""What the daemon knows of faults: it asks what nobody has asked, and says what is wrong on its lines.
+
+What can be seen of ports from outside, `service/outside.py` says; whoever asks for both puts them together.
+"""
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+from gateway.config.problem import did_you_mean
+from gateway.diagnosis.clients import about_client
+from gateway.diagnosis.evidence import Search, UnitEvidence
+from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.lines import about_line
+from gateway.errors import WrongQuestion
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.ports.port import SerialSettings
+from gateway.service.build import Gateway
+from gateway.service.control import IsThere
+from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence
+from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.service.questions import harmless_read, outcome_of
+from gateway.service.running import Running
+from gateway.service.search import search
+
+#: A unit that was asked less often is asked until it was, or did not answer so often.
+SAMPLES: Final = 4
+FAILURES: Final = 2
+#: How long all that may take on a line, and how long late answers are waited for at least and at most, in seconds.
+LONGEST_ASKING: Final = 30.0
+SHORTEST_WINDOW: Final = 2.0
+LONGEST_WINDOW: Final = 5.0
+_STEP: Final = 0.05
+#: How long a line is listened to of which little is known, in seconds.
+LISTENING: Final = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class PortInUse:
+    """A serial port of the config, to be looked at from outside."""
+
+    line: str
+    source: str
+    port: str
+    is_open: bool
+
+
+async def examine(running: Running, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+    """Findings about one `line` or about all, and the ports to look at. Without `ask` nothing is sent for it.
+
+    Raises:
+        WrongQuestion: there is no such line.
+    """
+    gateway, wanted = running.gateway, request.get("line")
+    lines = [line for line in gateway.lines if wanted in (None, line.name)]
+    servers = [server for server in gateway.servers if wanted in (None, server.name)]
+    if wanted is not None and not lines and not servers:
+        raise WrongQuestion(_no_such_line(wanted, gateway))
+    asks = bool(request.get("ask", True))
+    about_lines = await asyncio.gather(*(_about(running, line, is_there, asks=asks) for line in lines))
+    findings = [finding for found in about_lines for finding in found]
+    findings += [finding for server in servers for finding in _about_server(server)]
+    if wanted is None:
+        findings += [finding for upstream in gateway.upstreams for finding in _about_upstream(upstream)]
+    for listener in gateway.listeners:
+        if wanted is None or listener.settings.line in ("", wanted):
+            findings += [finding for client in client_evidence(listener, gateway) for finding in about_client(client)]
+    parts: tuple[GatewayLine | GatewayServer, ...] = (*lines, *servers)
+    return {"findings": findings, "ports": [each for part in parts for each in _port_of(part)]}
+
+
+async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks: bool) -> list[Finding]:
+    now = asyncio.get_running_loop().time
+    began, found, said = now(), None, []
+    if asks and line.reconnector.is_open:
+        asked = await _ask_units(running, line, is_there)
+        if asked:
+            await asyncio.sleep(max(0.0, began + LISTENING - now()))  # other clients may ask now and then
+            said.append("one read of a configured unit" if asked == 1 else f"{asked} reads of configured units")
+        found = await _look_for_silent_units(running, line, is_there)
+        if found is not None:
+            said += _told(found)
+    findings = list(about_line(line_evidence(line, now(), running.recent, found)))
+    if said:
+        findings.append(Finding("note", line.name, f"doctor has sent {', '.join(said)}"))
+    return findings
+
+
+async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> int:
+    """Ask the units of which too little is known; how often that was."""
+    asked = 0
+    with suppress(TimeoutError):
+        async with asyncio.timeout(LONGEST_ASKING):
+            for settings in () if line.plan.passes_through else line.plan.shared:
+                device, pdu = line.devices[settings.known_as], harmless_read(settings.profile)
+                while pdu is not None and is_there() and _needs_more(unit_evidence(line, device)):
+                    error, _ = await outcome_of(running.gateway.control, settings.known_as, pdu, is_there)
+                    if error is not None and not _was_sent(error.result):
+                        break  # it rests, or the operator may not read
+                    asked += 1
+                    if error is not None:
+                        await _wait_for_late_answer(line)
+    return asked
+
+
+async def _wait_for_late_answer(line: GatewayLine) -> None:
+    """Wait until no answer can come any more, nor one that is late by far more than the line expects."""
+    now = asyncio.get_running_loop().time
+    until = now() + LONGEST_WINDOW
+    await asyncio.sleep(SHORTEST_WINDOW)
+    while line.driver.line.late_windows(now()) and now() < until:  # noqa: ASYNC110 - nobody tells when it is over
+        await asyncio.sleep(_STEP)
+
+
+async def _look_for_silent_units(running: Running, line: GatewayLine, is_there: IsThere) -> Search | None:
+    known = [(device, unit_evidence(line, device)) for device in shown_devices(line)]
+    silent = [device for device, unit in known if unit.is_silent and device.unit != BROADCAST_UNIT]
+    if not silent or line.plan.passes_through:
+        return None
+    is_dead = all(unit.is_silent for _, unit in known if unit.asked) and not line.driver.line.overheard.requests
+    return await search(running, line, silent, is_dead=is_dead, asked_by=is_there)
+
+
+def _told(found: Search) -> list[str]:
+    told = []
+    if found.addresses:
+        told.append(f"one read to each of the addresses {', '.join(map(str, sorted(found.addresses)))}")
+    if found.speeds:
+        told.append(f"reads at {found.speeds} other rates and formats")
+    return told
+
+
+def _needs_more(unit: UnitEvidence) -> bool:
+    return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
+
+
+def _was_sent(result: str) -> bool:
+    return result in ("timeout", "bad_frame", "ambiguous", "exception")
+
+
+def _about_server(server: GatewayServer) -> list[Finding]:
+    if server.reconnector.error is not None:
+        remedy = f"see the rows about the port of {server.name}"
+        return [Finding("fix", server.name, f"is down: {server.reconnector.error}", remedy)]
+    counts = server.driver.session.counts
+    return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
+
+
+def _about_upstream(upstream: GatewayUpstream) -> list[Finding]:
+    if upstream.reconnector.error is None:
+        return []
+    remedy = f'{upstream.plan.upstream.source}: check to = "{upstream.reconnector.port_path}", and the server there'
+    return [Finding("fix", upstream.name, f"is down: {upstream.reconnector.error}", remedy)]
+
+
+def _port_of(part: GatewayLine | GatewayServer) -> list[PortInUse]:
+    if not isinstance(part.plan.port, SerialSettings):
+        return []
+    return [PortInUse(part.name, part.plan.line.source, part.plan.port.port, part.reconnector.is_open)]
+
+
+def _no_such_line(wanted: object, gateway: Gateway) -> str:
+    names = [line.name for line in gateway.lines] + [server.name for server in gateway.servers]
+    remedy = did_you_mean(str(wanted), names)
+    return f'there is no line "{wanted}"' + (f"; {remedy}" if remedy else "")

@@ -1,0 +1,81 @@
+"""What is known of lines, units and clients, as the rules of `diagnosis` want it."""
+
+from gateway.devices.device import Device
+from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
+from gateway.lines.counts import total
+from gateway.lines.overheard import Belated
+from gateway.listeners.tcp import TcpListener
+from gateway.ports.port import SerialSettings
+from gateway.service.build import Gateway, Listener
+from gateway.service.parts import GatewayLine, GatewayUpstream
+from gateway.service.recent import Recent
+from gateway.timing.histogram import SHARES, merged
+
+
+def line_evidence(line: GatewayLine, now: float, recent: Recent, found: Search | None = None) -> LineEvidence:
+    """What is known of a line at `now`, and of its `recent` past; `found` is what was looked for there."""
+    machine, plan = line.driver.line, line.plan
+    timing, overheard = machine.settings.timing, machine.overheard
+    rate = recent.rate(line, now)
+    return LineEvidence(
+        name=line.name,
+        source=plan.line.source,
+        baud=timing.baud,
+        format=str(timing.format),
+        reason=str(line.reconnector.error or ""),
+        is_serial=isinstance(plan.port, SerialSettings),
+        echo=machine.settings.echo,
+        busy_share=None if rate is None else rate.busy,
+        sent=sum(counts.sent for unit in line.counts for counts in unit.values()),
+        copies=overheard.copies,
+        others=overheard.requests,
+        errors=line.driver.errors,
+        units=tuple(unit_evidence(line, device) for device in shown_devices(line)),
+        search=found,
+    )
+
+
+def shown_devices(line: GatewayLine) -> list[Device]:
+    """The devices of a line. One that passes all units through has those that somebody has asked."""
+    return [device for device in line.devices.values() if device.counts or not line.plan.passes_through]
+
+
+def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
+    """What is known of a device of the line."""
+    settings, counts = device.settings, device.counts
+    whole = total(counts.values())
+    times = tuple(counts.times[function] for function in counts)
+    overheard = line.driver.line.overheard
+    belated = overheard.belated.get(device.unit, Belated())
+    return UnitEvidence(
+        unit=settings.known_as,
+        on_the_wire=device.unit,
+        name=settings.name,
+        source=device.source,
+        profile=settings.profile.name,
+        answered=whole.ok + whole.exception,
+        exceptions=whole.exception,
+        timeouts=whole.timeout,
+        bad_frames=whole.bad_frame,
+        ambiguous=whole.ambiguous,
+        late=whole.late_responses + belated.count,
+        latest=max((belated.longest, *(each.latest for each in times))),
+        limit=max((each.limit for each in times), default=0.0),
+        limit_share=merged(SHARES, (each.share for each in times)).quantile(0.99),
+        twice=overheard.second_responses.get(device.unit, 0),
+        instead=tuple(counts.received_instead),
+    )
+
+
+def client_evidence(listener: Listener, gateway: Gateway) -> list[ClientEvidence]:
+    """What is known of the clients of a listener that have left before they had their responses."""
+    if not isinstance(listener, TcpListener):
+        return []
+    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    own = listener.settings.line
+    waits = [wait for part in parts if own in ("", part.name) for wait in part.longest_wait.values()]
+    longest = max(waits, default=0.0)
+    return [
+        ClientEvidence(host, listener.settings.name, departure.count, departure.waited, longest)
+        for host, departure in listener.departures.by_host.items()
+    ]

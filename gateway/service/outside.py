@@ -1,0 +1,92 @@
+"""A serial port as it can be seen without opening it: who may use it, who does, and what its adapter is set to."""
+
+import os
+import pwd
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from gateway.diagnosis.evidence import Holder, PortEvidence
+from gateway.ports.holders import PROC, holders, name_of, running_programs
+from gateway.ports.listing import DEVICES, TERMINALS, stable_links
+from gateway.ports.reasons import group_of
+from gateway.ports.wire import VIRTUAL_MAJORS
+from gateway.service.doctor import PortInUse
+
+#: Programs that open serial ports when they appear, to find out what is behind them.
+PROBERS: Final = frozenset({"ModemManager", "brltty", "gpsd"})
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where the system shows its ports and programs. Tests have folders of their own."""
+
+    devices: Path = DEVICES
+    terminals: Path = TERMINALS
+    programs: Path = PROC
+
+
+def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places()) -> PortEvidence:
+    """What can be seen of `port`. `gateway_pid` is the running gateway, which may have it open; None if none runs."""
+    path = Path(port.port)
+    try:
+        device, status = path.resolve(strict=True), path.stat()
+    except OSError:
+        return PortEvidence(port.line, port.source, port.port, exists=False)
+    user, may_open = _user(gateway_pid, status, places)
+    pids = holders(device, places.programs) - {gateway_pid, os.getpid()}
+    terminal = places.terminals / device.name
+    return PortEvidence(
+        line=port.line,
+        source=port.source,
+        port=port.port,
+        is_virtual=os.major(status.st_rdev) in VIRTUAL_MAJORS,
+        is_usb=(terminal / "device/subsystem").resolve().name in ("usb", "usb-serial"),
+        stable_path=str(stable_links(places.devices).get(device, "")),
+        user=user,
+        may_open=may_open,
+        group=group_of(str(device)),
+        latency_timer=_latency_timer(terminal),
+        is_ours=port.is_open,
+        holders=tuple(Holder(name_of(pid, places.programs), pid) for pid in sorted(pids)),
+        probers=tuple(sorted(PROBERS & running_programs(places.programs))),
+    )
+
+
+def _latency_timer(terminal: Path) -> float | None:
+    """That of an FTDI adapter, in seconds."""
+    with suppress(OSError, ValueError):
+        return int((terminal / "device/latency_timer").read_text()) / 1000
+    return None
+
+
+def _user(pid: int | None, node: os.stat_result, places: Places) -> tuple[str, bool]:
+    """Who needs the port, the running gateway or else whoever asks, and whether that user may read and write it."""
+    ids = None if pid is None else _ids(places.programs / str(pid))
+    uid, groups = ids or (os.geteuid(), {os.getegid(), *os.getgroups()})
+    mode = node.st_mode
+    if uid == 0:
+        may_open = True
+    elif uid == node.st_uid:
+        may_open = mode & 0o600 == 0o600
+    elif node.st_gid in groups:
+        may_open = mode & 0o060 == 0o060
+    else:
+        may_open = mode & 0o006 == 0o006
+    try:
+        name = pwd.getpwuid(uid).pw_name
+    except KeyError:
+        name = f"user {uid}"
+    return name, may_open
+
+
+def _ids(process: Path) -> tuple[int, set[int]] | None:
+    """The effective user of a process, and its groups; None if that cannot be seen."""
+    fields = {}
+    with suppress(OSError, ValueError, KeyError, IndexError):
+        for line in (process / "status").read_text().splitlines():
+            key, _, value = line.partition(":")
+            fields[key] = value.split()
+        return int(fields["Uid"][1]), {int(fields["Gid"][1]), *map(int, fields["Groups"])}
+    return None

@@ -1,0 +1,38 @@
+"""Reads that the gateway sends because an operator looks for a fault: harmless ones, one at a time, as any client's."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+from gateway.errors import RequestError
+from gateway.modbus.codes import Area, FunctionCode
+from gateway.profiles.profile import Profile
+from gateway.request import Request, Target
+from gateway.service.operator import Question
+
+#: The functions that read, the most usual first, and what they read.
+_READS: Final = (
+    (FunctionCode.READ_HOLDING_REGISTERS, Area.HOLDING),
+    (FunctionCode.READ_INPUT_REGISTERS, Area.INPUT),
+    (FunctionCode.READ_COILS, Area.COILS),
+    (FunctionCode.READ_DISCRETE_INPUTS, Area.DISCRETE),
+)
+
+
+def harmless_read(profile: Profile) -> bytes | None:
+    """A request for one item, the first that such a device has; None if it cannot be read at all."""
+    for function, area in _READS:
+        ranges = profile.areas.get(area, ((0, 0),))
+        if profile.knows(function) and ranges:
+            return bytes((function,)) + ranges[0][0].to_bytes(2, "big") + b"\x00\x01"
+    return None
+
+
+async def outcome_of(
+    target: Target, unit: int, pdu: bytes, is_there: Callable[[], bool]
+) -> tuple[RequestError | None, bytes | None]:
+    """What becomes of a request: the error, if any, and the response."""
+    loop = asyncio.get_running_loop()
+    question = Question(is_there)
+    target.submit(Request(unit, pdu, question, loop.time()), loop.time())
+    return await question.outcome

@@ -1,0 +1,171 @@
+"""Looks for a device that does not answer: at other addresses, then at other rates and formats.
+
+All of it is asked because an operator has ordered it. Addresses are asked on the line as it is, between the requests of
+its clients. Rates and formats are tried only where no unit answers: the port is taken from the line for some seconds,
+in which its clients get 0A.
+"""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain
+from typing import Final, NamedTuple
+
+from gateway.devices.device import Device, DeviceSettings
+from gateway.diagnosis.evidence import Search
+from gateway.errors import PortError
+from gateway.events import discard_event
+from gateway.lines.driver import LineDriver
+from gateway.lines.line import Line
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.ports.port import Received, SerialSettings
+from gateway.profiles.profile import Profile
+from gateway.service.parts import GatewayLine
+from gateway.service.questions import harmless_read, outcome_of
+from gateway.service.running import CLOSING_TIME, Running
+from gateway.timing.budget import AnswerTime
+from gateway.timing.characters import CharacterFormat
+from gateway.timing.table import TimingTable
+
+#: How long a device may think that is looked for, in seconds.
+PATIENCE: Final = 0.25
+#: So many addresses are asked at most, and so many units at each rate and format.
+MOST_ADDRESSES: Final = 16
+MOST_UNITS: Final = 2
+#: The longest that a search at other rates and formats may take, in seconds.
+LONGEST_SEARCH: Final = 30.0
+
+#: The usual rates, the most usual ones first, and formats by the mode of the line.
+RATES: Final = (9600, 19200, 38400, 115200, 57600, 4800, 2400, 1200, 14400)
+FORMATS: Final = {
+    "rtu": (CharacterFormat(8, "E", 1), CharacterFormat(8, "N", 1), CharacterFormat(8, "O", 1)),
+    "ascii": (CharacterFormat(7, "E", 1), CharacterFormat(7, "O", 1), CharacterFormat(8, "N", 1)),
+}
+#: Devices often leave the factory with these addresses.
+_USUAL_ADDRESSES: Final = (*range(1, 11), LAST_UNIT)
+
+IsThere = Callable[[], bool]
+
+
+class Speed(NamedTuple):
+    """Rate and format of characters."""
+
+    baud: int
+    format: CharacterFormat
+
+
+async def search(
+    running: Running, line: GatewayLine, silent: list[Device], *, is_dead: bool, asked_by: IsThere
+) -> Search:
+    """Look for the devices that are `silent`; if the line `is_dead`, nobody answers on it at all."""
+
+    def is_wanted() -> bool:
+        return asked_by() and running.keeps(line)
+
+    addresses = candidates(line, silent)
+    found = [address for address in addresses if await _answers(line.driver, address, is_wanted)]
+    result = Search(tuple(addresses), tuple(found))
+    port = line.plan.port
+    if found or not is_dead or not isinstance(port, SerialSettings):
+        return result
+    async with running.port_lent(line):
+        return await _search_speeds(line, port, silent[:MOST_UNITS], result, is_wanted)
+
+
+def candidates(line: GatewayLine, silent: list[Device]) -> list[int]:
+    """Addresses that are not configured, where the silent devices may be: clients' numbers, neighbours, usual ones."""
+    wanted = chain(
+        (device.settings.known_as for device in silent),
+        *((device.unit + 1, device.unit - 1) for device in silent),
+        _USUAL_ADDRESSES,
+    )
+    taken = {device.unit for device in line.devices.values()}
+    free = [unit for unit in dict.fromkeys(wanted) if unit not in taken and FIRST_UNIT <= unit <= LAST_UNIT]
+    return free[:MOST_ADDRESSES]
+
+
+def speeds(line: GatewayLine) -> Iterator[Speed]:
+    """Rates and formats, those first that are most likely; not that of the line."""
+    timing = line.driver.line.settings.timing
+    formats = dict.fromkeys((timing.format, *FORMATS[timing.mode]))
+    for baud in dict.fromkeys((timing.baud, *RATES)):
+        for format_ in formats:
+            if (baud, format_) != (timing.baud, timing.format):
+                yield Speed(baud, format_)
+
+
+async def _search_speeds(
+    line: GatewayLine, port: SerialSettings, units: list[Device], result: Search, asked_by: IsThere
+) -> Search:
+    tried = 0
+    is_virtual = False
+    own = line.driver.line.settings.timing
+    try:
+        async with asyncio.timeout(LONGEST_SEARCH):
+            for speed in speeds(line):
+                if not asked_by() or (is_virtual and (speed.baud == own.baud or speed.format != own.format)):
+                    continue
+                try:
+                    answers, is_virtual = await _answers_at(speed, line, port, units, asked_by)
+                except PortError:  # the port cannot do this rate or format
+                    continue
+                tried += 1
+                if answers:
+                    return replace(result, speeds=tried, speed=(speed.baud, str(speed.format)))
+    except TimeoutError:
+        pass
+    return replace(result, speeds=tried, has_parity=not is_virtual)
+
+
+async def _answers_at(
+    speed: Speed, line: GatewayLine, port: SerialSettings, units: list[Device], asked_by: IsThere
+) -> tuple[bool, bool]:
+    """Whether one of the units answers at this speed, and whether the port is a virtual one, without parity.
+
+    Raises:
+        PortError: the port cannot be opened like this.
+    """
+    settings = line.driver.line.settings
+    timing = replace(settings.timing, baud=speed.baud, format=speed.format)
+    driver = LineDriver(
+        Line(replace(settings, timing=timing), discard_event), asyncio.get_running_loop(), discard_event, lambda _: None
+    )
+    opened = await line.opener(replace(port, baud=speed.baud, format=speed.format))(_User(driver))
+    try:
+        driver.port_up(opened)
+        for unit in units:
+            if await _answers(driver, unit.unit, asked_by, unit.settings.profile):
+                return True, opened.virtual
+        return False, opened.virtual
+    finally:
+        driver.close()
+        opened.close()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(CLOSING_TIME):
+                await opened.wait_closed()
+
+
+async def _answers(driver: LineDriver, address: int, asked_by: IsThere, profile: Profile | None = None) -> bool:
+    """Whether anybody answers at an address: an exception is an answer too."""
+    patience = AnswerTime(TimingTable(), margin=1.0, timeout=PATIENCE, fixed=True)
+    settings = DeviceSettings(f"address {address}", address, address, Profile("generic"), patience, source="doctor")
+    pdu = harmless_read(profile or settings.profile)
+    if pdu is None or not asked_by():
+        return False
+    error, _ = await outcome_of(Device(settings, driver), address, pdu, asked_by)
+    return error is None
+
+
+class _User:
+    """Hands what comes from a port to a line that exists for one question."""
+
+    def __init__(self, driver: LineDriver) -> None:
+        self._driver = driver
+
+    @property
+    def received(self) -> Received:
+        return self._driver.received
+
+    def lost(self, error: PortError) -> None:
+        self._driver.port_down(error)

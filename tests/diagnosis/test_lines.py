@@ -1,0 +1,171 @@
+"""Broken lines and units, as far as they can be told from counts: each is named, with what mends it."""
+
+from dataclasses import replace
+
+import pytest
+
+from gateway.diagnosis.evidence import LineEvidence, Search, UnitEvidence
+from gateway.diagnosis.lines import about_line
+from gateway.ports.port import CharacterErrors
+
+SILO = UnitEvidence(41, 1, "silo-1", "gateway.toml:7", "weigher", answered=100, limit=0.4, limit_share=0.2)
+PRESS = UnitEvidence(46, 6, "press", "gateway.toml:8", "v80", answered=50, limit=0.4, limit_share=0.2)
+LINE = LineEvidence("hall", "gateway.toml:3", 19200, "8E1", sent=150, units=(SILO, PRESS))
+SILENT = replace(SILO, answered=0, timeouts=4)
+GARBLED = (b"\x01\x03\x04\x12", b"\x01\x03\x55", b"\x01\x44\x04\x12\x99", b"\x01\x03\xff")
+
+
+def fixes(line):
+    return [(each.about, each.what, each.remedy) for each in about_line(line) if each.level == "fix"]
+
+
+def levels(line):
+    return [each.level for each in about_line(line)]
+
+
+def test_a_healthy_line_has_one_row():
+    (row,) = about_line(LINE)
+    assert (row.level, row.about, row.what) == ("ok", "hall", "2 units answer: 100 % of 150 requests")
+
+
+def test_units_that_nobody_has_asked_are_a_note():
+    unasked = replace(PRESS, answered=0)
+    assert [(each.level, each.what) for each in about_line(replace(LINE, units=(SILO, unasked)))] == [
+        ("ok", "1 unit answers: 100 % of 100 requests"),
+        ("note", "not asked yet: 1 of 2 units"),
+    ]
+
+
+def test_wrong_rate_and_wrong_parity_are_named_with_those_that_are_right():
+    both = (SILENT, replace(PRESS, answered=0, timeouts=2))
+    wrong_rate = replace(LINE, units=both, search=Search((2, 3), (), 4, speed=(9600, "8E1")))
+    assert fixes(wrong_rate) == [
+        ("hall", "nobody answers at 19200 8E1, but at 9600 8E1", 'gateway.toml:3: baud = 9600, format = "8E1"')
+    ]
+    wrong_parity = replace(wrong_rate, search=Search((2, 3), (), 1, speed=(19200, "8N1")))
+    assert fixes(wrong_parity)[0][2] == 'gateway.toml:3: baud = 19200, format = "8N1"'
+
+
+def test_a_line_without_any_answer_has_one_row_and_not_one_for_each_unit():
+    dead = replace(LINE, units=(SILENT,), search=Search((2, 3), (), 26))
+    ((about, what, remedy),) = fixes(dead)
+    assert (about, what) == ("hall", "nobody answers at 19200 8E1, nor at 26 other rates and formats")
+    assert "parity (8E1)" in remedy
+    assert "this port has no parity" in fixes(replace(dead, search=Search((2,), (), 9, has_parity=False)))[0][1]
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        (CharacterErrors(1000, 0, 700, 0), "700 of 1000 characters had a wrong parity bit"),
+        (CharacterErrors(1000, 300, 0, 0), "300 of 1000 characters came without a stop bit"),
+    ],
+)
+def test_what_the_driver_counts_names_parity_and_rate(errors, words):
+    ((about, what, _),) = fixes(replace(LINE, errors=errors))
+    assert about == "hall"
+    assert what.startswith(words)
+
+
+def test_a_few_wrong_characters_in_many_are_noise():
+    assert levels(replace(LINE, errors=CharacterErrors(100_000, 5, 7, 0))) == ["ok"]
+    assert levels(replace(LINE, errors=CharacterErrors(1000, 0, 0, 3))) == ["note", "ok"]
+
+
+def test_swapped_addresses_are_named_when_another_one_answers():
+    line = replace(LINE, units=(SILENT, PRESS), search=Search((2, 3), (3,)))
+    assert fixes(line) == [
+        (
+            "unit 41, silo-1",
+            "does not answer at address 1, but a device that is not configured answers at 3: are addresses swapped?",
+            "gateway.toml:7: unit = 3, or set the address at the device",
+        )
+    ]
+
+
+def test_two_units_of_different_kinds_that_only_refuse_have_swapped_addresses():
+    refusing = tuple(replace(unit, exceptions=unit.answered) for unit in (SILO, PRESS))
+    assert [what for _, what, _ in fixes(replace(LINE, units=refusing))] == [
+        "answers with exceptions only, and so does unit 46, press: are their addresses swapped?",
+        "answers with exceptions only, and so does unit 41, silo-1: are their addresses swapped?",
+    ]
+    assert levels(replace(LINE, units=(refusing[0], PRESS))) == ["note", "ok"]
+
+
+def test_a_silent_unit_among_others_is_named():
+    assert fixes(replace(LINE, units=(SILENT, PRESS), search=Search((2, 3)))) == [
+        ("unit 41, silo-1", "does not answer at address 1", "check power, wiring and address of the device")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("unit", "others", "words"),
+    [
+        (
+            replace(SILO, answered=20, bad_frames=30, instead=GARBLED),
+            (PRESS,),
+            "those of other units are not: two devices",
+        ),
+        (replace(SILO, answered=20, bad_frames=30, instead=GARBLED), (), "each in another way: two devices"),
+        (replace(SILO, twice=3), (PRESS,), "3 responses came twice: two devices"),
+    ],
+)
+def test_two_devices_with_one_address_are_named(unit, others, words):
+    ((about, what, _),) = fixes(replace(LINE, units=(unit, *others)))
+    assert about == "unit 41, silo-1"
+    assert words in what
+    assert "may have the address 1" in what
+
+
+def test_answers_that_are_always_damaged_in_the_same_way_are_no_second_device():
+    unit = replace(SILO, answered=20, bad_frames=30, instead=GARBLED[:1] * 8)
+    ((_, what, _),) = fixes(replace(LINE, units=(unit,)))
+    assert what == "30 of 50 responses were damaged"
+
+
+def test_an_echo_is_named_unless_it_is_configured():
+    line = replace(LINE, copies=148)
+    assert fixes(line) == [
+        ("hall", "the adapter returns what is sent: 148 of 150 requests came back", "gateway.toml:3: echo = true")
+    ]
+    assert levels(replace(line, echo=True)) == ["ok"]
+
+
+def test_another_client_is_named_also_if_it_asks_what_we_ask():
+    ((about, what, _),) = fixes(replace(LINE, others=12))
+    assert (about, what) == ("hall", "another client sends requests on this line: 12 were heard")
+    assert fixes(replace(LINE, copies=12)) == fixes(replace(LINE, others=12))
+    assert levels(replace(LINE, others=1)) == ["ok"]
+
+
+def test_a_limit_that_is_too_short_is_named_with_a_longer_one():
+    ((about, what, remedy),) = fixes(replace(LINE, units=(replace(SILO, timeouts=9, late=9, latest=0.52), PRESS)))
+    assert (about, what) == (
+        "unit 41, silo-1",
+        "9 responses came after the limit, the slowest after 520 ms (limit 400 ms)",
+    )
+    assert remedy == 'gateway.toml:7: timeout = "800 ms"'
+
+
+def test_a_late_answer_now_and_then_is_a_note():
+    line = replace(LINE, units=(replace(SILO, answered=100_000, timeouts=1, late=1, latest=0.52),))
+    assert levels(line) == ["note", "ok"]
+
+
+def test_answers_close_to_their_limit_are_a_note():
+    (row, _) = about_line(replace(LINE, units=(replace(SILO, limit_share=0.9),)))
+    assert (row.level, row.remedy) == ("note", 'gateway.toml:7: timeout = "600 ms"')
+
+
+def test_no_line_is_fine_whose_unit_has_never_answered():
+    for failed in (replace(SILO, answered=0, bad_frames=1), replace(SILO, answered=0, timeouts=1, bad_frames=1)):
+        assert "fix" in levels(replace(LINE, units=(failed,)))
+
+
+def test_a_line_that_is_down_has_one_row():
+    ((about, what, remedy),) = fixes(replace(LINE, reason="/dev/ttyUSB0 does not exist"))
+    assert (about, what, remedy) == ("hall", "is down: /dev/ttyUSB0 does not exist", "see the rows about its port")
+
+
+def test_a_full_line_is_a_note():
+    assert levels(replace(LINE, busy_share=0.95)) == ["note", "ok"]

@@ -1,0 +1,202 @@
+"""What the daemon finds wrong on its lines: in virtual time, with devices that are not as the config says."""
+
+import asyncio
+
+import pytest
+
+from gateway.errors import WrongQuestion
+from gateway.ports.port import CharacterErrors
+from gateway.service.doctor import examine
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.gateway_bench import gateway_bench
+
+CONFIG = """
+[[line]]
+name = "hall"
+port = "/dev/hall"
+baud = 19200
+wire = "direct"
+devices = [{ unit = 1, as = 41, name = "silo" }, { unit = 6, name = "press" }]
+"""
+
+
+def is_there():
+    return True
+
+
+async def found(bench, **request):
+    """The findings as (level, about, what), and the answer."""
+    answer = await examine(bench.running, request, is_there)
+    return [(each.level, each.about, each.what) for each in answer["findings"]]
+
+
+def fixes(rows):
+    return [what for level, _, what in rows if level == "fix"]
+
+
+def attach_at(bench, baud, format_, *devices):
+    """Let devices answer who are set to this rate and format, and hear nothing at another one."""
+    bench.attach("hall", SimulatedLine("rtu", *devices))
+    line = bench.lines["hall"]
+    answer = line.on_write
+    bench.heard = []
+
+    def hear(data):
+        opened = bench.opened["hall"]
+        bench.heard.append((opened.baud, str(opened.format)))
+        if bench.heard[-1] == (baud, format_):
+            answer(data)
+
+    line.on_write = hear
+
+
+def frames(bench):
+    """What was sent: unit and function of each."""
+    return [tuple(frame[:2]) for frame in split(bench.lines["hall"].take_written())]
+
+
+def split(data):
+    """All requests of these tests are eight bytes long."""
+    return [data[at : at + 8] for at in range(0, len(data), 8)]
+
+
+async def test_a_healthy_line_is_asked_a_little_and_is_ok():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        assert await found(bench) == [
+            ("ok", "hall", "2 units answer: 100 % of 8 requests"),
+            ("note", "hall", "doctor has sent 8 reads of configured units"),
+        ]
+        assert sorted(frames(bench)) == [(1, 3)] * 4 + [(6, 3)] * 4
+
+
+async def test_what_clients_have_asked_enough_is_not_asked_again():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        client = bench.client()
+        for unit in (41, 6) * 5:
+            await client.asks(unit, "03 00 00 00 01")
+        bench.lines["hall"].take_written()
+        assert await found(bench) == [("ok", "hall", "2 units answer: 100 % of 10 requests")]
+        assert frames(bench) == []
+
+
+async def test_nothing_is_sent_when_that_is_not_wanted():
+    async with gateway_bench(CONFIG) as bench:
+        assert await found(bench, ask=False) == [("note", "hall", "not asked yet: 2 of 2 units")]
+        assert frames(bench) == []
+
+
+async def test_nothing_is_sent_any_more_once_nobody_waits_for_it():
+    async with gateway_bench(CONFIG) as bench:
+        await examine(bench.running, {}, lambda: False)
+        assert frames(bench) == []
+
+
+@pytest.mark.parametrize(("baud", "format_"), [(9600, "8E1"), (19200, "8N1"), (19200, "8O1"), (4800, "8N1")])
+async def test_wrong_rate_and_parity_are_found_and_the_line_goes_on(baud, format_):
+    async with gateway_bench(CONFIG) as bench:
+        bench.lines["hall"].virtual = False
+        bench.lines["hall"].pull()
+        await asyncio.sleep(1.0)
+        bench.lines["hall"].plug()
+        await asyncio.sleep(2.0)
+        attach_at(bench, baud, format_, SimulatedDevice(1, delay=0.1), SimulatedDevice(6, delay=0.1))
+        assert fixes(await found(bench)) == [f"nobody answers at 19200 8E1, but at {baud} {format_}"]
+        attach_at(bench, 19200, "8E1", SimulatedDevice(1), SimulatedDevice(6))
+        await asyncio.sleep(130.0)  # both units rest
+        assert await bench.client().asks(41, "03 00 00 00 01") == "03 02 00 00"
+
+
+async def test_no_other_rate_is_tried_while_one_unit_answers():
+    async with gateway_bench(CONFIG) as bench:
+        attach_at(bench, 19200, "8E1", SimulatedDevice(6))
+        assert fixes(await found(bench)) == ["does not answer at address 1"]
+        assert set(bench.heard) == {(19200, "8E1")}
+
+
+async def test_no_other_rate_is_tried_where_another_client_asks():
+    async with gateway_bench(CONFIG) as bench:
+        for _ in range(4):
+            bench.lines["hall"].deliver(bytes.fromhex("01 03 00 10 00 01 85 CF"))
+            await asyncio.sleep(0.1)
+        attach_at(bench, 9600, "8E1", SimulatedDevice(1))
+        await found(bench)
+        assert set(bench.heard) == {(19200, "8E1")}
+
+
+async def test_a_device_at_an_address_that_is_not_configured_is_found():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(2), SimulatedDevice(6)))
+        rows = await found(bench)
+        what = "does not answer at address 1, but a device that is not configured answers at 2: are addresses swapped?"
+        assert fixes(rows) == [what]
+        assert "one read to each of the addresses 2, 3, 4, 5, 7, 8, 9, 10, 41, 247" in rows[-1][2]
+
+
+async def test_only_reads_are_sent_for_whatever_is_looked_for():
+    async with gateway_bench(CONFIG) as bench:
+        await found(bench)
+        assert {function for _, function in frames(bench)} == {3}
+
+
+async def test_a_limit_that_is_too_short_is_found_without_any_client():
+    async with gateway_bench(CONFIG.replace('name = "silo"', 'name = "silo", timeout = "50 ms"')) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1, delay=0.12), SimulatedDevice(6)))
+        (what,) = fixes(await found(bench))
+        assert what == "one response came after the limit, the slowest after 115 ms (limit 59 ms)"
+
+
+async def test_two_devices_that_answer_one_after_the_other_are_found():
+    async with gateway_bench(CONFIG) as bench:
+        twins = SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6))
+        answer = bytes.fromhex("01 03 02 00 00 B8 44")
+        twins.devices[1].script.extend([[(0.01, answer), (0.05, answer)]] * 4)
+        bench.attach("hall", twins)
+        await examine(bench.running, {"ask": False}, is_there)
+        client = bench.client()
+        for _ in range(4):
+            await client.asks(41, "03 00 00 00 01")
+            await asyncio.sleep(0.2)
+        assert fixes(await found(bench)) == ["4 responses came twice: two devices may have the address 1"]
+
+
+async def test_what_the_driver_counts_is_among_the_findings():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        bench.lines["hall"].errors = CharacterErrors(100, 0, 60, 0)
+        assert fixes(await found(bench)) == ["60 of 100 characters had a wrong parity bit: the devices have another"]
+
+
+async def test_a_line_without_a_port_is_named_and_its_port_is_to_be_looked_at():
+    async with gateway_bench(CONFIG) as bench:
+        bench.lines["hall"].pull("/dev/hall is held by another program")
+        await asyncio.sleep(1.0)
+        answer = await examine(bench.running, {"line": "hall"}, is_there)
+        assert [each.what for each in answer["findings"]] == ["is down: /dev/hall is held by another program"]
+        (port,) = answer["ports"]
+        assert (port.line, port.port, port.is_open) == ("hall", "/dev/hall", False)
+
+
+async def test_a_client_that_leaves_before_its_response_is_named():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        (listener,) = bench.gateway.listeners
+        for _ in range(3):
+            listener.left_early("10.2.0.7", 0.5)
+        rows = await found(bench, line="hall")
+        what = "closed its connection 3 times before its response came, the last time after 500 ms"
+        assert ("fix", "client 10.2.0.7 of default", what) in rows
+
+
+async def test_a_line_that_does_not_exist_is_refused_with_one_that_does():
+    async with gateway_bench(CONFIG) as bench:
+        with pytest.raises(WrongQuestion, match='there is no line "hal"; did you mean "hall"'):
+            await found(bench, line="hal")
+
+
+async def test_an_operator_who_may_not_read_asks_nothing():
+    rows = '[[access]]\nlisten = ["control"]\nallow = []\n[[access]]\nallow = ["read"]\n'
+    async with gateway_bench(CONFIG + rows) as bench:
+        assert await found(bench) == [("note", "hall", "not asked yet: 2 of 2 units")]
+        assert frames(bench) == []
