@@ -69,6 +69,16 @@ def test_an_answer_that_comes_after_its_late_window_is_counted(bench: Bench) -> 
     assert 29.9 < belated.longest < 30.0
 
 
+def test_a_response_before_its_request_was_sent_is_not_counted_as_late() -> None:
+    bench = Bench(virtual=False)
+    bench.ask()
+    bench.pass_time(0.001)
+    bench.respond()
+    bench.pass_time(2.0)
+    assert bench.line.overheard.belated == {}
+    assert bench.line.overheard.second_responses == {}
+
+
 def test_how_long_the_slowest_late_answer_took_is_kept(bench: Bench) -> None:
     bench.ask()
     bench.pass_time(0.4)

@@ -1,6 +1,7 @@
 """What the daemon finds wrong on its lines: in virtual time, with devices that are not as the config says."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
@@ -200,3 +201,33 @@ async def test_an_operator_who_may_not_read_asks_nothing():
     async with gateway_bench(CONFIG + rows) as bench:
         assert await found(bench) == [("note", "hall", "not asked yet: 2 of 2 units")]
         assert frames(bench) == []
+
+
+async def test_a_port_is_lent_and_comes_back():
+    async with gateway_bench(CONFIG) as bench:
+        line, (part,) = bench.lines["hall"], bench.gateway.lines
+        async with bench.running.port_lent(part):
+            assert not line.is_open
+            assert await bench.client().asks(41, "03 00 00 00 01") == "83 0A"
+        await asyncio.sleep(1.0)
+        assert line.is_open
+
+
+async def test_a_port_does_not_come_back_to_a_line_that_a_reload_has_removed():
+    async with gateway_bench(CONFIG) as bench:
+        (part,) = bench.gateway.lines
+        async with bench.running.port_lent(part):
+            bench.running.gateway = replace(bench.gateway, lines=())
+            assert not bench.running.keeps(part)
+        await asyncio.sleep(1.0)
+        assert not bench.lines["hall"].is_open
+
+
+async def test_a_port_does_not_come_back_to_a_gateway_that_stops():
+    async with gateway_bench(CONFIG) as bench:
+        (part,) = bench.gateway.lines
+        lent = bench.running.port_lent(part)
+        await lent.__aenter__()
+    await lent.__aexit__(None, None, None)
+    await asyncio.sleep(1.0)
+    assert not bench.lines["hall"].is_open

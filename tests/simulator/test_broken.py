@@ -71,6 +71,15 @@ def test_another_client_begins_when_it_has_heard_the_rate_and_leaves_others_the_
     assert heard == theirs * 3
 
 
+def test_another_client_waits_for_the_end_of_a_request_and_its_response():
+    shared = line("second-client")
+    write(shared, READ)
+    shared.tick(0.399)
+    write(shared, rtu_frame(2, "03 0000 0001"), at=0.399)
+    heard = b"".join(shared.tick(at / 1000) for at in range(400, 600))
+    assert heard == rtu_frame(2, "03 02 0000") + rtu_frame(1, "03 0002 0001") + rtu_frame(1, "03 02 0000")
+
+
 def test_every_word_breaks_something():
     healthy = ask(line(), READ)
     for word in FAULTS:

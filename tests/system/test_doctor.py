@@ -120,6 +120,18 @@ def test_a_client_whose_time_out_is_too_short_is_named(tmp_path):
         assert "set the time-out of this client above" in named[0]
 
 
+def test_a_client_that_leaves_with_its_responses_is_not_named(tmp_path):
+    with Hall(tmp_path) as hall:
+        for transaction in range(4):
+            with socket.create_connection(("127.0.0.1", hall.gateway.port), timeout=PATIENCE) as client:
+                client.sendall(transaction.to_bytes(2, "big") + bytes.fromhex("0000 0006 2E 03 0000 0001"))
+                assert client.recv(100)
+            hall.gateway.wait_for("client_closed")
+        status, rows = hall.doctor("--passive")
+        assert (status, rows["fix"]) == (0, [])
+        assert not any("client" in row for row in rows["note"])
+
+
 def test_without_a_gateway_the_port_is_looked_at(tmp_path):
     with Simulation(tmp_path / "hall", "weigher:1"):
         config = tmp_path / "gateway.toml"
