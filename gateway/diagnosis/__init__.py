@@ -1,1 +1,1 @@
-"""What is wrong with a set-up, and what mends it: rules over evidence that others have gathered."""
+"""Rules that find what is wrong with a set-up, and what mends it. `service` gathers the evidence."""

@@ -1,4 +1,4 @@
-"""What the rules look at. Counts are those since the start of the gateway; times are in seconds."""
+"""The evidence for the rules. Counters are since the start of the gateway; times are in seconds."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class PortEvidence:
-    """A serial port, as it can be seen without opening it. `line` is whose it is, `source` where the config names it.
+    """What is known of a serial port without opening it. It belongs to `line`, `source` is its place in the config.
 
-    `stable_path` is a link to it that survives a replug, empty if there is none. `user` is who must be able to open it:
-    it `may_open` or not, and `group` has the right. `latency_timer` is that of an FTDI adapter, None for others.
-    `is_ours`: the gateway has it open. `holders` are other programs that have, `probers` those that run and are known
-    to open serial ports that appear.
+    `stable_path` is a link to it that survives a replug, empty if there is none. `user` runs the gateway, and `may_open`
+    the port or not; its group is `group`. `latency_timer` is that of an FTDI adapter, None for others. `is_ours`: the
+    gateway has it open. `holders` are other programs that have, `probers` programs that open serial ports when they
+    appear.
     """
 
     line: str
@@ -67,26 +67,26 @@ class UnitEvidence:
 
     @property
     def asked(self) -> int:
-        """Requests that were sent and have come to an end."""
+        """Requests that were sent and are over."""
         return self.answered + self.failed
 
     @property
     def failed(self) -> int:
-        """Requests that were sent and not answered well in time."""
+        """Requests that were sent and got no valid response within their limit."""
         return self.timeouts + self.bad_frames + self.ambiguous
 
     @property
     def is_silent(self) -> bool:
-        """Whether it was asked and nothing at all has come of it."""
+        """Whether requests were sent to it, and nothing was received."""
         return bool(self.timeouts) and not (self.answered or self.late or self.bad_frames or self.ambiguous)
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What was asked beyond the configured units, on a line where some are silent, and who has answered.
+    """The search for silent units of a line.
 
-    `addresses` that are not configured were asked, and then one unit at so many other rates and formats (`speeds`).
-    Without `has_parity` the port is a virtual one, where only rates can be tried.
+    `addresses` that are not configured were read, and `found` responded; then `speeds` other rates and formats were
+    tried. Without `has_parity` the port is a virtual one, where only rates can be tried.
     """
 
     addresses: tuple[int, ...] = ()
@@ -99,7 +99,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True)
 class LineEvidence:
-    """A line where the gateway asks. `reason` says why it is down, and is empty while it is up.
+    """A client line. `reason` says why it is down; it is empty while the line is up.
 
     `sent` requests have left; `copies` of them came back, `others` are requests of other clients that were heard.
     `errors` are what the driver says of received characters, None where it does not count them.
@@ -123,9 +123,9 @@ class LineEvidence:
 
 @dataclass(frozen=True, slots=True)
 class ClientEvidence:
-    """Clients at one address that have left so often before their response came; the last one after `waited`.
+    """A client address. Its clients `left` so often before their response, the last one after `waited` seconds.
 
-    Its responses may take up to `longest_wait`.
+    A response may take up to `longest_wait`.
     """
 
     host: str

@@ -1,4 +1,4 @@
-"""What a rule has found."""
+"""The result of a rule."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,7 +8,7 @@ Level = Literal["ok", "note", "fix"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """`about` what, `what` was found there, and the command or config line that mends it (`remedy`).
+    """One row: `what` was found `about` a port, line, unit or client. `remedy` is the command or config line for it.
 
     A `fix` needs something to be done; a `note` may be as it is meant to be.
     """

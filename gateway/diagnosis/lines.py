@@ -1,4 +1,4 @@
-"""Rules about a line where the gateway asks."""
+"""Rules about a client line."""
 
 from collections.abc import Callable, Iterator
 from typing import Final
@@ -18,7 +18,7 @@ FULL: Final = 0.9
 
 
 def about_line(line: LineEvidence) -> Iterator[Finding]:
-    """What there is to say about a line and its units; one row says that nothing is wrong."""
+    """The findings about a line and its units; one `ok` if nothing is wrong."""
     if line.reason:
         remedy = "see the rows about its port" if line.is_serial else "check its address, and the device server"
         yield Finding("fix", line.name, f"is down: {line.reason}", remedy)

@@ -1,4 +1,4 @@
-"""Rules about serial ports, as they can be seen without opening them."""
+"""Rules about serial ports."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -18,7 +18,7 @@ _KEEPING_AWAY: Final = {
 
 
 def about_ports(port: PortEvidence) -> Iterator[Finding]:
-    """What there is to say about a port; one row says that nothing is wrong."""
+    """The findings about a port; one `ok` if nothing is wrong."""
     if not port.exists:
         yield _fix(port, f"{port.port} does not exist", "plug the adapter in; modbus-gateway ports lists what is there")
         return

@@ -20,7 +20,7 @@ _MARGIN: Final = 1.5
 
 
 def about_unit(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
-    """What there is to say about a unit: what the first rule says that fits."""
+    """The findings about a unit, by the first rule that has any."""
     for rule in _RULES:
         found = list(rule(unit, line))
         if found:
@@ -29,7 +29,7 @@ def about_unit(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
 
 
 def name(unit: UnitEvidence) -> str:
-    """The unit in a report."""
+    """How rows name the unit."""
     return f"unit {unit.unit}, {unit.name}"
 
 
@@ -44,7 +44,7 @@ def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]: 
 
 
 def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
-    """Two devices that answer at once damage both answers, and each time in another way."""
+    """Two devices that respond at once damage both responses, each time differently."""
     what, double = "", f"two devices may have the address {unit.on_the_wire}"
     if unit.twice:
         what = f"{unit.twice} responses came twice: {double}"
@@ -125,7 +125,7 @@ def _others_answer(unit: UnitEvidence, line: LineEvidence) -> bool:
 
 
 def _longer(unit: UnitEvidence, seconds: float) -> str:
-    """A time-out that is long enough for answers that take so long."""
+    """The config line with a time-out that is long enough for responses after so many seconds."""
     longest = max(seconds, unit.limit) * _MARGIN
     step = 0.05 if longest < 1 else 0.5
     return f'{unit.source}: timeout = "{show_duration(ceil(round(longest / step, 3)) * step)}"'

@@ -1,4 +1,4 @@
-"""Clients that close their connection before they have their responses: their time-out may be too short."""
+"""Counts clients that close their connection before their response: their time-out may be too short."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,7 +9,7 @@ MOST_HOSTS: Final = 64
 
 @dataclass(slots=True)
 class Departure:
-    """How often clients at one address have left like that, and for how long, in seconds, the last one had waited."""
+    """How often clients at one address did that, and how many seconds the last one had waited."""
 
     count: int = 0
     waited: float = 0.0
@@ -22,7 +22,7 @@ class Departures:
         self.by_host: dict[str, Departure] = {}
 
     def add(self, host: str, waited: float) -> None:
-        """A client at `host` has closed its connection `waited` seconds after its last request, which is under way."""
+        """A client at `host` closed its connection `waited` seconds after its last request, without a response."""
         departure = self.by_host.pop(host, None) or Departure()
         departure.count += 1
         departure.waited = waited

@@ -46,7 +46,7 @@ class Port(Protocol):
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """What was wrong with received characters; None where the driver does not count that."""
+        """Counters of wrong characters; None if the driver has none."""
 
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""

@@ -131,7 +131,7 @@ class SerialPort(SerialTransport):
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """What was wrong with received characters; None where the driver does not count that."""
+        """Counters of wrong characters; None if the driver has none."""
         counted = None if self._closing else character_errors(self._descriptor)
         return None if counted is None or self._errors_before is None else counted.since(self._errors_before)
 

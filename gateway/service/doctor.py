@@ -1,4 +1,4 @@
-"""What the daemon knows of faults: it asks what nobody has asked, and says what is wrong on its lines.
+"""The verb `doctor`: reads units of which too little is known, and finds what is wrong on the lines.
 
 What can be seen of ports from outside, `service/outside.py` says; whoever asks for both puts them together.
 """
@@ -39,7 +39,7 @@ LISTENING: Final = 3.0
 
 @dataclass(frozen=True, slots=True)
 class PortInUse:
-    """A serial port of the config, to be looked at from outside."""
+    """A serial port of the config, and whether the gateway has it open."""
 
     line: str
     source: str
@@ -89,7 +89,7 @@ async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks
 
 
 async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> int:
-    """Ask the units of which too little is known; how often that was."""
+    """Read the units of which too little is known; returns the number of requests."""
     asked = 0
     with suppress(TimeoutError):
         async with asyncio.timeout(LONGEST_ASKING):
@@ -106,7 +106,7 @@ async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> 
 
 
 async def _wait_for_late_answer(line: GatewayLine) -> None:
-    """Wait until no answer can come any more, nor one that is late by far more than the line expects."""
+    """Wait for the end of the late windows, and at least SHORTEST_WINDOW: a response may come even later."""
     now = asyncio.get_running_loop().time
     until = now() + LONGEST_WINDOW
     await asyncio.sleep(SHORTEST_WINDOW)

@@ -1,4 +1,4 @@
-"""What is known of lines, units and clients, as the rules of `diagnosis` want it."""
+"""Evidence about lines, units and clients for the rules of `diagnosis`, from the counters."""
 
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
@@ -13,7 +13,7 @@ from gateway.timing.histogram import SHARES, merged
 
 
 def line_evidence(line: GatewayLine, now: float, recent: Recent, found: Search | None = None) -> LineEvidence:
-    """What is known of a line at `now`, and of its `recent` past; `found` is what was looked for there."""
+    """The evidence about a line; `found` is the result of a search there."""
     machine, plan = line.driver.line, line.plan
     timing, overheard = machine.settings.timing, machine.overheard
     rate = recent.rate(line, now)
@@ -36,12 +36,12 @@ def line_evidence(line: GatewayLine, now: float, recent: Recent, found: Search |
 
 
 def shown_devices(line: GatewayLine) -> list[Device]:
-    """The devices of a line. One that passes all units through has those that somebody has asked."""
+    """The devices of a line; of a line that passes all units through, those that got requests."""
     return [device for device in line.devices.values() if device.counts or not line.plan.passes_through]
 
 
 def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
-    """What is known of a device of the line."""
+    """The evidence about a device of the line."""
     settings, counts = device.settings, device.counts
     whole = total(counts.values())
     times = tuple(counts.times[function] for function in counts)
@@ -68,7 +68,7 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
 
 
 def client_evidence(listener: Listener, gateway: Gateway) -> list[ClientEvidence]:
-    """What is known of the clients of a listener that have left before they had their responses."""
+    """The evidence about clients of a listener that left before their response."""
     if not isinstance(listener, TcpListener):
         return []
     parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)

@@ -1,4 +1,4 @@
-"""A serial port as it can be seen without opening it: who may use it, who does, and what its adapter is set to."""
+"""Evidence about a serial port without opening it: permissions, programs that have it open, the latency timer."""
 
 import os
 import pwd
@@ -20,7 +20,7 @@ PROBERS: Final = frozenset({"ModemManager", "brltty", "gpsd"})
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Where the system shows its ports and programs. Tests have folders of their own."""
+    """Folders of the system; tests have others."""
 
     devices: Path = DEVICES
     terminals: Path = TERMINALS
@@ -28,7 +28,7 @@ class Places:
 
 
 def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places()) -> PortEvidence:
-    """What can be seen of `port`. `gateway_pid` is the running gateway, which may have it open; None if none runs."""
+    """The evidence about `port`. `gateway_pid` is the process of the running gateway, None if there is none."""
     path = Path(port.port)
     try:
         device, status = path.resolve(strict=True), path.stat()
@@ -55,14 +55,14 @@ def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places())
 
 
 def _latency_timer(terminal: Path) -> float | None:
-    """That of an FTDI adapter, in seconds."""
+    """The latency timer of an FTDI adapter, in seconds; None for others."""
     with suppress(OSError, ValueError):
         return int((terminal / "device/latency_timer").read_text()) / 1000
     return None
 
 
 def _user(pid: int | None, node: os.stat_result, places: Places) -> tuple[str, bool]:
-    """Who needs the port, the running gateway or else whoever asks, and whether that user may read and write it."""
+    """The user of the running gateway, else of this command, and whether that user may read and write the port."""
     ids = None if pid is None else _ids(places.programs / str(pid))
     uid, groups = ids or (os.geteuid(), {os.getegid(), *os.getgroups()})
     mode = node.st_mode

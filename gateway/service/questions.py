@@ -1,4 +1,4 @@
-"""Reads that the gateway sends because an operator looks for a fault: harmless ones, one at a time, as any client's."""
+"""Harmless reads, which the gateway sends when an operator searches for a fault."""
 
 import asyncio
 from collections.abc import Callable
@@ -20,7 +20,7 @@ _READS: Final = (
 
 
 def harmless_read(profile: Profile) -> bytes | None:
-    """A request for one item, the first that such a device has; None if it cannot be read at all."""
+    """A read of the first item that such a device has; None if it has none."""
     for function, area in _READS:
         ranges = profile.areas.get(area, ((0, 0),))
         if profile.knows(function) and ranges:
@@ -31,7 +31,7 @@ def harmless_read(profile: Profile) -> bytes | None:
 async def outcome_of(
     target: Target, unit: int, pdu: bytes, is_there: Callable[[], bool]
 ) -> tuple[RequestError | None, bytes | None]:
-    """What becomes of a request: the error, if any, and the response."""
+    """Send a request; its error, if any, and its response."""
     loop = asyncio.get_running_loop()
     question = Question(is_there)
     target.submit(Request(unit, pdu, question, loop.time()), loop.time())

@@ -58,7 +58,7 @@ class Speed(NamedTuple):
 async def search(
     running: Running, line: GatewayLine, silent: list[Device], *, is_dead: bool, asked_by: IsThere
 ) -> Search:
-    """Look for the devices that are `silent`; if the line `is_dead`, nobody answers on it at all."""
+    """Search the `silent` devices. `is_dead`: no unit of the line responds, so other rates may be tried."""
 
     def is_wanted() -> bool:
         return asked_by() and running.keeps(line)
@@ -86,7 +86,7 @@ def candidates(line: GatewayLine, silent: list[Device]) -> list[int]:
 
 
 def speeds(line: GatewayLine) -> Iterator[Speed]:
-    """Rates and formats, those first that are most likely; not that of the line."""
+    """Rates and formats other than that of the line, the most likely first."""
     timing = line.driver.line.settings.timing
     formats = dict.fromkeys((timing.format, *FORMATS[timing.mode]))
     for baud in dict.fromkeys((timing.baud, *RATES)):
@@ -147,7 +147,7 @@ async def _answers_at(
 
 
 async def _answers(driver: LineDriver, address: int, asked_by: IsThere, profile: Profile | None = None) -> bool:
-    """Whether anybody answers at an address: an exception is an answer too."""
+    """Whether a unit responds at an address; an exception is a response too."""
     patience = AnswerTime(TimingTable(), margin=1.0, timeout=PATIENCE, fixed=True)
     settings = DeviceSettings(f"address {address}", address, address, Profile("generic"), patience, source="doctor")
     pdu = harmless_read(profile or settings.profile)
@@ -158,7 +158,7 @@ async def _answers(driver: LineDriver, address: int, asked_by: IsThere, profile:
 
 
 class _User:
-    """Hands what comes from a port to a line that exists for one question."""
+    """The user of a port: passes received bytes to a line that exists for one rate and format."""
 
     def __init__(self, driver: LineDriver) -> None:
         self._driver = driver

@@ -1,4 +1,4 @@
-"""Set-ups that are broken in a way that engineers meet: each has a word, and `doctor` finds it."""
+"""Faults of whole set-ups, each with a word for `simulate --fault`. `doctor` finds them."""
 
 from collections.abc import Set as AbstractSet
 from copy import deepcopy
@@ -26,12 +26,12 @@ _BEHIND: Final = 0.002
 
 
 def line_faults(words: AbstractSet[str]) -> LineFaults:
-    """Those of the line itself."""
+    """The faults of the line itself."""
     return LineFaults(echo="echo" in words, second_client="second-client" in words)
 
 
 def with_faults(devices: list[Device], words: AbstractSet[str], baud: int) -> list[Device]:
-    """The devices as they are on a line with these faults, whose clients ask at `baud`."""
+    """The devices of a line with these faults; `baud` is the rate in the config."""
     for device in devices:
         silent = device.faults.silent or not words.isdisjoint(("silent", "wrong-parity"))
         device.faults = replace(device.faults, silent=silent, late="slow" in words)
@@ -45,7 +45,7 @@ def with_faults(devices: list[Device], words: AbstractSet[str], baud: int) -> li
 
 
 def _free_address(devices: list[Device]) -> int:
-    """The next one behind that of the first device."""
+    """The next free address after that of the first device."""
     taken = {device.unit for device in devices}
     behind = [*range(devices[0].unit + 1, LAST_UNIT + 1), *range(1, devices[0].unit)]
     free: list[int] = [unit for unit in behind if unit not in taken]

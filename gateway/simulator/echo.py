@@ -1,4 +1,4 @@
-"""An adapter that hears itself: the port receives what it sends."""
+"""An adapter that echoes: the port receives what it sends."""
 
 from random import Random
 
@@ -42,6 +42,6 @@ class Echo:
         return data
 
     def disturb(self) -> None:
-        """What the adapter hears is rubbish, too."""
+        """The copy is damaged too."""
         for each in self._returned:
             each.garble(self._dice)

@@ -1,4 +1,4 @@
-"""Another client on a simulated line: it polls a device without knowing of the port."""
+"""Another client on a simulated line, which polls a device."""
 
 from random import Random
 from typing import Final
@@ -17,7 +17,7 @@ _READ: Final = bytes.fromhex("03 0002 0001")
 
 
 class SecondClient:
-    """Asks `unit` from when it has first heard at which rate that is done. It waits until the line is silent."""
+    """Polls `unit`, at the rate of the first frame that it receives. It waits until the line is silent."""
 
     def __init__(self, unit: int, mode: Mode, dice: Random) -> None:
         self._request = (rtu.encode if mode == "rtu" else ascii_framing.encode)(unit, _READ)
@@ -35,13 +35,13 @@ class SecondClient:
             self._asks_at = sent.start + EVERY
 
     def deadline(self) -> float | None:
-        """When it asks next, or the next characters of its request are there."""
+        """When it sends next, or the next characters of its request have arrived."""
         if self._sent is not None:
             return self._sent.next_arrival()
         return None if self._asks_at is None else max(self._asks_at, self._free_at)
 
     def listen(self, now: float) -> None:
-        """Answers are all the same to it."""
+        """It ignores responses."""
 
     def begin(self, now: float) -> Transmission | None:
         """Its request, when it is time for it."""
@@ -58,7 +58,7 @@ class SecondClient:
         return self._sent is not None and time < self._sent.end
 
     def take(self, now: float) -> bytes:
-        """The characters of its request that are there."""
+        """The characters of its request that have arrived."""
         if self._sent is None:
             return b""
         data = self._sent.take(now)
@@ -67,6 +67,6 @@ class SecondClient:
         return data
 
     def disturb(self) -> None:
-        """Its request is rubbish."""
+        """Its request is damaged."""
         if self._sent is not None:
             self._sent.garble(self._dice)

@@ -1,4 +1,4 @@
-"""Whoever can be heard at the port of a simulated line."""
+"""What can send on a simulated line."""
 
 from typing import Protocol
 
@@ -6,25 +6,25 @@ from gateway.simulator.pace import Transmission
 
 
 class Speaker(Protocol):
-    """A device, or a fault that speaks."""
+    """A device, or a fault that sends."""
 
     def receive(self, sent: Transmission) -> None:
         """Somebody else sends."""
 
     def deadline(self) -> float | None:
-        """When something happens here by itself, or None."""
+        """When it needs `tick`, or None."""
 
     def listen(self, now: float) -> None:
-        """Take what was heard to its end by `now`."""
+        """Take the frames that have ended by `now`."""
 
     def begin(self, now: float) -> Transmission | None:
-        """What it sends, if this is the moment at which that begins."""
+        """What it begins to send now, or None."""
 
     def sends_at(self, time: float) -> bool:
         """Whether it occupies the line at `time`."""
 
     def take(self, now: float) -> bytes:
-        """The characters of it that are there by `now` and were not taken before."""
+        """The characters that have arrived since the last call."""
 
     def disturb(self) -> None:
         """Two send at once."""
