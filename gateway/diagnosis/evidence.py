@@ -17,8 +17,8 @@ class Holder:
 class PortEvidence:
     """What is known of a serial port without opening it. It belongs to `line`, `source` is its place in the config.
 
-    `stable_path` is a link to it that survives a replug, empty if there is none. `user` runs the gateway, and `may_open`
-    the port or not; its group is `group`. `latency_timer` is that of an FTDI adapter, None for others. `is_ours`: the
+    `stable_path` is a link to it that survives a replug, empty if there is none. `user` runs the gateway and `may_open`
+    it or not; its group is `group`. `latency_timer` is that of an FTDI adapter, None for others. `is_ours`: the
     gateway has it open. `holders` are other programs that have, `probers` programs that open serial ports when they
     appear.
     """

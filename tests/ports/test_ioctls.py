@@ -1,9 +1,12 @@
 import os
+import struct
 import termios
 
 import pytest
 
-from gateway.ports.ioctls import divided, divided_baud, has_redefined_38400, input_flags, is_sending
+from gateway.ports import ioctls
+from gateway.ports.ioctls import character_errors, divided, divided_baud, has_redefined_38400, input_flags, is_sending
+from gateway.ports.port import CharacterErrors
 
 SANE = termios.BRKINT | termios.IGNPAR | termios.PARMRK | termios.ICRNL
 
@@ -53,3 +56,16 @@ def test_a_pseudo_terminal_is_no_uart(terminal):
     assert divided_baud(terminal, 12345) is None
     assert not has_redefined_38400(terminal)
     assert not is_sending(terminal)
+
+
+def test_wrong_characters_are_read_from_the_counters_of_the_driver(monkeypatch):
+    """The order is that of `struct serial_icounter_struct` in linux/serial.h."""
+    changes, (received, sent) = (1, 2, 3, 4), (5, 6)
+    framing, overrun, parity, breaks, lost = 7, 8, 9, 10, 11
+    counters = struct.pack("=11i36x", *changes, received, sent, framing, overrun, parity, breaks, lost)
+    monkeypatch.setattr(ioctls.fcntl, "ioctl", lambda descriptor, request, room: counters[: len(room)])
+    assert character_errors(0) == CharacterErrors(received, framing, parity, overrun + lost)
+
+
+def test_a_pseudo_terminal_counts_no_wrong_characters(terminal):
+    assert character_errors(terminal) is None
