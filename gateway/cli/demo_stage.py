@@ -155,6 +155,7 @@ class Stage:
         print(f"  {command} read silo-1{at}")
         print(f"  {command} read press holding 107-109{at}")
         print(f"  {command} write oven register-40136 926 --show{at}")
+        print(f"  {command} trace{at}")
         print(f"  {mbpoll} -a 41 -t 4:float -B -0 -r 0 -1 127.0.0.1 # silo-1: weight")
         print(f"  {mbpoll} -a 46 -t 4 -0 -r 107 -c 3 -1 127.0.0.1   # press: 40108-40110")
         print(f"  {mbpoll} -a 52 -t 4 -0 -r 30 127.0.0.1 1234 5678  # axis-1: Comms 30-31")

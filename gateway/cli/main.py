@@ -33,6 +33,7 @@ VERBS: Final[Mapping[str, str]] = {
     "check": "check a config file and show its effect",
     "reload": "make the running gateway read its config again",
     "status": "show the state of the running gateway",
+    "trace": "show what passes on the lines, and why requests failed",
     "doctor": "find what is wrong with ports, lines, units and clients",
     "read": "read coils and registers of a unit",
     "write": "write coils and registers of a unit",

@@ -12,7 +12,7 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.mbpoll import add_habits, refuse_habits
 from gateway.cli.reading import read_points
 from gateway.cli.unit import NoResponseError, Unit, add_unit_arguments, open_unit
-from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
+from gateway.cli.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.cli.values import Outcome, as_json, frames_as_json, frames_as_text, picture, table
 from gateway.cli.words import Command, find_points
 from gateway.config.duration import parse_duration
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add, duration = parser.add_argument, parsed_by(parse_duration)
     add("words", nargs="*", metavar="UNIT ...", help="which unit, and what of it: see the examples")
     add("-i", "--interval", type=duration, metavar="EVERY", help="read again and again, such as -i 1s")
-    add("-n", "--count", type=_count, metavar="COUNT", help="how many times (default: until Ctrl-C)")
+    add("-n", "--count", type=count, metavar="COUNT", help="how many times (default: until Ctrl-C)")
     add_unit_arguments(parser)
     add_habits(parser)
     let_options_stand_anywhere(parser)
@@ -129,9 +129,3 @@ def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace, text: str) ->
         print(text, flush=True)
     for failure in outcome.failures:
         print(failure.text(unit), file=sys.stderr, flush=True)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a number of times; write one such as 10')
-    return int(text)

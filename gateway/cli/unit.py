@@ -42,8 +42,8 @@ class NoResponseError(GatewayError):
 class Answer:
     """A response PDU, and how long it took.
 
-    `reason` says why the gateway itself answered with an exception. `sent` and `received` are the frames, as far as
-    they are known here.
+    `reason` says why the gateway itself answered with an exception. `sent` and `received` are the frames on the
+    line. Where there were none, as with an image, they are unit identifier and PDU.
     """
 
     pdu: bytes
@@ -148,7 +148,10 @@ class DaemonUnit:
         result = answer.get("result", "")
         reason = _REASONS.get(result) or answer.get("reason") or result
         head = bytes((self.number,))
-        return Answer(response, answer["elapsed_ms"], reason, head + pdu, head + response)
+        sent, received = head + pdu, head + response
+        if "sent" in answer:
+            sent, received = bytes.fromhex(answer["sent"]), bytes.fromhex(answer.get("received", ""))
+        return Answer(response, answer["elapsed_ms"], reason, sent, received)
 
 
 def _point(told: Mapping[str, Any]) -> Point:

@@ -38,6 +38,17 @@ def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
     return argument
 
 
+def count(text: str) -> int:
+    """A `type` for argparse: how many, at least 1.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no such number.
+    """
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f'"{text}" is not a number of times; write one such as 10')
+    return int(text)
+
+
 def let_options_stand_anywhere(parser: argparse.ArgumentParser) -> None:
     """Allow options between words: argparse would reject the words after an option."""
     plain = parser.parse_known_args

@@ -133,6 +133,7 @@ _HEADINGS: Final = {
     "profile": "[profile.NAME]",
     "access": "[[access]]",
     "web": "[web]",
+    "trace": "[trace]",
     "control": "[control]",
     "log": "[log]",
 }

@@ -26,6 +26,7 @@ from gateway.config.schema import (
     Log,
     ProfileTable,
     Table,
+    Trace,
     Upstream,
     Web,
 )
@@ -40,7 +41,7 @@ _LISTS: Final[Mapping[str, type[Table]]] = {
     "upstream": Upstream,
     "access": Access,
 }
-_SINGLES: Final[Mapping[str, type[Table]]] = {"web": Web, "control": Control, "log": Log}
+_SINGLES: Final[Mapping[str, type[Table]]] = {"web": Web, "trace": Trace, "control": Control, "log": Log}
 _PROFILE: Final = "profile"
 
 #: Keys that no other table refers to. A table with errors only in these is still checked against the others.

@@ -7,7 +7,7 @@ from typing import Final, Literal
 from gateway.config.address import Address
 from gateway.config.points import points_of
 from gateway.config.ranges import join_ranges
-from gateway.config.schema import Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
+from gateway.config.schema import DEFAULT_RING, Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
@@ -145,6 +145,8 @@ class Plan:
     #: Where the control socket is; None for the usual place.
     control: str | None = None
     web: WebPlan | None = None
+    #: How many bytes the ring of `trace` has; 0 for none.
+    ring: int = DEFAULT_RING
 
 
 def resolve(config: Config) -> Plan:
@@ -171,6 +173,7 @@ def resolve(config: Config) -> Plan:
         log=_log(config.log),
         points={unit: points for unit, points in _points(config, images, mirrors) if points},
         control=None if config.control is None else config.control.socket,
+        ring=config.trace.ring,
         web=None if config.web is None else WebPlan(config.web.bind, config.web.hosts, config.web.token),
     )
 

@@ -1,7 +1,7 @@
 """Every key of the config file: its type, its default, and what it means. docs/configuration.md is made from this."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
@@ -33,6 +33,7 @@ from gateway.config.values import (
     Ranges,
     SerialPort,
     ServerAddress,
+    Size,
     SocketPath,
     TokenFile,
     Unit0,
@@ -49,6 +50,9 @@ from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DataType, Swap
 
 FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
+#: The ring of `trace`, in bytes.
+DEFAULT_RING: Final = 4 * 1024 * 1024
+
 Count = Annotated[int, Field(ge=1)]
 
 
@@ -558,6 +562,15 @@ class Control(Table):
     )
 
 
+class Trace(Table):
+    """The last transactions, which are always kept in memory: `modbus-gateway trace` shows them."""
+
+    ring: Size = Field(
+        DEFAULT_RING,
+        description='How much memory they may take. `"0"`: none is kept, and there is nothing to show.',
+    )
+
+
 class Log(Table):
     """The log on standard error."""
 
@@ -580,6 +593,7 @@ class Config(Table):
     profile: Mapping[str, ProfileTable] = Field({})
     access: Annotated[tuple[Access, ...], ListOf] = ()
     web: Web | None = None
+    trace: Trace = Trace()
     control: Control | None = None
     log: Log = Log()
 

@@ -20,6 +20,7 @@ from gateway.config.duration import (
 )
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.ranges import parse_ranges
+from gateway.config.size import parse_size_or_zero, show_size
 from gateway.config.unitset import CLIENT_UNITS, NO_CLIENT_UNIT, parse_client_units, parse_units
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Writing
@@ -291,6 +292,10 @@ def _in_quotes(seconds: float | None) -> str:
     return f'"{show_duration(seconds)}"'
 
 
+def _size_in_quotes(size: int) -> str:
+    return f'"{show_size(size)}"'
+
+
 _DURATION = Kind("duration", _in_quotes)
 _DURATION_OR_AUTO = Kind('duration or `"auto"`', _in_quotes)
 _UNITS = Kind("units")
@@ -350,6 +355,7 @@ ListenAddress = Annotated[
 ServerAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
 TokenFile = Annotated[str, PlainValidator(parse_token_file), Kind('table such as `{ file = "metrics.token" }`')]
 WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http",))), Kind("address")]
+Size = Annotated[int, PlainValidator(parse_size_or_zero), Kind('size such as `"4 MiB"`', _size_in_quotes)]
 
 #: A TOML list; what stands in it stays as strict as it is.
 ListOf = Strict(False)

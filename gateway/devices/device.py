@@ -15,6 +15,7 @@ from gateway.profiles.profile import Profile
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
+from gateway.trace.ring import Ring
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,14 @@ class TakesTransactions(Protocol):
 class Device:
     """A unit on a line: a Target. Requests that its profile rejects are never sent."""
 
-    def __init__(self, settings: DeviceSettings, line: TakesTransactions, emit: Emit = discard_event) -> None:
+    def __init__(
+        self,
+        settings: DeviceSettings,
+        line: TakesTransactions,
+        emit: Emit = discard_event,
+        ring: Ring | None = None,
+        line_name: str = "",
+    ) -> None:
         self.settings = settings
         self.unit = settings.unit
         self.name = settings.name
@@ -52,6 +60,8 @@ class Device:
         self._check = settings.profile.check
         self._line = line
         self._emit = emit
+        self._ring = ring or Ring()
+        self._line_name = line_name
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Send the request in its turn, or fail it. If it `yields`, requests of clients go first: a mirror's poll."""
@@ -60,6 +70,7 @@ class Device:
         except RequestError as error:
             self.counts[request.pdu[0]].count_error(error, 1)
             self.report_rejection(request, error)
+            self._ring.refuse(request, error, now, line=self._line_name, name=self.name)
             request.fail(error)
             return
         transaction.yields = yields

@@ -23,6 +23,7 @@ from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, Span
 from gateway.request import Request
 from gateway.timing.budget import Budget
+from gateway.trace.ring import Ring
 
 Quirk = Literal["moves", "changes_baud"]
 
@@ -150,11 +151,11 @@ class MovableDevice(Device):
         is_alone: bool,
         remember: Callable[[int], None],
         emit: Emit,
+        ring: Ring | None = None,
     ) -> None:
-        super().__init__(settings, line, emit)
+        super().__init__(settings, line, emit, ring, line_name)
         self._quirks = settings.profile.quirks
         self._change_rate = line.change_rate
-        self._line_name = line_name
         self._line_source = line_source
         self._addresses = addresses
         self._is_alone = is_alone

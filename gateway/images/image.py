@@ -15,6 +15,7 @@ from gateway.modbus.functions import TABLE_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
+from gateway.trace.ring import Ring
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +51,14 @@ class Image:
     that clients may ask for and clear, `counts` those of the operator.
     """
 
-    def __init__(self, settings: ImageSettings, emit: Emit = discard_event) -> None:
+    def __init__(self, settings: ImageSettings, emit: Emit = discard_event, ring: Ring | None = None) -> None:
         self.settings = settings
         self.tables = make_tables(settings.areas, settings.initial)
         self.counts = Counts()
         self.diagnostics = Diagnostics()
         self._profile = settings.profile
         self._emit = emit
+        self._ring = ring or Ring()
         identity = Identity(settings.name)
         self._services: Mapping[int, Callable[[bytes], bytes]] = {
             FunctionCode.DIAGNOSTICS: self.diagnostics.perform,
@@ -93,11 +95,13 @@ class Image:
         """Answer a request, and count its result."""
         if isinstance(outcome, bytes):
             self.diagnostics.done(request)
+            self._ring.answer(request, outcome, request.received_at, self.settings.name)
             request.respond(outcome)
         else:
             self.counts.exceptions += 1
             self.diagnostics.refused(request, outcome.code)
             self._emit(RequestRefused.of(request, outcome))
+            self._ring.refuse(request, outcome, request.received_at, name=self.settings.name)
             request.fail(outcome)
 
     def _check(self, pdu: bytes) -> RequestPdu:

@@ -24,6 +24,7 @@ from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import Span, parse_request
 from gateway.request import Request
+from gateway.trace.ring import Ring
 
 #: Exceptions after which nothing has changed in the device: function, address, value, busy, no path.
 _WITHOUT_EFFECT: Final = frozenset({1, 2, 3, 6, 10})
@@ -48,12 +49,20 @@ class _Row:
 class Mirror:
     """A Target for clients. `poller` is the Origin of its polls and hands their responses to `polled`."""
 
-    def __init__(self, settings: MirrorSettings, device: MirroredDevice, poller: Poller, emit: Emit) -> None:
+    def __init__(
+        self,
+        settings: MirrorSettings,
+        device: MirroredDevice,
+        poller: Poller,
+        emit: Emit,
+        ring: Ring | None = None,
+    ) -> None:
         self.settings = settings
         self.counts = Counts()
         self._device = device
         self._poller = poller
         self._emit = emit
+        self._ring = ring or Ring()
         self._polling = Polling(settings, self.counts, device, poller, emit)
         self._rows: dict[str, _Row] = {}
         self._is_closed = False
@@ -121,11 +130,13 @@ class Mirror:
                 return True
             response = None if row.under_way else self._read(request.pdu, row, now)
         except RequestError as error:
-            self._fail(row.take(), error)
+            self._fail(row.take(), error, now)
             return True
         if response is None:
             return False
-        row.take().respond(response)
+        answered = row.take()
+        self._ring.answer(answered, response, now, self.settings.name)
+        answered.respond(response)
         return True
 
     def _read(self, pdu: bytes, row: _Row, now: float) -> bytes | None:
@@ -162,10 +173,11 @@ class Mirror:
         row.under_way += 1
         self._device.submit(Request(request.unit, request.pdu, _Passed(request, self._poller), now), now)
 
-    def _fail(self, request: Request, error: RequestError) -> None:
+    def _fail(self, request: Request, error: RequestError, now: float) -> None:
         self.counts.exceptions += 1
         if not isinstance(error, StaleValue):  # an error of the device is logged where it is detected
             self._emit(RequestRefused.of(request, error))
+        self._ring.refuse(request, error, now, name=self.settings.name)
         request.fail(error)
 
     def __repr__(self) -> str:

@@ -10,6 +10,7 @@ from gateway.images.polling import MirroredDevice
 from gateway.images.polls import MirrorSettings
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Request
+from gateway.trace.ring import Ring
 
 
 class MirrorDriver:
@@ -21,10 +22,15 @@ class MirrorDriver:
     host = ""
 
     def __init__(
-        self, settings: MirrorSettings, device: MirroredDevice, loop: asyncio.AbstractEventLoop, emit: Emit
+        self,
+        settings: MirrorSettings,
+        device: MirroredDevice,
+        loop: asyncio.AbstractEventLoop,
+        emit: Emit,
+        ring: Ring | None = None,
     ) -> None:
         self.device = device
-        self.mirror = Mirror(settings, device, self, emit)
+        self.mirror = Mirror(settings, device, self, emit, ring)
         self.client = f"mirror {settings.name}"
         self._emit = emit
         self._time = loop.time

@@ -18,6 +18,7 @@ from gateway.images.tables import make_tables
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.request import Request
+from gateway.trace.ring import Ring
 
 
 class Change(NamedTuple):
@@ -70,8 +71,10 @@ class PersistentImage(Image):
     are ignored.
     """
 
-    def __init__(self, settings: ImageSettings, store: ValueStore, emit: Emit = discard_event) -> None:
-        super().__init__(settings, emit)
+    def __init__(
+        self, settings: ImageSettings, store: ValueStore, emit: Emit = discard_event, ring: Ring | None = None
+    ) -> None:
+        super().__init__(settings, emit, ring)
         self._store = store
         self._keep = store.keep_at_once if settings.persist == "always" else store.keep_soon
         self._waiting: deque[_Waiting] = deque()

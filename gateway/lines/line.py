@@ -36,6 +36,7 @@ from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateWindows, Overdue
 from gateway.lines.overheard import Overheard
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
+from gateway.lines.recorder import Recorder
 from gateway.lines.report import Report
 from gateway.lines.scheduler import Scheduler, earliest
 from gateway.lines.settings import LineSettings
@@ -44,6 +45,7 @@ from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
+from gateway.trace.ring import Ring
 
 #: Silence after a device has confirmed a new baud rate, in seconds: time for the device and for our port to change.
 RATE_CHANGE_PAUSE: Final = 0.1
@@ -59,19 +61,20 @@ State = Literal["down", "idle", "awaiting", "repeating", "renewing", "last"]
 
 
 class Line:
-    """One line and its transactions."""
+    """One line and its transactions, which are kept in `ring`."""
 
-    def __init__(self, settings: LineSettings, emit: Emit) -> None:
+    def __init__(self, settings: LineSettings, emit: Emit, ring: Ring | None = None) -> None:
         self.settings = settings
         #: Bytes on the idle line, and how the line's time was used.
         self.unasked_bytes = 0
         self.spent = TimeSpent()
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit)
+        recorder = Recorder(settings.name, ring or Ring())
         self._windows = LateWindows(settings.late_window)
         echo = EchoDetector(self._report, is_configured=settings.echo)
-        self._receiver = Receiver(settings, self._windows, echo, self._report)
-        self._scheduler = Scheduler(settings, self._windows, echo, self._report)
+        self._receiver = Receiver(settings, self._windows, echo, self._report, recorder)
+        self._scheduler = Scheduler(settings, self._windows, echo, self._report, recorder)
         self._write: Write | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
@@ -133,7 +136,7 @@ class Line:
             if self._current is not None:
                 self._finish(self._current, errors.LineLost(), now)
         finally:
-            _fail_waiting(waiting)
+            self._fail_waiting(waiting, now)
 
     def must_renew(self, now: float) -> bool:
         """Whether a new connection is needed: this one may hold back requests."""
@@ -167,7 +170,7 @@ class Line:
             if is_repeating and self._current is not None:
                 self._fail(self._current, now)
         finally:
-            _fail_waiting(waiting)
+            self._fail_waiting(waiting, now)
 
     def overdue(self, now: float, patience: float) -> list[Overdue]:
         """The responses that may still come, for the next line on the same port: late ones, and other clients'.
@@ -198,7 +201,7 @@ class Line:
         is_down = self._state in ("down", "last")
         rejection = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if rejection is not None:
-            transaction.fail(rejection)
+            self._refuse(transaction, rejection, now)
         elif not self.is_busy:
             self._go_on(now)
 
@@ -295,11 +298,13 @@ class Line:
                 if rejection is None:
                     self._send(transaction, self._write, now)
                 else:
-                    transaction.fail(rejection)
+                    self._refuse(transaction, rejection, now)
         finally:
             for request in late:
+                self._scheduler.recorder.expired(request, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
-            _fail_all(given_up, errors.ResponseTimeout())
+            for transaction in given_up:
+                self._refuse(transaction, errors.ResponseTimeout(), now)
 
     def _rejection(self, transaction: Transaction, now: float) -> RequestError | None:
         """Why a transaction is not sent in its turn, or None."""
@@ -311,7 +316,7 @@ class Line:
             transaction.start(self._budget, now)
         except RequestError as error:
             self._current, self._state = None, "idle"
-            transaction.fail(error)
+            self._refuse(transaction, error, now)
             return
         transaction.count_sent(now)
         transaction.outstanding += not transaction.is_broadcast
@@ -329,11 +334,12 @@ class Line:
         overdue: list[Transaction] = []
         try:
             write(self._receiver.begin(transaction, now))
+            self._scheduler.recorder.exchange(transaction, None, now)
             if transaction.outstanding:  # a unit without a listen-only mode responds all the same
                 overdue = self._scheduler.await_late(transaction, now)
         finally:
             transaction.end()
-            _fail_all(overdue, errors.AnswerOverdue())
+            self._fail_overdue(overdue, now)
 
     def _take_idle(self, size: int, now: float) -> None:
         if not self._receiver.late_responses:
@@ -378,6 +384,7 @@ class Line:
         if not self._may_repeat(current, now, now if at_once else self._windows.end_of(current, now)):
             self._fail(current, now)
         elif at_once:
+            self._scheduler.recorder.failed(current, None, now, diagnosis.text)
             current.retries += 1
             self._spend(current, 0, now)
             self._state = "repeating"
@@ -420,6 +427,10 @@ class Line:
         """The transaction is over; without an outcome it waits to be sent again."""
         self._receiver.stop()
         self._report_late(now)
+        if isinstance(outcome, Frame):
+            self._scheduler.recorder.exchange(current, outcome.pdu, now, outcome.unit)
+        else:
+            self._keep_failure(current, outcome, now)
         overdue = self._scheduler.await_late(current, now) if current.outstanding else []
         if outcome is None:
             self._scheduler.put_back(current.again())
@@ -440,7 +451,29 @@ class Line:
                 current.respond(response.pdu, now)
             elif isinstance(outcome, RequestError):
                 current.fail_sent(outcome, now)
-            _fail_all(overdue, errors.AnswerOverdue())
+            self._fail_overdue(overdue, now)
+
+    def _keep_failure(self, current: Transaction, error: RequestError | None, now: float) -> None:
+        """Record what came instead of a response, and until when one may come late."""
+        is_given_up = error is None or isinstance(error, errors.ResponseTimeout | errors.BrokenResponse)
+        late_until = self._windows.end_of(current, now) if current.outstanding else 0.0
+        self._scheduler.recorder.failed(current, error, now, self._diagnosis.text if is_given_up else b"", late_until)
+
+    def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
+        """Fail a request that was not sent, and record why."""
+        until = self._windows.forbid_until(transaction, now) if self._windows.windows else None
+        self._scheduler.recorder.refused(transaction, error, now, until or 0.0, self.waiting)
+        transaction.fail(error)
+
+    def _fail_overdue(self, transactions: list[Transaction], now: float) -> None:
+        """A late response could be taken for the responses to these."""
+        for transaction in transactions:
+            self._refuse(transaction, errors.AnswerOverdue(), now)
+
+    def _fail_waiting(self, transactions: list[Transaction], now: float) -> None:
+        """The port was lost: repeats were sent before, other waiting requests were not."""
+        for transaction in transactions:
+            self._refuse(transaction, errors.LineLost() if transaction.retries else errors.LineDown(), now)
 
     def _spend(self, current: Transaction, response: int, now: float) -> None:
         """Account for the line's time until `now`; `response` is the size of the response PDU."""
@@ -449,14 +482,3 @@ class Line:
     def __repr__(self) -> str:
         current = f" {self._current!r}" if self._current else ""
         return f"<Line {self.settings.name} {self._state}{current} waiting={self.waiting}>"
-
-
-def _fail_waiting(transactions: list[Transaction]) -> None:
-    """The port was lost: repeats were sent before, other waiting requests were not."""
-    for transaction in transactions:
-        transaction.fail(errors.LineLost() if transaction.retries else errors.LineDown())
-
-
-def _fail_all(transactions: list[Transaction], error: RequestError) -> None:
-    for transaction in transactions:
-        transaction.fail(error)

@@ -11,6 +11,7 @@ from gateway.lines.attribution import Attribution, Owner
 from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateResponse, LateWindows
 from gateway.lines.pacing import Pace
+from gateway.lines.recorder import Recorder
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Transaction
@@ -60,13 +61,16 @@ class Receiver:
     Attribution.
     """
 
-    def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report) -> None:
+    def __init__(
+        self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report, recorder: Recorder
+    ) -> None:
         is_ascii = settings.timing.mode == "ascii"
         self.late_responses: list[LateResponse] = []
         self.damaged_at: float | None = None
         self._windows = windows
         self._echo = echo
         self._report = report
+        self._recorder = recorder
         self._budget = Budget(settings.timing, 0.0)
         self._silence = 0.0
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
@@ -220,6 +224,8 @@ class Receiver:
             self.late_responses.append(LateResponse(self._attribution.late, token.frame))
         elif self._current is not None and not (token.is_damaged or _is_copy(token, self._current)):
             self._report.foreign(token.frame, self._current)
+        if owner != "an echo" or not self._echo.is_configured:  # else every request has one
+            self._recorder.heard(token, owner)
         if len(self._frames) < _FRAMES:
             self._frames.append((token, owner))
 
@@ -229,7 +235,10 @@ class Receiver:
         self.stop()
         end = self._scanner.position if response is None else response.start
         if self._frames or end > current.expected.since:
-            current.counts.noise += self._has_noise(end)
+            if self._has_noise(end):
+                current.counts.noise += 1
+                count = end - self._began_at
+                self._recorder.noise(bytes(self._text[:count]), count, current.ends_at)
             self._notice_echo(current)
         if response is not None:
             return response.frame

@@ -10,6 +10,7 @@ from gateway.errors import RequestError
 from gateway.lines.echo import EchoDetector
 from gateway.lines.late import WORTH_WAITING, LateWindows
 from gateway.lines.queue import WaitingQueue
+from gateway.lines.recorder import Recorder
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived, Stall
@@ -20,13 +21,16 @@ from gateway.modbus.scan import Expected
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `expired`, `given_up`, `put_back` and `clear` are those of its queue.
+    `expired`, `given_up`, `put_back` and `clear` are those of its queue. `recorder` is the line's.
     """
 
-    def __init__(self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report) -> None:
+    def __init__(
+        self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report, recorder: Recorder
+    ) -> None:
         self._windows = windows
         self._echo = echo
         self._report = report
+        self.recorder = recorder
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._stall = Stall(None)
         self._longest_rest = settings.rest
@@ -55,6 +59,7 @@ class Scheduler:
             return errors.QueueFull()
         self._held_until = 0.0
         if lost is not None:
+            self.recorder.refused(lost, errors.QueueFull(), now, waiting=len(self._queue))
             lost.fail(errors.QueueFull())
         return None
 

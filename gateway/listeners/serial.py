@@ -10,6 +10,7 @@ from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import Port
 from gateway.ports.wire import Wire, settled
 from gateway.request import Target
+from gateway.trace.ring import Ring
 
 
 class SerialListener:
@@ -23,8 +24,15 @@ class SerialListener:
 
     is_renewing = False
 
-    def __init__(self, settings: ServerSettings, router: Target, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
-        self.session = SerialSession(settings, router, self._wake, emit)
+    def __init__(
+        self,
+        settings: ServerSettings,
+        router: Target,
+        loop: asyncio.AbstractEventLoop,
+        emit: Emit,
+        ring: Ring | None = None,
+    ) -> None:
+        self.session = SerialSession(settings, router, self._wake, emit, ring)
         self.wire: Wire = settings.wire
         self._time = loop.time
         deadline, down = self.session.deadline, self.session.port_down

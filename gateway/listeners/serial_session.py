@@ -34,6 +34,8 @@ from gateway.modbus.rtu import RtuFramer
 from gateway.ports.wire import Wire
 from gateway.request import Request, Target
 from gateway.timing.characters import LineTiming
+from gateway.trace.records import Answered, Heard
+from gateway.trace.ring import Ring
 
 #: Up to this many bytes right behind a request are glitches of an RS-485 line; more are the next frame.
 _GLITCH: Final = 3
@@ -98,13 +100,21 @@ class SerialSession:
     #: A client on a line has no address.
     host = ""
 
-    def __init__(self, settings: ServerSettings, router: Target, wake: Callable[[], None], emit: events.Emit) -> None:
+    def __init__(
+        self,
+        settings: ServerSettings,
+        router: Target,
+        wake: Callable[[], None],
+        emit: events.Emit,
+        ring: Ring | None = None,
+    ) -> None:
         self.settings = settings
         self.client = settings.name
         self.counts = Counts()
         self._router = router
         self._wake = wake
         self._emit = emit
+        self._ring = ring or Ring()
         self._write: Callable[[bytes], None] | None = None
         self._echo = OwnEcho(settings.name, settings.source, emit, echoes=settings.echo)
         self._current: Request | None = None
@@ -175,6 +185,7 @@ class SerialSession:
             return
         if pdu is None or is_kept_back(request, self.settings.on_failure):
             self.counts.silent += 1
+            self._record(request, None, request.received_at, "it has no answer, or on_failure is silent")
             self._drop()
             return
         self._answer = pdu
@@ -214,6 +225,8 @@ class SerialSession:
             self._glitch_until = now + self.settings.timing.t35 + self._latency
         else:
             self.counts.foreign_frames += 1
+            if self._ring.is_on:
+                self._ring.add(Heard(now, self.client, "nobody", bytes((frame.unit,)) + frame.pdu, 1))
             return
         self._router.submit(request, now)
 
@@ -243,6 +256,7 @@ class SerialSession:
         until = leaves_at + self.settings.timing.t35 + max(leaves_at - now, self._latency)
         self._echo.note_response(response, until, is_repeatable=pdu == request.pdu)
         write(adu)
+        self._record(request, pdu, now)
 
     def _overtake(self, request: Request, now: float) -> None:
         self.counts.overtaken += 1
@@ -253,6 +267,13 @@ class SerialSession:
         self._drop()
         name, source, elapsed = self.client, self.settings.source, round((now - request.received_at) * 1000, 1)
         self._emit(events.AnswerWithheld(name, request.unit, request.pdu[0], elapsed, reason, source))
+        self._record(request, None, now, reason)
+
+    def _record(self, request: Request, response: bytes | None, now: float, reason: str = "") -> None:
+        """Keep what passed on the line, or why nothing did."""
+        if self._ring.is_on:
+            name, unit, asked = self.client, request.unit, request.pdu
+            self._ring.add(Answered(now, name, name, name, unit, asked, response, request.received_at, reason))
 
     def _drop(self) -> None:
         self._current = None

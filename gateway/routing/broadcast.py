@@ -8,6 +8,7 @@ from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request, Target
+from gateway.trace.ring import Ring
 
 
 class Recipient(NamedTuple):
@@ -20,8 +21,9 @@ class Recipient(NamedTuple):
 class Broadcast:
     """A Target that copies a write to all recipients that accept its function, and ends when all have finished."""
 
-    def __init__(self, recipients: Collection[Recipient]) -> None:
+    def __init__(self, recipients: Collection[Recipient], ring: Ring | None = None) -> None:
         self._recipients = recipients
+        self._ring = ring or Ring()
 
     def submit(self, request: Request, now: float) -> None:
         """Copy a write to all recipients; any other function gets 01, a malformed request 03."""
@@ -30,6 +32,7 @@ class Broadcast:
                 raise IllegalFunction(f"function {request.pdu[0]} cannot be broadcast")
             parse_request(request.pdu)
         except RequestError as error:
+            self._ring.refuse(request, error, now)
             request.fail(error)
             return
         targets = [target for target, functions in self._recipients if request.pdu[0] in functions]

@@ -9,6 +9,7 @@ from gateway.request import Request, Target
 from gateway.routing.access import EntryPoint, Rights
 from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
+from gateway.trace.ring import Ring
 
 
 @dataclass(slots=True)
@@ -26,7 +27,12 @@ class Router:
     """
 
     def __init__(
-        self, entry: EntryPoint, clock: Callable[[], float], emit: events.Emit, why_no_route: str = "no such unit"
+        self,
+        entry: EntryPoint,
+        clock: Callable[[], float],
+        emit: events.Emit,
+        why_no_route: str = "no such unit",
+        ring: Ring | None = None,
     ) -> None:
         """`clock` is that of the requests; `why_no_route` is for the log."""
         self.entry = entry
@@ -36,6 +42,7 @@ class Router:
         self._clock = clock
         self._emit = emit
         self._why_no_route = why_no_route
+        self._ring = ring or Ring()
 
     def submit(self, request: Request, now: float) -> None:
         """Pass the request to its target. Without a route it gets 0A, without a right 01."""
@@ -58,6 +65,7 @@ class Router:
             self.counts.no_route += 1
             rejection = errors.NoRoute(self._why_no_route)
             self._emit(events.RequestRefused.of(request, rejection))
+            self._ring.refuse(request, rejection, now)
             request.fail(rejection)
             return
         right = self.rights[request.origin.host][request.unit]
@@ -66,4 +74,6 @@ class Router:
         else:
             self.counts.denied += 1
             self._emit(events.AccessDenied(self.entry.name, request.origin.client, request.unit, pdu[0]))
-            request.fail(errors.AccessDenied())
+            denial = errors.AccessDenied(f"through {self.entry.name}")
+            self._ring.refuse(request, denial, now)
+            request.fail(denial)

@@ -28,6 +28,7 @@ from gateway.routing.router import Router
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.reach import Reach, everything, one_line
 from gateway.service.state import Memory
+from gateway.trace.ring import Ring
 from gateway.upstreams.driver import UpstreamDriver
 
 #: A listener of any protocol.
@@ -51,6 +52,7 @@ class Gateway:
     """All parts of a gateway, in the order of the config: `lines` are client lines, `servers` are server lines.
 
     `ways` are the routes of each router, `devices` those of each line. They apply after `route` was called.
+    `ring` keeps the last transactions; a reload keeps it.
     """
 
     listeners: tuple[Listener, ...]
@@ -63,6 +65,7 @@ class Gateway:
     #: The router of the control socket: it has all rights until a row names it.
     control: Router
     ways: tuple[Way, ...]
+    ring: Ring
     plan: Plan
 
     @property
@@ -75,6 +78,7 @@ class Gateway:
 
         Persistent images now load the values of those with the same name.
         """
+        self.ring.resize(self.plan.ring)
         for image in self.images:
             if isinstance(image, PersistentImage):
                 image.start()
@@ -108,17 +112,17 @@ def build(
 
     Persistent images need a `store`. Parts of the `running` gateway that are the same in `plan` are reused.
     """
-    old = _Old(running)
-    lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit) for one in plan.lines)
-    upstreams = tuple(old.upstream(one) or GatewayUpstream(one, loop, opener, emit) for one in plan.upstreams)
-    servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit) for one in plan.servers)
-    listeners = tuple(old.listener(one) or _listener(one, loop, emit) for one in plan.listeners)
-    images = tuple(old.image(one) or _image(one, store, emit) for one in plan.images)
+    old, ring = _Old(running), running.ring if running else Ring()
+    lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring) for one in plan.lines)
+    upstreams = tuple(old.upstream(one) or GatewayUpstream(one, loop, opener, emit, ring) for one in plan.upstreams)
+    servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit, ring) for one in plan.servers)
+    listeners = tuple(old.listener(one) or _listener(one, loop, emit, ring) for one in plan.listeners)
+    images = tuple(old.image(one) or _image(one, store, emit, ring) for one in plan.images)
     on_lines = tuple(line.devices_of(one) for line, one in zip(lines, plan.lines, strict=True))
     devices = [device for units in (*on_lines, *(one.devices for one in upstreams)) for device in units.values()]
     named = {device.name: device for device in devices}
     mirrors = tuple(
-        old.mirror(one, named[one.of]) or MirrorDriver(one, named[one.of], loop, emit) for one in plan.mirrors
+        old.mirror(one, named[one.of]) or MirrorDriver(one, named[one.of], loop, emit, ring) for one in plan.mirrors
     )
     targets: dict[int, Target] = {image.settings.unit: image for image in images}
     for units, line_plan in zip(on_lines, plan.lines, strict=True):
@@ -132,13 +136,13 @@ def build(
         one.line.name: one_line(units.values(), recipient, targets)
         for one, units, recipient in zip(plan.lines, on_lines, on_line, strict=True)
     }
-    control = running.control if running else Router(EntryPoint(CONTROL, "local"), loop.time, emit)
+    control = running.control if running else Router(EntryPoint(CONTROL, "local"), loop.time, emit, ring=ring)
     ways = (
         Way(control, everyone.routes, everyone.known_as),
-        *(_way(one, alone[one.settings.line] if one.settings.line else everyone) for one in listeners),
-        *(Way(one.router, _served(everyone, one.plan), everyone.known_as) for one in servers),
+        *(_way(one, alone[one.settings.line] if one.settings.line else everyone, ring) for one in listeners),
+        *(Way(one.router, _served(everyone, one.plan, ring), everyone.known_as) for one in servers),
     )
-    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, control, ways, plan)
+    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, control, ways, ring, plan)
 
 
 class _Old:
@@ -178,19 +182,19 @@ class _Old:
         return old if old is not None and old.mirror.settings == settings and old.device is device else None
 
 
-def _image(settings: ImageSettings, store: Store | None, emit: Emit) -> Image:
+def _image(settings: ImageSettings, store: Store | None, emit: Emit, ring: Ring) -> Image:
     if settings.persist == "never":
-        return Image(settings, emit)
+        return Image(settings, emit, ring)
     assert store is not None  # noqa: S101 - required for plans with persistent images
     store.open()
-    return PersistentImage(settings, store, emit)
+    return PersistentImage(settings, store, emit, ring)
 
 
-def _listener(settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit) -> Listener:
+def _listener(settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit, ring: Ring) -> Listener:
     why_no_route = "no such unit"
     if settings.line:
         why_no_route += f": {settings.name} leads to line {settings.line} only"
-    router = Router(_entry_point(settings), loop.time, emit, why_no_route)
+    router = Router(_entry_point(settings), loop.time, emit, why_no_route, ring)
     return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 
 
@@ -203,19 +207,19 @@ def _recipient(image: Image) -> Recipient:
     return Recipient(image, image.settings.profile.broadcasts)
 
 
-def _served(reach: Reach, server: ServerPlan) -> dict[int, Target]:
+def _served(reach: Reach, server: ServerPlan, ring: Ring) -> dict[int, Target]:
     """The routes of a server line: the units that it serves, and as unit 0 the recipients of its broadcasts."""
     served = {unit: reach.routes[unit] for unit in server.line.serves}
     images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
     recipients = {"images": images, "all": reach.recipients, "none": []}[server.broadcast_to]
-    return {**served, BROADCAST_UNIT: Broadcast(recipients)}
+    return {**served, BROADCAST_UNIT: Broadcast(recipients, ring)}
 
 
-def _way(listener: Listener, reach: Reach) -> Way:
+def _way(listener: Listener, reach: Reach, ring: Ring) -> Way:
     """The routes of a listener; unit 0 is refused, goes to all recipients of broadcasts, or to another unit."""
     routes, unit0 = reach.routes, listener.settings.unit0
     if unit0 == "broadcast":
-        routes = {**routes, BROADCAST_UNIT: Broadcast(reach.recipients)}
+        routes = {**routes, BROADCAST_UNIT: Broadcast(reach.recipients, ring)}
     elif unit0 != "refuse":
         routes = {**routes, BROADCAST_UNIT: routes[unit0]}
     return Way(listener.router, routes, reach.known_as)

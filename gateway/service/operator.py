@@ -15,6 +15,7 @@ from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.request import Request
 from gateway.service.build import Gateway
+from gateway.service.frames import frames_of
 from gateway.service.parts import GatewayLine, GatewayUpstream
 
 
@@ -62,6 +63,7 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
     """Send a request like one of any client, with rights, queue and limits: `unit` (number or name) and `pdu` (hex).
 
     The answer has the response PDU; for an exception from the gateway itself, `result` and `reason` say why.
+    `sent` and `received` are the frames on the line, if there were any.
 
     Raises:
         WrongQuestion: there is no such unit, or `pdu` is not a PDU.
@@ -76,6 +78,7 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
         "pdu": None if response is None else response.hex(" ").upper(),
         "elapsed_ms": round((now() - started) * 1000, 1),
     }
+    answer |= frames_of(gateway, origin.client, pdu, started)
     return answer if error is None else {**answer, "result": error.result, "reason": str(error)}
 
 
@@ -119,6 +122,11 @@ def find_unit(plan: Plan, wanted: object) -> int:
         remedy = did_you_mean(wanted, (each.name for each in _units(plan)))
         raise WrongQuestion(f'nothing has the name "{wanted}"' + (f"; {remedy}" if remedy else ""))
     return unit
+
+
+def names(plan: Plan) -> dict[int, str]:
+    """What the units are called."""
+    return {each.unit: each.name for each in _units(plan)}
 
 
 class _Unit(NamedTuple):

@@ -1,6 +1,7 @@
 """The parts of one table of the config: a reload keeps or rebuilds them together."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +9,7 @@ from gateway.config.forecast import longest_wait, longest_wait_behind
 from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
-from gateway.events import Emit
+from gateway.events import Emit, Event, LineLost, LineReopened, LineUp
 from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
 from gateway.lines.late import Overdue
@@ -21,6 +22,7 @@ from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 from gateway.service import remembered
 from gateway.service.state import Memory
+from gateway.trace.ring import Ring
 from gateway.upstreams.driver import UpstreamDriver
 from gateway.upstreams.upstream import Upstream
 
@@ -32,19 +34,22 @@ class GatewayLine:
     """
 
     def __init__(
-        self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit
+        self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit, ring: Ring
     ) -> None:
         self.plan = plan
         self._memory = memory
         self._emit = emit
+        self._ring = ring
         self._addresses = UnitAddresses()
         self.name = name = plan.line.name
         timing = plan.line.timing
         self.opener = opener
         self._port = _RememberedPort(plan, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
-        self.driver = LineDriver(Line(settings, emit), loop, emit, self._port.rate_changed)
-        self.reconnector = Reconnector(name, plan.port.port, self._port.open, self.driver, emit)
+        self.driver = LineDriver(Line(settings, emit, ring), loop, emit, self._port.rate_changed)
+        self.reconnector = Reconnector(
+            name, plan.port.port, self._port.open, self.driver, kept_in(ring, loop.time, emit)
+        )
         self.every_device = EveryDevice(self.driver)
         self.devices: dict[int, Device] = {}
         self.longest_wait: dict[int, float] = {}
@@ -90,10 +95,10 @@ class GatewayLine:
 
     def _device(self, settings: DeviceSettings, address: int) -> Device:
         if settings.unit == BROADCAST_UNIT:
-            return AddressZeroDevice(settings, self.driver, self._emit)
+            return AddressZeroDevice(settings, self.driver, self._emit, self._ring, self.name)
         if not settings.profile.quirks:
             self._addresses.place(settings.name, settings.unit)
-            return Device(settings, self.driver, self._emit)
+            return Device(settings, self.driver, self._emit, self._ring, self.name)
         return self._restless_device(settings, address)
 
     def _restless_device(self, settings: DeviceSettings, address: int) -> Device:
@@ -107,6 +112,7 @@ class GatewayLine:
             is_alone=len(self.plan.devices) == 1,
             remember=partial(self._memory.remember, key, settings.unit),
             emit=self._emit,
+            ring=self._ring,
         )
         device.begin_at(address)
         return device
@@ -115,12 +121,15 @@ class GatewayLine:
 class GatewayUpstream:
     """An upstream with its parts, with the attributes of a GatewayLine."""
 
-    def __init__(self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
+    def __init__(
+        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit, ring: Ring
+    ) -> None:
         self.plan = plan
         self.name = plan.upstream.name
-        self.driver = UpstreamDriver(Upstream(plan.upstream, emit), loop, emit)
-        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, emit)
-        self.devices = {each.known_as: Device(each, self.driver, emit) for each in plan.devices}
+        self.driver = UpstreamDriver(Upstream(plan.upstream, emit, ring), loop, emit)
+        tell = kept_in(ring, loop.time, emit)
+        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, tell)
+        self.devices = {each.known_as: Device(each, self.driver, emit, ring, self.name) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
 
     def adopt(self, plan: UpstreamPlan) -> None:
@@ -133,12 +142,28 @@ class GatewayUpstream:
 class GatewayServer:
     """A server line with its parts."""
 
-    def __init__(self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit) -> None:
+    def __init__(
+        self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit, ring: Ring
+    ) -> None:
         self.plan = plan
         self.name = plan.line.name
-        self.router = Router(EntryPoint(self.name, "local"), loop.time, emit)
-        self.driver = SerialListener(plan.line, self.router, loop, emit)
-        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, emit)
+        self.router = Router(EntryPoint(self.name, "local"), loop.time, emit, ring=ring)
+        self.driver = SerialListener(plan.line, self.router, loop, emit, ring)
+        tell = kept_in(ring, loop.time, emit)
+        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, tell)
+
+
+def kept_in(ring: Ring, clock: Callable[[], float], emit: Emit) -> Emit:
+    """Emits events with `emit`, and records in `ring` when a port was opened or lost."""
+
+    def tell(event: Event) -> None:
+        if isinstance(event, LineLost):
+            ring.add_port(event.line, clock(), event.reason)
+        elif isinstance(event, LineUp | LineReopened):
+            ring.add_port(event.line, clock())
+        emit(event)
+
+    return tell
 
 
 class _RememberedPort:

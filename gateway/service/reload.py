@@ -170,6 +170,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
         **{f"image {one.name}": one for one in plan.images},
         **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
         "access": plan.access,
+        "trace": plan.ring,
     }
 
 

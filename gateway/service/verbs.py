@@ -1,6 +1,7 @@
 """The verbs of the control socket."""
 
 import asyncio
+import time
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -11,6 +12,7 @@ from gateway.service.operator import ask, picture
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.status import status
+from gateway.service.trace import Clock, lines, page, stories
 
 
 def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
@@ -34,4 +36,23 @@ def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
         async with examining:
             return await examine(running, request, is_there)
 
-    return {"status": show_status, "reload": reload, "unit": unit, "request": request, "doctor": doctor}
+    async def trace(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        answer = page(running.gateway, request, _clock())
+        return {**answer, "lines": lines(running.gateway)} if request.get("lines") else answer
+
+    async def why(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        return stories(running.gateway, request, _clock())
+
+    return {
+        "status": show_status,
+        "reload": reload,
+        "unit": unit,
+        "request": request,
+        "doctor": doctor,
+        "trace": trace,
+        "why": why,
+    }
+
+
+def _clock() -> Clock:
+    return asyncio.get_running_loop().time(), time.time()

@@ -58,7 +58,7 @@ class UpstreamDriver:
 
     def finish(self) -> None:
         """Accept no more requests; those already sent may still be answered."""
-        self._run(self.upstream.finish)
+        self._run(self.upstream.finish, self._time())
 
     def overdue(self, now: float) -> float:
         """How many seconds it is behind its own deadline."""

@@ -18,11 +18,13 @@ from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
+from gateway.lines.recorder import Recorder
 from gateway.lines.report import Report
 from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, SERVER_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
+from gateway.trace.ring import Ring
 
 #: After so many requests without a response, a new connection is opened, on which none of the responses can come.
 MAX_OUTSTANDING: Final = 4096
@@ -54,11 +56,12 @@ class Upstream:
     unit that has failed, until it responds.
     """
 
-    def __init__(self, settings: UpstreamSettings, emit: Emit) -> None:
+    def __init__(self, settings: UpstreamSettings, emit: Emit, ring: Ring | None = None) -> None:
         self.settings = settings
         #: Responses without a request on their connection.
         self.unasked_frames = 0
         self._report = Report(settings.name, settings.source, emit)
+        self._recorder = Recorder(settings.name, ring or Ring())
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
         self._write: Callable[[bytes], None] | None = None
         self._framer = MbapFramer(strict=True)
@@ -86,27 +89,28 @@ class Upstream:
         for kept in (self._under_way, self._instead, self._outstanding, self._asking):
             kept.clear()
         for transaction in lost:
+            self._recorder.failed(transaction, errors.LineLost(), now)
             transaction.fail_sent(errors.LineLost(), now)
         for transaction in waiting:
-            transaction.fail(errors.LineDown())
+            self._refuse(transaction, errors.LineDown(), now)
 
-    def finish(self) -> None:
+    def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones are not sent (0A), those under way may be answered."""
         self._write = None
         for transaction in self._queue.clear():
-            transaction.fail(errors.LineDown())
+            self._refuse(transaction, errors.LineDown(), now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent in its turn, or fails."""
         if self._write is None:
-            transaction.fail(errors.LineDown())
+            self._refuse(transaction, errors.LineDown(), now)
         elif transaction.device.breaker.is_resting(now):
-            transaction.fail(errors.UnitResting())
+            self._refuse(transaction, errors.UnitResting(), now)
         else:
             lost = self._queue.put(transaction, now)
             if lost is not None:
                 self._report.queue_full(lost)
-                lost.fail(errors.QueueFull())
+                self._refuse(lost, errors.QueueFull(), now)
             if lost is not transaction:
                 self._go_on(now)
 
@@ -174,6 +178,7 @@ class Upstream:
         if asked is not None and _answers(frame, asked):
             self._finish(frame.transaction, asked)
             asked.count_response(now)
+            self._recorder.exchange(asked, frame.pdu, now)
             self._recover(asked.device)
             return asked, frame.pdu
         if late is not None and _answers(frame, late):
@@ -200,7 +205,14 @@ class Upstream:
             self._failed_at[device] = now
             if device.breaker.record_failure(transaction.limit, now):
                 self._report.resting(device, now)
-        return errors.BrokenResponse() if instead else errors.ResponseTimeout()
+        error: RequestError = errors.BrokenResponse() if instead else errors.ResponseTimeout()
+        self._recorder.failed(transaction, error, now, instead)
+        return error
+
+    def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
+        """Fail what was not sent, and keep why."""
+        self._recorder.refused(transaction, error, now, waiting=self.waiting)
+        transaction.fail(error)
 
     def _go_on(self, now: float) -> None:
         """Send requests while there is a place, and fail those that have waited too long."""
@@ -213,6 +225,7 @@ class Upstream:
                 self._send(transaction, self._write, now)
         finally:
             for request in late:
+                self._recorder.expired(request, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
 
     def _must_wait(self, transaction: Transaction) -> bool:
@@ -223,12 +236,12 @@ class Upstream:
 
     def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
         if not transaction.is_wanted:
-            transaction.fail(errors.Unwanted())
+            self._refuse(transaction, errors.Unwanted(), now)
             return
         if transaction.device.breaker.is_resting(now):
-            transaction.fail(errors.UnitResting())
+            self._refuse(transaction, errors.UnitResting(), now)
             return
-        transaction.ends_at = now
+        transaction.sent_at = transaction.ends_at = now
         transaction.limit = self.settings.timeout
         identifier = self._free_identifier()
         transaction.count_sent(now)
@@ -239,6 +252,7 @@ class Upstream:
             self._outstanding[identifier] = transaction
         write(encode(identifier, transaction.unit, transaction.asked.data))
         if not transaction.expects_answer:
+            self._recorder.exchange(transaction, None, now)
             transaction.end()
 
     def _free_identifier(self) -> int:

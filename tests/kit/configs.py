@@ -29,6 +29,7 @@ _UNITS = st.integers(1, 40) | st.sampled_from([0, 247, 255, "2-5", "1-247", "5-2
 OF_KIND: Mapping[str, st.SearchStrategy[Any]] = {
     "text such as": st.sampled_from(["8E1", "8N2", "7E1", "8N1"]),
     "text": st.sampled_from(["a", "b", "a/2", "a/*", "b/3", "*", "2", "image-2", "c:1/2", "tcp://d:502/2", "x-*"]),
+    "size": st.sampled_from(["0", "64 KiB", "4 MiB"]),
     "duration": st.sampled_from(["auto", "0", "0.001 ms", "1 ms", "10 ms", "100 ms", "1 s", "5 min", "168 h"]),
     '`"refuse"`': st.sampled_from(["refuse", "broadcast", 1, 2, 5]),
     "units": _UNITS,

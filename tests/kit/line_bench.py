@@ -15,6 +15,7 @@ from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import TimingTable
+from gateway.trace.ring import Ring
 from kit.asker import Asker
 
 TIMING = LineTiming("rtu", 19200, CharacterFormat.parse("8E1"))
@@ -39,13 +40,15 @@ class Bench:
     A `connection` has what is written arrive at the other end, as long as `arrives` is true.
     """
 
-    def __init__(self, *, virtual: bool = True, connection: bool = False, **settings: object) -> None:
+    def __init__(
+        self, *, virtual: bool = True, connection: bool = False, ring: Ring | None = None, **settings: object
+    ) -> None:
         self.settings = replace(SETTINGS, **settings)
         self.virtual = virtual
         self.has_arrived = (lambda: self.arrives) if connection else None
         self.arrives = True
         self.events: list[Event] = []
-        self.line = Line(self.settings, self.events.append)
+        self.line = Line(self.settings, self.events.append, ring)
         self.devices: dict[int, Device] = {}
         self.everyone = EveryDevice(self.line)
         self.written: list[str] = []

@@ -1,0 +1,80 @@
+"""Facts of the ring as frames: what stood on a line, and as packets of a capture file."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from gateway.modbus import mbap, rtu
+from gateway.modbus.ascii import END, START
+from gateway.modbus.checks import with_crc
+from gateway.trace.pcapng import Dissector, Packet
+
+Fact = Mapping[str, Any]
+
+
+def packets(fact: Fact, modes: Mapping[str, str]) -> Iterator[Packet]:
+    """The frames of one fact, oldest first. `modes` are what is spoken on each line: `rtu`, `ascii` or `tcp`."""
+    mode = modes.get(fact["line"])
+    if mode is None:
+        return
+    if fact["kind"] == "exchange":
+        yield from _exchange(fact, mode)
+    elif fact["kind"] == "heard":
+        data, owner = bytes.fromhex(fact["frame"]), fact["owner"]
+        is_noise = owner == "noise"
+        frame = data if is_noise else with_crc(data)
+        is_request = owner in ("another's request", "an echo")
+        yield Packet(fact["time"], fact["line"], frame, owner, is_request, is_sent=False, is_damaged=is_noise)
+    elif fact["kind"] == "answered":
+        yield from _answered(fact)
+
+
+def wire_frame(unit: int, pdu: bytes, mode: str) -> bytes:
+    """A frame for a capture file. Those of ASCII lines are shown as RTU, which has a dissector."""
+    return mbap.encode(0, unit, pdu) if mode == "tcp" else rtu.encode(unit, pdu)
+
+
+def heard_frame(heard: bytes, mode: str) -> tuple[bytes, bool]:
+    """What came instead of an answer, as it is shown in a file, and whether its check sum is wrong."""
+    if mode == "tcp":
+        return heard, False
+    if mode == "ascii":
+        try:
+            body = bytes.fromhex(heard.removeprefix(START).removesuffix(END).decode("ascii"))
+        except ValueError:
+            return heard, True
+        is_sound = len(body) > 2 and sum(body) & 0xFF == 0
+        frame = with_crc(body[:-1])
+        return (frame, False) if is_sound else (frame[:-2] + bytes(each ^ 0xFF for each in frame[-2:]), True)
+    return heard, len(heard) < 4 or with_crc(heard[:-2]) != heard
+
+
+def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
+    line, address = fact["line"], fact["address"]
+    dissector: Dissector = "mbtcp" if mode == "tcp" else "mbrtu"
+    limit, client = f"limit {fact['limit_ms']:.1f} ms", fact["client"]
+    asked = wire_frame(address, bytes.fromhex(fact["request"]), mode)
+    waited = f"for {client} as unit {fact['unit']}, waited {fact['wait_ms']:.1f} ms, {limit}"
+    yield Packet(fact["sent"], line, asked, waited, is_request=True, is_sent=True, dissector=dissector)
+    elapsed = f"{fact['elapsed_ms']:.1f} ms after the request, {limit}"
+    if fact["response"] is not None:
+        unit = fact.get("answered_by")
+        answer = wire_frame(address if unit is None else unit, bytes.fromhex(fact["response"]), mode)
+        yield Packet(fact["time"], line, answer, elapsed, is_request=False, is_sent=False, dissector=dissector)
+    elif fact.get("heard"):
+        frame, is_bad = heard_frame(bytes.fromhex(fact["heard"]), mode)
+        what = "wrong check sum" if is_bad else "no answer to the request"
+        comment = f"{what}; {elapsed}"
+        yield Packet(
+            fact["time"], line, frame, comment, is_request=False, is_sent=False, is_damaged=is_bad, dissector=dissector
+        )
+
+
+def _answered(fact: Fact) -> Iterator[Packet]:
+    """Frames on a line where we are the server."""
+    line, unit = fact["line"], fact["unit"]
+    asked = rtu.encode(unit, bytes.fromhex(fact["request"]))
+    yield Packet(fact["received"], line, asked, "", is_request=True, is_sent=False)
+    if fact["response"] is not None:
+        elapsed = f"{1000 * (fact['time'] - fact['received']):.1f} ms after the request"
+        answer = rtu.encode(unit, bytes.fromhex(fact["response"]))
+        yield Packet(fact["time"], line, answer, elapsed, is_request=False, is_sent=True)

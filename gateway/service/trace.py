@@ -1,0 +1,270 @@
+"""What the ring holds, for those who ask: pages of facts, and the story of requests that failed.
+
+A fact is an object as JSON has them, with `kind` and `time` (seconds since 1970) and what `_FACTS` adds. PDUs and bytes
+are hexadecimal. Nothing is decoded here: that is done where it is read, and not beside the lines.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Final
+
+from gateway.errors import RequestError, WrongQuestion
+from gateway.service.build import Gateway
+from gateway.service.operator import find_unit, names
+from gateway.service.parts import GatewayLine, GatewayServer
+from gateway.trace.records import Answered, Exchange, Heard, Incident, PortChanged, Record, Refused
+from gateway.trace.ring import STEP
+
+#: Who asks for no time gets so many records first.
+TAIL: Final = 20
+#: The most stories that are told at once.
+MOST_STORIES: Final = 50
+#: Of so many records before a failure it is looked up what it waited behind.
+_LOOK_BACK: Final = 4 * STEP
+
+_OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then modbus-gateway reload'
+
+Fact = dict[str, Any]
+Clock = tuple[float, float]
+"""The time of the event loop, and that of the day, at the same moment."""
+
+
+def page(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> dict[str, Any]:
+    """The facts from number `after` on; or those of the last `since` seconds, or the last few: as many as one step has.
+
+    `line` and `unit` (number or name) choose among them. `next` is the number to ask for next, `missed` is how many
+    records before were gone already, and `is_all` says that there are no more at the moment.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line or unit.
+    """
+    ring = gateway.ring
+    if not ring.is_on:
+        raise WrongQuestion(_OFF)
+    is_wanted = _filter(gateway, question.get("line"), question.get("unit"))
+    number = _number(gateway, question, clock)
+    records = ring.after(number)
+    following = max(number, ring.first) + len(records)
+    begins_at = ring.begins_at
+    names_of = names(gateway.plan)
+    return {
+        "facts": [fact(record, clock, names_of) for record in records if is_wanted(record)],
+        "next": following,
+        "missed": max(0, ring.first - number),
+        "is_all": following == ring.added,
+        "reaches_back_s": 0.0 if begins_at is None else round(clock[0] - begins_at, 3),
+    }
+
+
+def stories(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> dict[str, Any]:
+    """The last `count` requests that failed, newest first, of `who`: a unit by number or name, a client, or an address.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is nobody like that.
+    """
+    if not gateway.ring.is_on:
+        raise WrongQuestion(_OFF)
+    who, count = question.get("who"), question.get("count", 5)
+    if not isinstance(who, str) or not who:
+        raise WrongQuestion('"who" must be a unit, or a client such as "10.2.0.7"')
+    if not isinstance(count, int) or not 1 <= count <= MOST_STORIES:
+        raise WrongQuestion(f'"count" must be 1 to {MOST_STORIES}')
+    is_wanted = _filter(gateway, question.get("line"), None)
+    unit = _unit_called(gateway, who)
+    found = []
+    for record in gateway.ring.failures():
+        if is_wanted(record) and (_is_of(record, unit) if unit is not None else _is_from(record, who)):
+            found.append(_story(gateway, record, clock))
+            if len(found) == count:
+                break
+    clients = sorted({each for record in gateway.ring.failures() for each in _clients(record)})
+    return {"stories": found, "unit": unit, "clients_that_failed": clients[:20]}
+
+
+def fact(record: Record, clock: Clock, names_of: Mapping[int, str]) -> Fact:
+    """One record."""
+    kind, tell = next((kind, tell) for each, kind, tell in _FACTS if isinstance(record, each))
+    told = {"kind": kind, "time": _time(record.at, clock), "line": record.line}
+    unit = getattr(record, "unit", None)
+    if unit is not None:
+        told["unit"] = unit
+        told["name"] = getattr(record, "name", "") or names_of.get(unit, "")
+    return told | tell(record, clock)
+
+
+def lines(gateway: Gateway) -> list[dict[str, Any]]:
+    """The lines and upstreams that facts may name."""
+    on_wire = [(each.name, each.plan.line.timing, each.plan.port.port) for each in _serial(gateway)]
+    told = [
+        {"name": name, "mode": timing.mode, "baud": timing.baud, "format": str(timing.format), "port": port}
+        for name, timing, port in on_wire
+    ]
+    return told + [{"name": each.name, "mode": "tcp", "port": each.plan.port.port} for each in gateway.upstreams]
+
+
+def _serial(gateway: Gateway) -> tuple[GatewayLine | GatewayServer, ...]:
+    return (*gateway.lines, *gateway.servers)
+
+
+def _number(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> int:
+    ring = gateway.ring
+    after, since = question.get("after"), question.get("since")
+    if isinstance(after, int) and not isinstance(after, bool):
+        return min(after, ring.added)
+    if isinstance(since, int | float) and not isinstance(since, bool):
+        return ring.number_at(clock[0] - since)
+    return max(ring.first, ring.added - TAIL)
+
+
+def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], bool]:
+    known = [each["name"] for each in lines(gateway)]
+    if line is not None and line not in known:
+        raise WrongQuestion(f'there is no line "{line}"; there are {", ".join(known)}')
+    number = None if unit is None else find_unit(gateway.plan, unit)
+    places = {
+        (part.name, device.unit)
+        for part in gateway.lines
+        for known_as, device in part.devices.items()
+        if known_as == number
+    }
+
+    def is_wanted(record: Record) -> bool:
+        if line is not None and record.line != line:
+            return False
+        if number is None:
+            return True
+        if isinstance(record, Heard):
+            return (record.line, record.frame[0]) in places
+        return getattr(record, "unit", None) == number
+
+    return is_wanted
+
+
+def _unit_called(gateway: Gateway, who: str) -> int | None:
+    """The unit of this number or name; None if it is none."""
+    try:
+        return find_unit(gateway.plan, int(who) if who.isdecimal() else who)
+    except WrongQuestion:
+        return None
+
+
+def _is_of(record: Record, unit: int) -> bool:
+    return getattr(record, "unit", None) == unit
+
+
+def _is_from(record: Record, who: str) -> bool:
+    """Whether it is from a client that is called so, or has this address."""
+    return any(client == who or client.rpartition(":")[0].strip("[]") == who for client in _clients(record))
+
+
+def _clients(record: Record) -> list[str]:
+    others = [client for client, _, _ in record.others] if isinstance(record, Incident) else []
+    return [record.client, *others] if isinstance(record, Exchange | Refused) else others
+
+
+def _story(gateway: Gateway, record: Record, clock: Clock) -> Fact:
+    """A failure with what else there is to know of it: what it waited behind, and why its line is down."""
+    told = fact(record, clock, names(gateway.plan))
+    if isinstance(record, Exchange | Refused):
+        end = record.sent_at if isinstance(record, Exchange) else record.at
+        behind = list(_on_line_between(gateway, record.line, record.received_at, end, record))
+        told["behind"] = [{"unit": unit, "name": names(gateway.plan).get(unit, "")} for unit in dict.fromkeys(behind)]
+        told["behind_count"] = len(behind)
+    told["mode"] = next((each["mode"] for each in lines(gateway) if each["name"] == record.line), "")
+    trouble = next((part.reconnector.error for part in gateway.parts if part.name == record.line), None)
+    told["line_trouble"] = "" if trouble is None else str(trouble)
+    return told
+
+
+def _on_line_between(gateway: Gateway, line: str, begin: float, end: float, than: Record) -> Iterator[int]:
+    """The units that were asked on this line meanwhile."""
+    if end <= begin:
+        return
+    ring = gateway.ring
+    number = max(ring.number_at(begin), ring.first)
+    for record in ring.after(number, _LOOK_BACK):
+        if record is not than and isinstance(record, Exchange) and record.line == line and record.sent_at < end:
+            yield record.unit
+
+
+def _time(at: float, clock: Clock) -> float:
+    return round(at - clock[0] + clock[1], 6)
+
+
+def _hex(data: bytes | None) -> str | None:
+    return None if data is None else data.hex(" ").upper()
+
+
+def _milliseconds(seconds: float) -> float:
+    return round(seconds * 1000, 3)
+
+
+def _error(error: RequestError | None) -> Fact:
+    return {} if error is None else {"result": error.result, "code": f"{error.code:02X}", "reason": str(error)}
+
+
+def _exchange(record: Exchange, clock: Clock) -> Fact:
+    return {
+        "client": record.client,
+        "address": record.address,
+        "request": _hex(record.request),
+        "response": _hex(record.response),
+        "received": _time(record.received_at, clock),
+        "sent": _time(record.sent_at, clock),
+        "wait_ms": _milliseconds(record.sent_at - record.received_at),
+        "elapsed_ms": _milliseconds(max(0.0, record.at - record.ends_at)),
+        "limit_ms": _milliseconds(record.limit),
+    }
+
+
+def _incident(record: Incident, clock: Clock) -> Fact:
+    return {
+        **_exchange(record, clock),
+        **_error(record.error),
+        "heard": _hex(record.heard),
+        "late_until": _time(record.late_until, clock) if record.late_until else None,
+        "retries": record.retries,
+        "sent_again": record.sent_again,
+        "answered_by": record.answered_by,
+        "others": [{"client": client, "unit": unit} for client, unit, _ in record.others],
+    }
+
+
+def _refused(record: Refused, clock: Clock) -> Fact:
+    return {
+        "client": record.client,
+        "request": _hex(record.request),
+        "received": _time(record.received_at, clock),
+        "wait_ms": _milliseconds(record.at - record.received_at),
+        "until": _time(record.until, clock) if record.until else None,
+        "count": record.count,
+        **_error(record.error),
+    }
+
+
+def _answered(record: Answered, clock: Clock) -> Fact:
+    return {
+        "client": record.client,
+        "request": _hex(record.request),
+        "response": _hex(record.response),
+        "received": _time(record.received_at, clock),
+        "reason": record.reason,
+    }
+
+
+def _heard(record: Heard, _: Clock) -> Fact:
+    return {"owner": record.kind, "frame": _hex(record.frame), "count": record.count}
+
+
+def _port(record: PortChanged, _: Clock) -> Fact:
+    return {"reason": record.reason}
+
+
+#: The kinds of facts, subclasses first.
+_FACTS: Final[Iterable[tuple[type[Record], str, Callable[[Any, Clock], Fact]]]] = (
+    (Incident, "exchange", _incident),
+    (Exchange, "exchange", _exchange),
+    (Refused, "refused", _refused),
+    (Answered, "answered", _answered),
+    (Heard, "heard", _heard),
+    (PortChanged, "port", _port),
+)

@@ -1,0 +1,110 @@
+"""What a line leaves in the ring beside its transactions: what else was heard on it, and whose that was."""
+
+import pytest
+
+from gateway.modbus.rtu import encode
+from gateway.trace.records import Exchange, Heard, Incident, Record
+from gateway.trace.ring import Ring
+from kit.asker import Asker
+from kit.line_bench import READ, REQUEST_TIME, RESPONSE, Bench, frame
+
+
+def bench_with_ring(**settings: object) -> tuple[Bench, Ring]:
+    ring = Ring(2**20)
+    return Bench(ring=ring, **settings), ring
+
+
+def heard(ring: Ring) -> list[tuple[str, str, int]]:
+    return [(each.kind, each.frame.hex(" ").upper(), each.count) for each in ring.after(0) if isinstance(each, Heard)]
+
+
+def kinds(ring: Ring) -> list[type[Record]]:
+    return [type(each) for each in ring.after(0)]
+
+
+def test_a_transaction_has_its_times_and_the_limit():
+    bench, ring = bench_with_ring()
+    asked_at = bench.now
+    bench.ask()
+    bench.now += 0.05
+    bench.respond()
+    (record,) = ring.after(0)
+    assert isinstance(record, Exchange)
+    assert (record.line, record.client, record.unit, record.address) == ("hall-a", "10.0.0.9:49152", 1, 1)
+    assert (record.request, record.response) == (bytes.fromhex(READ), bytes.fromhex(RESPONSE))
+    assert (record.sent_at, record.at) == (asked_at, bench.now)
+    assert record.ends_at > asked_at
+    assert record.limit == pytest.approx(0.2, abs=0.01)
+
+
+def test_clients_that_share_a_transaction_are_all_in_it():
+    bench, ring = bench_with_ring()
+    bench.ask("04 00 00 00 01")
+    bench.ask()
+    bench.ask(client=Asker("10.0.0.8:1"))
+    bench.respond("04 02 00 00")
+    bench.pass_time(0.01)
+    bench.respond()
+    _, record = ring.after(0)
+    assert isinstance(record, Incident)
+    assert [client for client, _, _ in record.others] == ["10.0.0.8:1"]
+
+
+def test_a_broadcast_is_there_without_a_response():
+    bench, ring = bench_with_ring()
+    bench.broadcast("06 00 01 00 05")
+    (record,) = ring.after(0)
+    assert isinstance(record, Exchange)
+    assert (record.address, record.response) == (0, None)
+
+
+def test_a_late_answer_is_named_as_one():
+    bench, ring = bench_with_ring()
+    bench.ask()
+    bench.pass_time(0.3)
+    bench.respond()
+    record, late = ring.after(0)
+    assert isinstance(record, Incident)
+    assert record.late_until > record.at - 1
+    assert isinstance(late, Heard)
+    assert heard(ring) == [("a late response", "01 " + RESPONSE, 1)]
+
+
+def test_noise_before_an_answer():
+    bench, ring = bench_with_ring()
+    bench.ask()
+    bench.hear("00 FF")
+    bench.respond()
+    assert heard(ring) == [("noise", "00 FF", 2)]
+    assert kinds(ring)[-1] is Exchange
+
+
+def test_frames_of_others_while_nothing_is_asked():
+    bench, ring = bench_with_ring()
+    bench.hear(frame(7, READ))
+    bench.hear(frame(7, RESPONSE))
+    bench.hear(frame(8, "03 02 00 00"))
+    assert [kind for kind, _, _ in heard(ring)] == ["another's request", "another client", "nobody"]
+
+
+def test_an_echo_is_told_only_where_nobody_expects_it():
+    for echo, told in ((False, ["an echo"]), (True, [])):
+        bench, ring = bench_with_ring(echo=echo, virtual=False)
+        bench.ask()
+        bench.now += REQUEST_TIME
+        bench.hear(frame(1, READ))
+        bench.respond()
+        assert [kind for kind, _, _ in heard(ring)] == told
+
+
+def test_what_came_instead_of_an_answer_is_kept_up_to_a_bound():
+    bench, ring = bench_with_ring()
+    bench.ask()
+    broken = encode(1, bytes.fromhex(RESPONSE))[:-1] + b"\0"
+    bench.hear(broken.hex())
+    bench.hear("55" * 600)
+    bench.pass_time(1.0)
+    (record,) = ring.after(0)
+    assert isinstance(record, Incident)
+    assert record.heard[: len(broken)] == broken
+    assert len(record.heard) == 256
