@@ -47,7 +47,7 @@ def _sent(story: Story) -> list[str]:
 def _window(story: Story) -> str:
     if not story.get("late_until"):
         return ""
-    return f"A late answer was awaited until {clock(story['late_until'])} (late window)."
+    return f"A late response was awaited until {clock(story['late_until'])} (late window)."
 
 
 def _bad_frame(story: Story, limit: str) -> str:
@@ -55,8 +55,8 @@ def _bad_frame(story: Story, limit: str) -> str:
     is_text = story.get("mode") == "ascii" and heard.isascii()
     shown = heard.decode("ascii").strip() if is_text else story["heard"]
     _, is_damaged = heard_frame(heard, story.get("mode", "rtu"))
-    why = "it is damaged: no check sum fits" if is_damaged else "it does not answer this request"
-    return f"What came within {limit} was no valid answer: {shown} ({why})."
+    why = "it is damaged: no check sum fits" if is_damaged else "it is not the response to this request"
+    return f"What came within {limit} was no valid response: {shown} ({why})."
 
 
 def _not_sent(story: Story) -> list[str]:
@@ -109,8 +109,8 @@ def _resting(story: Story) -> str:
 def _overdue(story: Story) -> str:
     until = f" until {clock(story['until'])}" if story["until"] else ""
     return (
-        f"An earlier request to this unit got no answer within its limit. That may still come{until} (late window) "
-        "and could be taken for the answer to this one."
+        f"An earlier request to this unit got no response within its limit. That may still come{until} (late window) "
+        "and could be taken for the response to this one."
     )
 
 
@@ -136,14 +136,14 @@ def _unwanted(_: Story) -> str:
 
 def _not_repeated(story: Story) -> str:
     why = "the port was lost" if story["result"] == "line_lost" else "there was no time left for that"
-    return f"It had been sent without an answer, and was to be sent once more, but {why}."
+    return f"It had been sent without a response, and was to be sent once more, but {why}."
 
 
 #: What came of a request that was sent, by its result.
 _AFTER_SENDING: Final[Mapping[str, str]] = {
-    "timeout": "No answer came within {limit}.",
-    "ambiguous": "An answer came after {elapsed}, but another client was heard on the line, and may have asked for it.",
-    "line_lost": "The port was lost after {elapsed}, before an answer came; the unit may have acted.",
+    "timeout": "No response came within {limit}.",
+    "ambiguous": "A response came after {elapsed}, but another client was heard on the line, and may have asked for it.",
+    "line_lost": "The port was lost after {elapsed}, before a response came; the unit may have acted.",
 }
 
 #: Why a request was not sent, by its result.

@@ -39,7 +39,7 @@ examples:
   modbus-gateway trace --since 1h --pcapng hall.pcapng    for Wireshark
   modbus-gateway trace --pcapng - | wireshark -k -i -     live in Wireshark
 
->  to the line, <  from it, x  a request that was not sent, -  no answer,
+>  to the line, <  from it, x  a request that was not sent, -  no response,
 !  a port was opened or lost
 """
 

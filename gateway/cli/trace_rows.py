@@ -62,9 +62,9 @@ def _exchange(fact: Fact) -> Iterator[Row]:
         yield Row(fact["time"], line, "<", address if unit is None else str(unit), f"{text}  [{took}]")
         return
     if fact.get("heard"):
-        yield Row(fact["time"], line, "<", "?", f"no valid answer: {fact['heard']}")
+        yield Row(fact["time"], line, "<", "?", f"no valid response: {fact['heard']}")
     if fact.get("sent_again"):
-        yield Row(fact["time"], line, "-", address, f"no answer  [{took}]; sent again")
+        yield Row(fact["time"], line, "-", address, f"no response  [{took}]; sent again")
     elif "code" in fact:
         code = exception_in_words(int(fact["code"], 16))
         yield Row(fact["time"], line, "-", address, f"{fact['result']}  [{took}]; {clients}: {code}")
@@ -93,7 +93,7 @@ def _heard(fact: Fact) -> Row:
 
 
 _OWNERS: Mapping[str, str] = {
-    "another client": "answer to another client",
+    "another client": "response to another client",
     "a late response": "late response",
     "an echo": "echo",
     "another's request": "request of another client",

@@ -62,7 +62,7 @@ def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
         yield Packet(fact["time"], line, answer, elapsed, is_request=False, is_sent=False, dissector=dissector)
     elif fact.get("heard"):
         frame, is_bad = heard_frame(bytes.fromhex(fact["heard"]), mode)
-        what = "wrong check sum" if is_bad else "no answer to the request"
+        what = "wrong check sum" if is_bad else "no response to the request"
         comment = f"{what}; {elapsed}"
         yield Packet(
             fact["time"], line, frame, comment, is_request=False, is_sent=False, is_damaged=is_bad, dissector=dissector

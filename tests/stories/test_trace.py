@@ -91,8 +91,8 @@ async def test_silent_behind_another_unit() -> None:
         assert await client.asks(41, READ) == "83 0B"
         (story,) = why(home)
         assert re.sub(r"\d+ ms", "N ms", story) == (
-            "Waited N ms behind unit 43 (press) and was sent on line hall to address 1 at TIME. No answer came "
-            "within N ms. A late answer was awaited until TIME (late window). The client got exception 0B, "
+            "Waited N ms behind unit 43 (press) and was sent on line hall to address 1 at TIME. No response came "
+            "within N ms. A late response was awaited until TIME (late window). The client got exception 0B, "
             "gateway target failed to respond."
         )
         waited = int(story.split()[1])
@@ -105,7 +105,7 @@ async def test_spoiled_answer() -> None:
         device.script.append([Answer(0.01, encode(1, bytes.fromhex("03 02 01 10"))[:-1] + b"\x00")])
         assert await home.client(CLIENT).asks(41, READ) == "83 0B"
         (story,) = why(home)
-        assert "was no valid answer: 01 03 02 01 10 B8 00 (it is damaged: no check sum fits)." in story
+        assert "was no valid response: 01 03 02 01 10 B8 00 (it is damaged: no check sum fits)." in story
         assert "late window" not in story
         assert story.endswith("The client got exception 0B, gateway target failed to respond.")
 
@@ -115,7 +115,7 @@ async def test_an_answer_of_another_unit_is_no_damaged_one() -> None:
         (device,) = attach(home, 1)
         device.script.append([Answer(0.01, encode(9, bytes.fromhex("03 02 01 10")))])
         assert await home.client(CLIENT).asks(41, READ) == "83 0B"
-        assert "(it does not answer this request)." in why(home)[0]
+        assert "(it is not the response to this request)." in why(home)[0]
         assert "hall < 9 03 read holding registers: 03 02 01 10  [nobody has asked for it]" in shown(home)
 
 
@@ -138,8 +138,8 @@ async def test_late_window() -> None:
         assert await client.asks(44, READ) == "83 0B"
         assert await client.asks(44, READ) == "83 0B"
         assert why(home)[0] == (
-            "An earlier request to this unit got no answer within its limit. That may still come until TIME (late"
-            " window) and could be taken for the answer to this one. Nothing was sent. The client got exception "
+            "An earlier request to this unit got no response within its limit. That may still come until TIME (late"
+            " window) and could be taken for the response to this one. Nothing was sent. The client got exception "
             "0B, gateway target failed to respond."
         )
 
@@ -149,7 +149,7 @@ async def test_a_request_that_waits_when_a_late_window_opens_is_told_the_same() 
         first, client = home.client(), home.client(CLIENT)
         first.ask(41, READ)
         assert await client.asks(41, "03 00 01 00 01") == "83 0B"
-        assert why(home)[0].startswith("An earlier request to this unit got no answer within its limit.")
+        assert why(home)[0].startswith("An earlier request to this unit got no response within its limit.")
 
 
 async def test_queue_full() -> None:
@@ -228,7 +228,7 @@ async def test_a_read_that_is_sent_again_has_a_row_for_each_sending() -> None:
         assert await home.client(CLIENT).asks(41, READ) == "03 02 00 00"
         assert [row.partition("  [")[0] for row in shown(home) if "port" not in row] == [
             "hall > 1 read holding 0 (40001)",
-            "hall - 1 no answer",
+            "hall - 1 no response",
             "hall > 1 read holding 0 (40001)",
             "hall < 1 0",
         ]

@@ -110,7 +110,7 @@ def test_what_has_passed_is_shown_in_words(gateway: GatewayProcess) -> None:
     )
     assert any(re.fullmatch(r"hall +< +6 +99 99 99 +\[[\d.]+ of \d+ ms\]", row) for row in rows)
     assert any(re.search(r"hall +- +9 +timeout .*exception 0B", row) for row in rows)
-    assert any(re.search(r"spoiled +< +\? +no valid answer: 01 03 02 01 10 B8 19", row) for row in rows)
+    assert any(re.search(r"spoiled +< +\? +no valid response: 01 03 02 01 10 B8 19", row) for row in rows)
     assert all(" 6  " in row for row in trace(gateway, "hall", "--unit", "press", "--since", "5min").splitlines())
     facts = [json.loads(line) for line in trace(gateway, "--since", "5min", "--json", "-n", "1").splitlines()]
     assert [(fact["line"], fact["result"]) for fact in facts] == [("spoiled", "bad_frame")]
@@ -119,7 +119,7 @@ def test_what_has_passed_is_shown_in_words(gateway: GatewayProcess) -> None:
 def test_stories_of_a_real_gateway(gateway: GatewayProcess) -> None:
     ask_all(gateway)
     ask(gateway, 99, "03 00 00 00 01")
-    assert "No answer came within 3" in trace(gateway, "--why", "away")
+    assert "No response came within 3" in trace(gateway, "--why", "away")
     assert "no check sum fits" in " ".join(trace(gateway, "--why", "61").split())
     told = " ".join(trace(gateway, "--why", "127.0.0.1").split())
     assert told.count("asked unit") == 3
