@@ -109,7 +109,7 @@ def _resting(story: Story) -> str:
 def _overdue(story: Story) -> str:
     until = f" until {clock(story['until'])}" if story["until"] else ""
     return (
-        f"An earlier request to this unit got no response within its limit. That may still come{until} (late window) "
+        f"An earlier request to this unit got no response within its limit. It may still come{until} (late window) "
         "and could be taken for the response to this one."
     )
 
@@ -142,7 +142,7 @@ def _not_repeated(story: Story) -> str:
 #: What came of a request that was sent, by its result.
 _AFTER_SENDING: Final[Mapping[str, str]] = {
     "timeout": "No response came within {limit}.",
-    "ambiguous": "A response came after {elapsed}, but another client was heard on the line, and may have asked for it.",
+    "ambiguous": "A response came after {elapsed}, but another client was heard, and may have asked for it.",
     "line_lost": "The port was lost after {elapsed}, before a response came; the unit may have acted.",
 }
 

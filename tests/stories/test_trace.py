@@ -138,7 +138,7 @@ async def test_late_window() -> None:
         assert await client.asks(44, READ) == "83 0B"
         assert await client.asks(44, READ) == "83 0B"
         assert why(home)[0] == (
-            "An earlier request to this unit got no response within its limit. That may still come until TIME (late"
+            "An earlier request to this unit got no response within its limit. It may still come until TIME (late"
             " window) and could be taken for the response to this one. Nothing was sent. The client got exception "
             "0B, gateway target failed to respond."
         )

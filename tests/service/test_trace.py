@@ -1,0 +1,179 @@
+"""Pages of the ring, as they are fetched by those who follow. In virtual time."""
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from gateway.errors import WrongQuestion
+from gateway.service.capture import heard_frame, packets
+from gateway.service.frames import frames_of
+from gateway.service.trace import TAIL, lines, page, stories
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.gateway_bench import GatewayBench, gateway_bench
+
+CONFIG = """
+[[line]]
+name    = "hall"
+port    = "/dev/hall"
+timeout = "120 ms"
+devices = [{ unit = 1, as = 41, name = "silo" }, { unit = 3, as = 43, name = "press" }]
+
+[[line]]
+name = "axis"
+port = "/dev/axis"
+mode = "ascii"
+devices = [{ unit = 2, as = 52 }]
+
+[[line]]
+name   = "panel"
+port   = "/dev/panel"
+role   = "server"
+serves = [41]
+
+[[image]]
+unit = 200
+name = "shift"
+holding = 2
+
+[trace]
+ring = "64 KiB"
+"""
+READ = "03 00 00 00 01"
+
+
+def ask(home: GatewayBench, **question: Any) -> dict[str, Any]:
+    now = asyncio.get_running_loop().time()
+    return page(home.gateway, question, (now, 1_800_000_000 + now))
+
+
+def kinds(answer: dict[str, Any]) -> list[tuple[str, str]]:
+    return [(fact["kind"], fact["line"]) for fact in answer["facts"]]
+
+
+async def some(home: GatewayBench) -> None:
+    """A transaction on the hall line, one that a client of the panel has asked for, an image, a unit without route."""
+    home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(3)))
+    client = home.client()
+    for unit in (41, 43, 200, 99):
+        await client.asks(unit, READ)
+
+
+async def test_a_follower_gets_each_record_once() -> None:
+    async with gateway_bench(CONFIG) as home:
+        first = ask(home)
+        assert set(kinds(first)) == {("port", "hall"), ("port", "axis"), ("port", "panel")}
+        assert first["is_all"]
+        assert ask(home, after=first["next"])["facts"] == []
+        await some(home)
+        answer = ask(home, after=first["next"])
+        assert kinds(answer) == [("exchange", "hall"), ("exchange", "hall"), ("answered", ""), ("refused", "")]
+        assert ask(home, after=answer["next"])["facts"] == []
+
+
+async def test_one_that_is_slow_is_told_how_much_it_has_missed() -> None:
+    async with gateway_bench(CONFIG) as home:
+        await some(home)
+        client = home.client()
+        for _ in range(500):
+            await client.asks(200, READ)
+        await asyncio.sleep(1.0)
+        answer = ask(home, after=0)
+        assert answer["missed"] == home.gateway.ring.first > 0
+        assert not answer["is_all"] or len(answer["facts"]) == answer["next"] - answer["missed"]
+        assert 0 < answer["reaches_back_s"] < 60
+
+
+async def test_without_a_time_the_last_few_come_first() -> None:
+    async with gateway_bench(CONFIG) as home:
+        for _ in range(TAIL + 5):
+            await home.client().asks(200, READ)
+        assert len(ask(home)["facts"]) == TAIL
+        await asyncio.sleep(10.0)
+        await home.client().asks(200, READ)
+        assert len(ask(home, since=5.0)["facts"]) == 1
+
+
+async def test_lines_and_units_are_chosen() -> None:
+    async with gateway_bench(CONFIG) as home:
+        await some(home)
+        home.lines["hall"].deliver(bytes.fromhex("03 03 02 00 01 00 44"))
+        assert {line for _, line in kinds(ask(home, since=60, line="hall"))} == {"hall"}
+        for unit in (43, "press"):
+            found = ask(home, since=60, unit=unit)["facts"]
+            assert next((fact["kind"], fact["unit"]) for fact in found) == ("exchange", 43)
+            assert all(fact["kind"] == "heard" or fact["unit"] == 43 for fact in found)
+        with pytest.raises(WrongQuestion, match='there is no line "hal"; there are hall, axis, panel'):
+            ask(home, line="hal")
+        with pytest.raises(WrongQuestion, match='did you mean "press"'):
+            ask(home, unit="pres")
+
+
+async def test_a_client_on_a_server_line_has_its_frames_there() -> None:
+    async with gateway_bench(CONFIG) as home:
+        home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+        home.lines["panel"].deliver(bytes.fromhex("29 03 00 00 00 01 82 22"))
+        await asyncio.sleep(1.0)
+        found = [fact for fact in ask(home, since=60)["facts"] if fact["kind"] != "port"]
+        assert [(fact["kind"], fact["line"], fact["client"]) for fact in found] == [
+            ("exchange", "hall", "panel"),
+            ("answered", "panel", "panel"),
+        ]
+        modes = {line["name"]: line["mode"] for line in lines(home.gateway)}
+        assert [(each.line, each.is_request, each.is_sent) for fact in found for each in packets(fact, modes)] == [
+            ("hall", True, True),
+            ("hall", False, False),
+            ("panel", True, False),
+            ("panel", False, True),
+        ]
+
+
+async def test_a_reload_keeps_the_ring() -> None:
+    async with gateway_bench(CONFIG) as home:
+        await some(home)
+        before = home.gateway.ring.added
+        home.gateway.route()
+        assert home.gateway.ring.added == before
+        assert len(ask(home, since=60)["facts"]) == before
+
+
+@pytest.mark.parametrize(
+    "question", [{}, {"who": 41}, {"who": ""}, {"who": "41", "count": 0}, {"who": "41", "count": "x"}]
+)
+async def test_a_wrong_question_is_refused(question: dict[str, Any]) -> None:
+    async with gateway_bench(CONFIG) as home:
+        with pytest.raises(WrongQuestion):
+            stories(home.gateway, question, (0.0, 0.0))
+
+
+async def test_the_frames_of_a_request_are_those_of_its_line() -> None:
+    async with gateway_bench(CONFIG) as home:
+        home.attach("axis", SimulatedLine("ascii", SimulatedDevice(2)))
+        client, now = home.client(), asyncio.get_running_loop().time()
+        await client.asks(52, READ)
+        pdu = bytes.fromhex(READ)
+        found = frames_of(home.gateway, client.session.client, pdu, now)
+        assert bytes.fromhex(found["sent"]) == b":020300000001FA\r\n"
+        assert bytes.fromhex(found["received"]) == b":0203020000F9\r\n"
+        assert frames_of(home.gateway, "somebody", pdu, now) == {}
+
+
+@pytest.mark.parametrize(
+    ("heard", "mode", "is_damaged"),
+    [
+        (bytes.fromhex("01 03 02 01 10 B8 18"), "rtu", False),
+        (bytes.fromhex("01 03 02 01 10 B8 19"), "rtu", True),
+        (b":0203020000F9\r\n", "ascii", False),
+        (b":0203020000F8\r\n", "ascii", True),
+        (b":02", "ascii", True),
+        (b"garbage", "ascii", True),
+        (b"", "rtu", True),
+    ],
+)
+def test_a_wrong_check_sum_stays_wrong(heard: bytes, mode: str, is_damaged: bool) -> None:
+    frame, told = heard_frame(heard, mode)
+    assert told == is_damaged
+    if mode == "ascii" and not is_damaged:
+        assert heard_frame(frame, "rtu") == (frame, False)
+    if heard.startswith(b":0203020000F8"):
+        assert heard_frame(frame, "rtu") == (frame, True)
