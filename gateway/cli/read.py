@@ -9,10 +9,11 @@ from datetime import datetime
 from typing import Final
 
 from gateway.cli.main import FINE, PROBLEM_FOUND
-from gateway.cli.mbpoll import add_habits, refuse_habits
+from gateway.cli.mbpoll import add_habits
+from gateway.cli.on_unit import run_on_unit
 from gateway.cli.reading import read_points
-from gateway.cli.unit import NoResponseError, Unit, add_unit_arguments, open_unit
-from gateway.cli.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by, tell_wrong_usage
+from gateway.cli.unit import NoResponseError, Unit, add_unit_arguments
+from gateway.cli.usage import count, let_options_stand_anywhere, parsed_by
 from gateway.cli.values import Outcome, as_json, frames_as_json, frames_as_text, picture, table
 from gateway.cli.words import Command, find_points
 from gateway.config.duration import parse_duration
@@ -59,22 +60,13 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         GatewayError: the unit cannot be asked.
     """
-    try:
-        return _run(args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
 
+    def act(unit: Unit, command: Command, words: Sequence[str]) -> int:
+        points = find_points(command, words)
+        is_once = args.interval is None and args.count is None
+        return _show(unit, points, args) if is_once else _show_repeatedly(unit, points, args)
 
-def _run(args: argparse.Namespace) -> int:
-    refuse_habits("read", args)
-    if not args.words:
-        raise WrongUsageError("which unit? It is missing", "modbus-gateway read UNIT; status lists the units")
-    wanted, *words = args.words
-    with open_unit(wanted, args) as unit:
-        points = find_points(Command("read", wanted, unit.points, args.swap), words)
-        if args.interval is None and args.count is None:
-            return _show(unit, points, args)
-        return _show_repeatedly(unit, points, args)
+    return run_on_unit("read", args, act)
 
 
 def _show(unit: Unit, points: Sequence[Point], args: argparse.Namespace) -> int:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from gateway.cli.main import FINE, PROBLEM_FOUND
-from gateway.cli.mbpoll import add_habits, refuse_habits
+from gateway.cli.mbpoll import add_habits
+from gateway.cli.on_unit import run_on_unit
 from gateway.cli.reading import read_points
-from gateway.cli.unit import Unit, add_unit_arguments, open_unit
-from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
+from gateway.cli.unit import Unit, add_unit_arguments
+from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.values import Failure, Outcome, Reading, as_json, frames_as_json, frames_as_text, picture, table
 from gateway.cli.words import Assignment, Command, find_assignments
 from gateway.errors import ExceptionCode
@@ -56,22 +57,13 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         GatewayError: the unit cannot be asked.
     """
-    try:
-        return _run(args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
 
-
-def _run(args: argparse.Namespace) -> int:
-    refuse_habits("write", args)
-    if not args.words:
-        raise WrongUsageError("which unit? It is missing", "modbus-gateway write UNIT; status lists the units")
-    wanted, *words = args.words
-    with open_unit(wanted, args) as unit:
-        assigned = find_assignments(Command("write", wanted, unit.points, args.swap), words)
-        outcome = _write(unit, _readings(assigned), args)
+    def act(unit: Unit, command: Command, words: Sequence[str]) -> int:
+        outcome = _write(unit, _readings(find_assignments(command, words)), args)
         _print(unit, outcome, args)
-    return PROBLEM_FOUND if outcome.failures else FINE
+        return PROBLEM_FOUND if outcome.failures else FINE
+
+    return run_on_unit("write", args, act)
 
 
 def _readings(assigned: Sequence[Assignment]) -> list[Reading]:

@@ -166,6 +166,17 @@ async def test_queue_full() -> None:
         )
 
 
+async def test_a_request_that_makes_room_for_another_client_is_told_too() -> None:
+    async with gateway_bench(CONFIG) as home:
+        other, client = home.client(), home.client(CLIENT)
+        other.ask(44, READ)
+        client.ask(43, READ)
+        client.ask(43, "04 00 00 00 01")
+        home.client("10.2.0.8:1").ask(41, READ)
+        assert await client.answer() == "84 06"
+        assert "requests waited for line hall already: its queue was full." in why(home)[0]
+
+
 async def test_expired() -> None:
     async with gateway_bench(CONFIG) as home:
         other, client = home.client(), home.client(CLIENT)
