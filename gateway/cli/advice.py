@@ -48,10 +48,20 @@ def for_line(line: _Row) -> Iterator[str]:
     yield from for_part(line)
     busy = line["busy_share"]
     if busy is not None and busy >= BUSY:
-        yield f"busy for {busy:.0%} of the time: poll less often or raise the baud rate"
+        yield f"busy for {busy:.0%} of the time{_mostly(line)}: poll less often or raise the baud rate"
     echoes = line["counts"]["echoes"]
     if echoes:
         yield f"{echoes} requests came back: if the adapter echoes, set echo = true"
+
+
+def _mostly(line: _Row) -> str:
+    """Who takes most of a line's time. Daemons of earlier versions do not tell."""
+    users = line.get("users")
+    if not users:
+        return ""
+    first = users[0]
+    where = f"unit {first['on_the_wire']}, function {first['function']}"
+    return f" ({first['share']:.0%} by {first['client']}: {where})"
 
 
 def for_unit(unit: _Row) -> Iterator[str]:

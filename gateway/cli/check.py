@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from gateway.cli.columns import align
 from gateway.cli.images import images_as_json, images_as_text, mirrors_as_json
+from gateway.cli.line_load import polls_as_json, polls_as_text, rates_as_json, rates_as_text
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.rights import rights_as_json, rights_as_text
 from gateway.config.address_trouble import address_trouble
@@ -22,6 +23,7 @@ from gateway.config.forecast import (
     longest_wait_outside,
     waits_behind,
 )
+from gateway.config.line_load import load_of, read_rates, total_share
 from gateway.config.load import Loaded, load
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolve
 from gateway.config.port_trouble import predict_wire
@@ -160,7 +162,8 @@ def _line(plan: LinePlan, whole: Plan) -> str:
             *_failures(plan.line),
             align([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
             *_list_listeners(plan, whole),
-            *_limits(units),
+            *polls_as_text(plan, whole),
+            *_limits(units, plan),
         ]
     )
 
@@ -226,15 +229,14 @@ def _server(server: ServerPlan, plan: Plan) -> str:
     )
 
 
-def _limits(units: list[_Unit]) -> list[str]:
-    """A table of time limits for each kind of device on the line."""
+def _limits(units: list[_Unit], plan: LinePlan) -> Iterator[str]:
+    """Tables for each kind of device on the line: its time limits, and how often it can be read."""
     alike: dict[tuple[str, tuple[FunctionLimits, ...]], list[_Unit]] = {}
     for unit in units:
         alike.setdefault((unit.device.profile.name, unit.limits), []).append(unit)
-    return [
-        f"  Time limits of {name}, {_name_units(same)}\n{limits_table(limits, '    ')}"
-        for (name, limits), same in alike.items()
-    ]
+    for (name, limits), same in alike.items():
+        yield f"  Time limits of {name}, {_name_units(same)}\n{limits_table(limits, '    ')}"
+        yield from rates_as_text(read_rates(plan, same[0].device), f"{name}, {_name_units(same)}")
 
 
 def _name_units(units: list[_Unit]) -> str:
@@ -335,7 +337,7 @@ def _problem_as_json(problem: Problem) -> dict[str, Any]:
 
 
 def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
-    timing = plan.line.timing
+    timing, load = plan.line.timing, load_of(plan, whole)
     return {
         "name": plan.line.name,
         "port": plan.port.port,
@@ -353,7 +355,9 @@ def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
         "shared": bool(plan.shared),
         "own_listeners": _listeners_for(plan, whole),
         "addresses": show_units(plan.addresses),
-        "units": [_unit_as_json(unit) for unit in _units(plan, whole)],
+        "polls": polls_as_json(load),
+        "polls_share": round(total_share(load), 4),
+        "units": [_unit_as_json(unit, plan) for unit in _units(plan, whole)],
     }
 
 
@@ -395,7 +399,7 @@ def _server_as_json(server: ServerPlan, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _unit_as_json(unit: _Unit) -> dict[str, Any]:
+def _unit_as_json(unit: _Unit, plan: LinePlan) -> dict[str, Any]:
     return {
         "unit": unit.units,
         "on_the_wire": unit.wire_units,
@@ -403,6 +407,7 @@ def _unit_as_json(unit: _Unit) -> dict[str, Any]:
         "profile": unit.device.profile.name,
         "longest_wait_ms": milliseconds(unit.longest_wait),
         "limits": limits_as_json(unit.limits),
+        "reads": rates_as_json(read_rates(plan, unit.device)),
     }
 
 

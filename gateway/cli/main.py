@@ -37,6 +37,7 @@ VERBS: Final[Mapping[str, str]] = {
     "doctor": "find what is wrong with ports, lines, units and clients",
     "read": "read coils and registers of a unit",
     "write": "write coils and registers of a unit",
+    "bench": "measure what a line can carry",
     "profile": "show what a kind of device accepts, and its time limits",
     "ports": "list the serial ports of this machine",
     "simulate": "run simulated devices on a virtual serial port",

@@ -7,7 +7,7 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import ceil
 from typing import Any, Final
 
@@ -23,6 +23,9 @@ _WATCH_STEP: Final = 1.0
 #: The text of an empty cell.
 _NOTHING: Final = "-"
 _INDENT: Final = "  "
+
+#: So many users of each line are shown.
+_USERS_SHOWN: Final = 3
 
 #: Terminal sequences: go to the upper left; clear to the end of the line; clear below.
 _HOME: Final = "\x1b[H"
@@ -75,13 +78,22 @@ def show_status(status: Mapping[str, Any], width: int = 80) -> str:
     """The status as tables, `width` characters wide unless names and addresses are too long."""
     units = _rows(status, "units")
     asked = [unit for unit in units or () if _cell(_was_polled, unit)]
-    shown = {**status, "units": None if units is None else asked}
+    shown = {**status, "units": None if units is None else asked, "users": list(_users(_rows(status, "lines") or ()))}
     parts = [_table(title, _rows(shown, section), columns, width) for title, section, columns in _TABLES]
     parts.append(_notes(shown, width))
     silent = len(units or ()) - len(asked)
     if silent:
         parts.append(f"{silent} unit{' has' if silent == 1 else 's have'} not been polled yet.")
     return "\n\n".join(part for part in parts if part)
+
+
+def _users(lines: Iterable[Any]) -> Iterator[Mapping[str, Any]]:
+    """Who takes most of each line's time."""
+    for line in lines:
+        users = _cell("users", line)
+        for user in (users if isinstance(users, list) else ())[:_USERS_SHOWN]:
+            if _cell("share", user) not in (UNKNOWN, 0):
+                yield {"line": _cell("name", line), **user}
 
 
 def _rows(status: Mapping[str, Any], section: str) -> list[Any] | None:
@@ -150,6 +162,14 @@ def _busy(line: Mapping[str, Any]) -> str:
 def _per_second(line: Mapping[str, Any]) -> str:
     rate = line["requests_per_s"]
     return _NOTHING if rate is None else f"{rate:.1f}"
+
+
+def _user_share(user: Mapping[str, Any]) -> str:
+    return f"{100 * user['share']:.1f} %"
+
+
+def _user_rate(user: Mapping[str, Any]) -> str:
+    return f"{user['requests_per_s']:.1f}"
 
 
 def _last_answer(unit: Mapping[str, Any]) -> str:
@@ -226,6 +246,19 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
             "REQ/S": _per_second,
             "WAITING": "queue",
             "ERRORS": count_failed,
+        },
+    ),
+    (
+        "Users of the lines (of the last minute)",
+        "users",
+        {
+            "LINE": "line",
+            "CLIENT": "client",
+            "UNIT": "on_the_wire",
+            "DEVICE": "device",
+            "FUNCTION": "function",
+            "SHARE": _user_share,
+            "REQ/S": _user_rate,
         },
     ),
     (

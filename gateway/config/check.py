@@ -9,6 +9,7 @@ from gateway.config.address import Address
 from gateway.config.check_access import CONTROL, check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
+from gateway.config.check_load import check_load
 from gateway.config.check_points import check_points
 from gateway.config.check_repeats import check_repeats
 from gateway.config.check_units import (
@@ -63,6 +64,7 @@ def check(
     yield from found
     if not failed and all(problem.severity == "warning" for problem in found):
         yield from check_repeats(config)
+        yield from check_load(config)
 
 
 def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:

@@ -82,6 +82,15 @@ def longest_wait_behind(plan: UpstreamPlan) -> float:
     return plan.upstream.max_wait + plan.upstream.timeout
 
 
+def most_items(function: int, profile: Profile) -> int:
+    """The most that protocol, profile and the addresses of the device allow; 1 at least."""
+    items = _items_of(function)
+    most = max(each.most for each in items)
+    ranges = profile.areas.get(items[0].area)
+    longest = most if ranges is None else max((last - first + 1 for first, last in ranges), default=1)
+    return min(most, longest, profile.limits.get(function, longest))
+
+
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
     """For each unit of a server line: the name of its destination, and the longest wait."""
     behind = {device.name: longest_wait(line, device) for line in plan.lines for device in line.devices}
@@ -138,7 +147,7 @@ def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: Ans
         longest = [parse_request(_largest_request(each)) for each in functions]
         limit = max(budget.limit(asked, answer_time) for asked in longest)
         return FunctionLimits(named, 0, limit, limit, max(map(budget.request_wire_time, longest)))
-    most = _most_items(function, profile)
+    most = most_items(function, profile)
     largest = _request(function, most)
     return FunctionLimits(
         function,
@@ -152,15 +161,6 @@ def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: Ans
 def _largest_request(function: int) -> bytes:
     row = FUNCTIONS.get(function)
     return _LARGEST.get(function, bytes((function,)) + bytes((row.request.sizes[-1] if row else MAX_PDU) - 1))
-
-
-def _most_items(function: int, profile: Profile) -> int:
-    """The most that protocol, profile and the addresses of the device allow; 1 at least."""
-    items = _items_of(function)
-    most = max(each.most for each in items)
-    ranges = profile.areas.get(items[0].area)
-    longest = most if ranges is None else max((last - first + 1 for first, last in ranges), default=1)
-    return min(most, longest, profile.limits.get(function, longest))
 
 
 def _items_of(function: int) -> list[Items]:

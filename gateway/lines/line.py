@@ -42,6 +42,7 @@ from gateway.lines.scheduler import Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
+from gateway.lines.usage import Usage
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
@@ -65,9 +66,10 @@ class Line:
 
     def __init__(self, settings: LineSettings, emit: Emit, ring: Ring | None = None) -> None:
         self.settings = settings
-        #: Bytes on the idle line, and how the line's time was used.
+        #: Bytes on the idle line, how the line's time was used, and by whom.
         self.unasked_bytes = 0
         self.spent = TimeSpent()
+        self.usage = Usage()
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit)
         recorder = Recorder(settings.name, ring or Ring())
@@ -331,6 +333,7 @@ class Line:
         self._current, self._state = None, "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         self.spent.add(now, transaction.ends_at, transaction.ends_at, 0, self._quiet_at)
+        self._use(transaction, self._quiet_at)
         overdue: list[Transaction] = []
         try:
             write(self._receiver.begin(transaction, now))
@@ -478,6 +481,13 @@ class Line:
     def _spend(self, current: Transaction, response: int, now: float) -> None:
         """Account for the line's time until `now`; `response` is the size of the response PDU."""
         self.spent.add(current.sent_at, current.ends_at, now, response, self._quiet_at)
+        self._use(current, max(now, self._quiet_at))
+
+    def _use(self, transaction: Transaction, until: float) -> None:
+        """The line was taken until then by whoever asked first for this."""
+        origin = transaction.requests[0].origin
+        client = origin.host or origin.client
+        self.usage.add(client, transaction.unit, transaction.asked.function, until - transaction.sent_at)
 
     def __repr__(self) -> str:
         current = f" {self._current!r}" if self._current else ""

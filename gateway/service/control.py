@@ -6,6 +6,8 @@
                      {"version": "0.1.0", "ok": true, "unit": {"unit": 41, "points": [...], ...}}
 {"verb": "request", "unit": 41, "pdu": "03 00 00 00 02"}
                      {"version": "0.1.0", "ok": true, "unit": 41, "pdu": "03 04 45 9C 3D 51", "elapsed_ms": 12.5}
+{"verb": "bench", "line": "hall-a", "seconds": 60}
+                     {"version": "0.1.0", "ok": true, "bench": {"expected_per_second": 12.1, ...}}
 
 The client may be another version: keys may differ, and `version` says why.
 """

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
+from gateway.lines.usage import Use, User
 from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine
 
@@ -22,11 +23,21 @@ class Rate(NamedTuple):
     per_second: float
 
 
+class LineUser(NamedTuple):
+    """Somebody's share of a line's time, and how many transactions in a second were his."""
+
+    user: User
+    share: float
+    per_second: float
+
+
 class _Sample(NamedTuple):
     at: float
     lag: float
     busy: Mapping[GatewayLine, float]
     sent: Mapping[GatewayLine, int]
+    #: Who used the lines since the sample before.
+    used: Mapping[GatewayLine, Mapping[User, Use]]
 
 
 class Recent:
@@ -54,6 +65,20 @@ class Recent:
         busy, sent = _busy(line, now) - first.busy[line], _sent(line) - first.sent[line]
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
 
+    def users(self, line: GatewayLine, now: float) -> list[LineUser]:
+        """Who used `line`, the most time first; a request that others have shared is of whoever asked first."""
+        first = next((at for at, each in enumerate(self._samples) if line in each.busy), None)
+        if first is None or now <= self._samples[first].at:
+            return []
+        elapsed = now - self._samples[first].at
+        uses: dict[User, Use] = {}
+        behind = list(self._samples)[first + 1 :]
+        for rows in (*(each.used.get(line, {}) for each in behind), line.driver.line.usage.look()):
+            for user, use in rows.items():
+                uses.setdefault(user, Use()).add(use.seconds, use.transactions)
+        users = [LineUser(user, use.seconds / elapsed, use.transactions / elapsed) for user, use in uses.items()]
+        return sorted(users, key=lambda each: -each.share)
+
     @property
     def loop_lag(self) -> float:
         """The largest delay of the event loop, in seconds."""
@@ -62,7 +87,13 @@ class Recent:
 
 def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
     lines = gateway.lines
-    return _Sample(now, lag, {line: _busy(line, now) for line in lines}, {line: _sent(line) for line in lines})
+    return _Sample(
+        now,
+        lag,
+        {line: _busy(line, now) for line in lines},
+        {line: _sent(line) for line in lines},
+        {line: line.driver.line.usage.take() for line in lines},
+    )
 
 
 def _busy(line: GatewayLine, now: float) -> float:

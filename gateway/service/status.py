@@ -5,7 +5,7 @@ Counts are since the start. Durations have their unit in their name.
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 from gateway.devices.device import Device
 from gateway.images.image import Image
@@ -17,9 +17,12 @@ from gateway.ports.reconnector import Reconnector
 from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
-from gateway.service.recent import Rate, Recent
+from gateway.service.recent import LineUser, Recent
 from gateway.timing.histogram import SECONDS, SHARES, merged
 from gateway.timing.measured import NEVER, Phases, Times
+
+#: How many users of a line are told.
+MOST_USERS: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +48,22 @@ class ClientStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class LineUserStatus:
+    """Who took up a line in the last minute: a client's requests with one function to the unit `on_the_wire`.
+
+    `share` is that of the line's time. `client` is an address, the name of a mirror or of a server line, `control`, or
+    `others` for all that the table had no place for; `device` is empty then, and for broadcasts.
+    """
+
+    client: str
+    on_the_wire: int
+    device: str
+    function: int
+    share: float
+    requests_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class LineStatus:
     """A client line. `reason` says why it is down. `late_windows` is how many late responses are still expected.
 
@@ -52,7 +71,8 @@ class LineStatus:
 
     `phases` are the seconds spent on requests, waiting for responses, responses, and the silences after them; `busy_s`
     is their sum. `busy_share` and requests per second are of the last minute; None in the first second. `counts` are
-    those of all its units and of its broadcasts.
+    those of all its units and of its broadcasts. `users` took most of its time in the last minute, at
+    most MOST_USERS of them.
     """
 
     name: str
@@ -72,6 +92,7 @@ class LineStatus:
     phases: Phases
     unasked_bytes: int
     counts: Counts
+    users: tuple[LineUserStatus, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +236,7 @@ def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
-        lines=tuple(_line(each, None if recent is None else recent.rate(each, now), now) for each in gateway.lines),
+        lines=tuple(_line(each, recent, now) for each in gateway.lines),
         servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
         units=tuple(_unit(owner, device, now) for owner in owners for device in owner.devices.values()),
@@ -241,8 +262,10 @@ def _clients(listener: Listener, now: float) -> Iterator[ClientStatus]:
         yield ClientStatus(each.client, listener.settings.name, _since(each.last_asked, now))
 
 
-def _line(parts: GatewayLine, rate: Rate | None, now: float) -> LineStatus:
+def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
     line, timing = parts.driver.line, parts.driver.line.settings.timing
+    rate = None if recent is None else recent.rate(parts, now)
+    users = [] if recent is None else recent.users(parts, now)[:MOST_USERS]
     phases = line.phases(now)
     return LineStatus(
         name=line.settings.name,
@@ -262,7 +285,15 @@ def _line(parts: GatewayLine, rate: Rate | None, now: float) -> LineStatus:
         phases=Phases(*(round(each, 3) for each in astuple(phases))),
         unasked_bytes=line.unasked_bytes,
         counts=_sum(parts.counts),
+        users=tuple(_users(parts, users)),
     )
+
+
+def _users(parts: GatewayLine, users: Iterable[LineUser]) -> Iterator[LineUserStatus]:
+    names = {device.unit: device.settings.name for device in parts.devices.values()}
+    for (client, unit, function), share, per_second in users:
+        name = names.get(unit, "")
+        yield LineUserStatus(client, unit, name, function, round(share, 4), round(per_second, 2))
 
 
 def _server(parts: GatewayServer) -> ServerStatus:

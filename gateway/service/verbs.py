@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from gateway.service.bench import bench
 from gateway.service.control import IsThere, Verb
 from gateway.service.doctor import examine
 from gateway.service.operator import ask, picture
@@ -43,6 +44,9 @@ def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
     async def why(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return stories(running.gateway, request, _clock())
 
+    async def measure(request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        return {"bench": await bench(running.gateway, request, is_there)}
+
     return {
         "status": show_status,
         "reload": reload,
@@ -51,6 +55,7 @@ def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
         "doctor": doctor,
         "trace": trace,
         "why": why,
+        "bench": measure,
     }
 
 

@@ -75,6 +75,12 @@ def test_the_picture_of_a_file(config, capsys):
             FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
             3         1.01 s            125         1.15 s
             16        1.01 s            123         1.01 s
+          Reads at most, of weigher, unit 41
+            (its profile has no answer times: as if it answered at once)
+            HOLDING  LINE TIME  READS/S ALONE  READS/S WITH ALL IN TURN
+            1        17.6 ms    56.8           18.9
+            10       27.9 ms    35.8           11.9
+            125      159.7 ms   6.3            2.1
           Time limits of generic, units 110-111
             FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
             1         408 ms            2000        551 ms
@@ -88,6 +94,12 @@ def test_the_picture_of_a_file(config, capsys):
             22        411 ms            1           411 ms
             23        409 ms            125         551 ms
             others    552 ms            -           552 ms
+          Reads at most, of generic, units 110-111
+            (its profile has no answer times: as if it answered at once)
+            HOLDING  LINE TIME  READS/S ALONE  READS/S WITH ALL IN TURN
+            1        17.6 ms    56.8           18.9
+            10       27.9 ms    35.8           11.9
+            125      159.7 ms   6.3            2.1
 
         Images
           UNIT  NAME        PROFILE  KEPT   ADDRESSES
@@ -109,6 +121,46 @@ def test_a_line_that_passes_through_is_one_row(config, capsys):
     assert "  1-247  same         (each)  generic  3.31 s" in said
     assert "  Time limits of generic, units 1-247" in said
     assert "  rtu 19200 8E1, gap 2.01 ms, latency 5 ms (USB: up to 20 ms), wire serial" in said
+
+
+MIRROR = """
+[[image]]
+unit = 241
+of = "silo-1"
+stale = "10 s"
+read = [{ holding = "0-9", every = "EVERY" }, { holding = "16-16", every = "2 s" }]
+"""
+
+
+def test_the_share_of_a_line_that_polls_take_is_shown(config, capsys):
+    assert main(["check", config(FILE + MIRROR.replace("EVERY", "500 ms"))]) == 0
+    said = capsys.readouterr().out
+    assert "  Declared polls take 6.5 % of the line\n" in said
+    assert " BY OF READS EVERY LINE TIME SHARE image-241 silo-1 holding 0-9 500 ms 27.9 ms 5.6 % " in " ".join(
+        said.split()
+    )
+    assert "warning" not in said.replace("no warnings", "")
+
+
+def test_polls_that_need_all_of_a_line_are_a_warning(config, capsys):
+    assert main(["check", config(FILE + MIRROR.replace("EVERY", "30 ms"))]) == 0
+    said = capsys.readouterr().out
+    assert 'warning: line[0]: the polls of mirrors need 94% of its time (line "hall-a")\n' in said
+    assert "  help: poll less often, or raise the rate of the line\n" in said
+
+
+def test_polls_and_their_shares_as_json(config, capsys):
+    main(["check", "--json", config(FILE + MIRROR.replace("EVERY", "500 ms"))])
+    (line,) = json.loads(capsys.readouterr().out)["lines"]
+    assert line["polls"][0] == {
+        "by": "image-241",
+        "of": "silo-1",
+        "addresses": "holding 0-9",
+        "every_ms": 500.0,
+        "line_time_ms": 27.917,
+        "share": 0.0558,
+    }
+    assert line["polls_share"] == pytest.approx(sum(poll["share"] for poll in line["polls"]), abs=1e-4)
 
 
 OWN = """\
@@ -234,7 +286,7 @@ def test_the_picture_as_json(config, capsys):
     }
     (line,) = picture["lines"]
     unit = line["units"][0]
-    limits = unit.pop("limits")
+    limits, reads = unit.pop("limits"), unit.pop("reads")
     assert line.pop("units")[0] is unit
     assert line == {
         "name": "hall-a",
@@ -253,6 +305,16 @@ def test_the_picture_as_json(config, capsys):
         "shared": True,
         "own_listeners": [],
         "addresses": "1, 10-11",
+        "polls": [],
+        "polls_share": 0,
+    }
+    assert reads[0] == {
+        "area": "holding",
+        "items": 1,
+        "line_time_ms": 17.604,
+        "per_second": 56.805,
+        "per_second_in_turn": 18.935,
+        "answer_time_known": False,
     }
     assert unit == {
         "unit": "41",

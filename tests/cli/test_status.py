@@ -14,6 +14,7 @@ from gateway.lines.counts import Counts
 from gateway.service.status import (
     ClientStatus,
     LineStatus,
+    LineUserStatus,
     ListenerStatus,
     MirrorStatus,
     RangeStatus,
@@ -62,6 +63,7 @@ LINE = LineStatus(
     phases=Phases(1, 2, 3, 4),
     unasked_bytes=0,
     counts=replace(Counts(), sent=7, ok=4, timeout=3),
+    users=(),
 )
 STATUS = Status(
     at=1.0,
@@ -285,3 +287,26 @@ def test_watching_never_scrolls(monkeypatch) -> None:
 def test_watching_without_colour_or_terminal_has_no_codes(monkeypatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
     assert "\x1b" not in watched(monkeypatch, 50)
+
+
+def told(status: Status) -> dict[str, Any]:
+    """As the daemon tells it."""
+    return json.loads(json.dumps(asdict(status)))
+
+
+USER = LineUserStatus("10.2.0.7", 1, "silo", 3, 0.6214, 10.5)
+
+
+def test_who_takes_a_line_up_is_shown():
+    users = (USER, replace(USER, client="control", share=0.01), USER, replace(USER, client="left out"))
+    said = picture(told(replace(STATUS, lines=(replace(LINE, users=users),))))
+    assert "Users of the lines (of the last minute)\n" in said
+    assert "  LINE    CLIENT    UNIT  DEVICE  FUNCTION  SHARE   REQ/S\n" in said
+    assert "  hall-a  10.2.0.7  1     silo    3         62.1 %  10.5\n" in said
+    assert "left out" not in said
+
+
+def test_a_line_that_is_full_says_by_whom():
+    full = replace(LINE, busy_share=0.95, users=(USER,))
+    said = " ".join(picture(told(replace(STATUS, lines=(full,)))).split())
+    assert "busy for 95% of the time (62% by 10.2.0.7: unit 1, function 3): poll less often" in said

@@ -1,0 +1,103 @@
+"""`bench`: what a line can carry by arithmetic, and what it carries in a minute of reads."""
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from gateway.cli.columns import align
+from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.usage import parsed_by
+from gateway.config.duration import parse_duration, show_duration
+from gateway.errors import DaemonError
+
+#: A client's reads may wait so long behind the end of the measurement, in seconds.
+_SLACK = 40.0
+#: A difference between both rates that deserves a word.
+_CLOSE = 0.03
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `bench`."""
+    add = parser.add_argument
+    add("line", metavar="LINE", help="name of the line")
+    add("--unit", metavar="UNIT", help="read one unit, by number or name (default: all of the line in turn)")
+    add("--items", type=_positive, metavar="N", help="registers or coils of each read (default 10)")
+    add("--at", type=_address, metavar="ADDRESS", help="first address (default: one that the profile names, or 0)")
+    add("--for", dest="seconds", type=parsed_by(parse_duration), default=60.0, metavar="TIME",
+        help='how long to measure, such as "10 s" (default 1 min)')  # fmt: skip
+    add_control_argument(parser)
+    add("--json", action="store_true", help="print JSON instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, and print both rates; 1 when a read failed.
+
+    Raises:
+        DaemonError: no daemon answers, or it cannot read there.
+    """
+    unit = int(args.unit) if args.unit is not None and args.unit.isdecimal() else args.unit
+    with Conversation(args.control) as daemon:
+        daemon.wait_for(args.seconds + _SLACK)
+        question = {"line": args.line, "seconds": args.seconds, "unit": unit, "items": args.items, "address": args.at}
+        result = daemon.ask("bench", **question).get("bench")
+    if not isinstance(result, dict):
+        raise DaemonError("the daemon's answer has no measurement in it")
+    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _as_text(result))
+    return PROBLEM_FOUND if result["failed"] else FINE
+
+
+def _as_text(result: Mapping[str, Any]) -> str:
+    reads = [
+        (str(one["unit"]), one["name"], f"{one['area']} {one['address']}", str(one["items"]), _ms(one["line_time_ms"]))
+        for one in result["reads"]
+    ]
+    expected, measured = result["expected_per_second"], result["measured_per_second"]
+    rates = [("by arithmetic", f"{expected:.2f}", _each(expected)), ("measured", f"{measured:.2f}", _each(measured))]
+    parts = [
+        f"Line {result['line']}",
+        align([("UNIT", "DEVICE", "READS FROM", "ITEMS", "LINE TIME"), *reads], "  "),
+        align([("", "READS/S", "TIME OF A READ"), *rates], "  "),
+        *(f"  {note}" for note in _notes(result)),
+    ]
+    return "\n".join(parts)
+
+
+def _notes(result: Mapping[str, Any]) -> Iterator[str]:
+    total = result["answered"] + result["exceptions"] + result["failed"]
+    share = result["measured_per_second"] / result["expected_per_second"]
+    yield (
+        f"{total} reads in {show_duration(result['seconds'])}: {result['answered']} answered, "
+        f"{result['exceptions']} exceptions, {result['failed']} failed; line busy {result['busy_share']:.0%}"
+    )
+    yield f"measured is {share:.1%} of the arithmetic"
+    if result["failed"]:
+        yield f"the last failure: {result['last_failure']}; modbus-gateway doctor {result['line']} looks for the cause"
+    if result["exceptions"]:
+        yield "exceptions are shorter than answers: choose registers that exist, with --at and --items"
+    if result["others"]:
+        yield f"other clients had {result['others']} requests on the line meanwhile"
+    if abs(share - 1) > _CLOSE and not all(one["answer_time_known"] for one in result["reads"]):
+        yield "the profile has no answer times, so the arithmetic has none: see modbus-gateway calibrate"
+
+
+def _each(per_second: float) -> str:
+    return _ms(1000 / per_second) if per_second else "-"
+
+
+def _ms(milliseconds: float) -> str:
+    return f"{milliseconds:.1f} ms"
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f'"{text}" is no number of items; write one such as 10')
+    return int(text)
+
+
+def _address(text: str) -> int:
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'"{text}" is no address; write a number such as 107') from None

@@ -1,0 +1,21 @@
+"""Cross-checks of what the config asks of its lines."""
+
+from collections.abc import Iterator
+
+from gateway.config.check_units import client_lines
+from gateway.config.line_load import FULL, load_of, total_share
+from gateway.config.plan import resolve
+from gateway.config.problem import Problem, warning
+from gateway.config.schema import Config
+
+
+def check_load(config: Config) -> Iterator[Problem]:
+    """The polls of mirrors leave a line time for something else. The config must have passed all other checks."""
+    if all(image.of is None for image in config.image):
+        return
+    plan = resolve(config)
+    for line, line_plan in zip(client_lines(config), plan.lines, strict=True):
+        share = total_share(load_of(line_plan, plan))
+        if share >= FULL:
+            what = f"the polls of mirrors need {share:.0%} of its time"
+            yield warning(line.path, what, "poll less often, or raise the rate of the line")

@@ -1,0 +1,195 @@
+"""`bench`: what a line can carry by arithmetic, and what it carries in a time of reads, one right behind the other.
+
+The reads are requests of the client `control`: they wait in the line's queue, in turn with those of other clients, and
+have its rights. At most READS_AHEAD of them are under way, so another client waits for one of them at most.
+"""
+
+import asyncio
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import cycle
+from typing import Any, Final, NamedTuple
+
+from gateway.config.line_load import a_read, time_of
+from gateway.config.plan import LinePlan, Plan
+from gateway.config.problem import did_you_mean
+from gateway.devices.device import DeviceSettings
+from gateway.errors import WrongQuestion
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
+from gateway.modbus.questions import read_request
+from gateway.profiles.batches import batches
+from gateway.request import Request
+from gateway.service.build import Gateway
+from gateway.service.operator import Question, find_unit
+from gateway.service.parts import GatewayLine
+
+#: One is on the line, and the next one waits.
+READS_AHEAD: Final = 2
+#: The longest measurement, and the usual one, in seconds.
+LONGEST: Final = 3600.0
+USUAL: Final = 60.0
+#: How many items a read has when nobody says it.
+USUAL_ITEMS: Final = 10
+#: How long after a read that failed the next one follows, in seconds: a line that is down refuses at once.
+_PAUSE: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class BenchRead:
+    """What is read of one unit, and how long that takes the line by arithmetic."""
+
+    unit: int
+    name: str
+    area: str
+    address: int
+    items: int
+    line_time_ms: float
+    answer_time_known: bool
+
+
+@dataclass(slots=True)
+class BenchResult:
+    """What a line carried in `seconds`: reads by what became of them.
+
+    `others` are the frames that it carried for other clients meanwhile. Both rates are reads in a second; the
+    arithmetic takes a line that carries nothing else.
+    """
+
+    line: str
+    reads: tuple[BenchRead, ...]
+    seconds: float = 0.0
+    answered: int = 0
+    exceptions: int = 0
+    failed: int = 0
+    others: int = 0
+    busy_share: float = 0.0
+    last_failure: str = ""
+    expected_per_second: float = field(init=False)
+    measured_per_second: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.expected_per_second = round(1000 * len(self.reads) / sum(one.line_time_ms for one in self.reads), 3)
+
+
+class _Read(NamedTuple):
+    unit: int
+    pdu: bytes
+
+
+async def bench(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[[], bool]) -> BenchResult:
+    """Read the units of `line`, or one `unit` of it, for so many `seconds`.
+
+    Each read is of so many `items` from `address` on. It ends sooner if whoever asks has left.
+
+    Raises:
+        WrongQuestion: there is no such line or unit, or nothing of it can be read.
+    """
+    line = _line(gateway, question.get("line"))
+    seconds = _number(question, "seconds", USUAL, LONGEST)
+    planned = list(_reads(gateway, line.plan, question))
+    if not planned:
+        raise WrongQuestion(f"no unit of {line.name} can be read by its number; name one of them")
+    result = BenchResult(line.name, tuple(_picture(line.plan, one) for one in planned))
+    now = asyncio.get_running_loop().time
+    began, sent_before, busy_before = now(), _sent(line), line.driver.line.phases(now()).busy
+    reads = cycle([_Read(one.device.known_as, read_request(one.span)) for one in planned])
+    async with asyncio.TaskGroup() as group:
+        for number in range(READS_AHEAD):
+            reading = _read_on(gateway, reads, began + seconds, is_there, result)
+            group.create_task(reading, name=f"bench:{line.name}:{number}")
+    elapsed = now() - began
+    own = result.answered + result.exceptions
+    result.seconds = round(elapsed, 3)
+    result.others = max(0, _sent(line) - sent_before - own - result.failed)
+    result.busy_share = round(min(1.0, (line.driver.line.phases(now()).busy - busy_before) / elapsed), 3)
+    result.measured_per_second = round(own / elapsed, 3)
+    return result
+
+
+class _Planned(NamedTuple):
+    device: DeviceSettings
+    span: Span
+
+
+async def _read_on(
+    gateway: Gateway, reads: Iterator[_Read], until: float, is_there: Callable[[], bool], result: BenchResult
+) -> None:
+    """Read until it is time to stop, and count what becomes of it."""
+    now = asyncio.get_running_loop().time
+    while now() < until and is_there():
+        read, origin = next(reads), Question(is_there)
+        gateway.control.submit(Request(read.unit, read.pdu, origin, now()), now())
+        error, response = await origin.outcome
+        if error is not None or response is None:
+            result.failed += 1
+            result.last_failure = "" if error is None else error.result
+            await asyncio.sleep(_PAUSE)
+        elif response[0] & EXCEPTION_BIT:
+            result.exceptions += 1
+        else:
+            result.answered += 1
+
+
+def _line(gateway: Gateway, wanted: object) -> GatewayLine:
+    line = next((one for one in gateway.lines if one.name == wanted), None)
+    if line is None:
+        remedy = did_you_mean(str(wanted), [one.name for one in gateway.lines])
+        raise WrongQuestion(f'there is no line "{wanted}" on which we ask' + (f"; {remedy}" if remedy else ""))
+    return line
+
+
+def _number(question: Mapping[str, Any], key: str, usual: float, most: float) -> float:
+    value = question.get(key)
+    if value is None:
+        return usual
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= most:
+        raise WrongQuestion(f'"{key}" must be a number above 0, {most:g} at most')
+    return float(value)
+
+
+def _reads(gateway: Gateway, line: LinePlan, question: Mapping[str, Any]) -> Iterator[_Planned]:
+    """What is read of which devices."""
+    items = int(_number(question, "items", USUAL_ITEMS, 2000))
+    address = question.get("address")
+    if address is not None and (isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 65535):
+        raise WrongQuestion('"address" must be a number from 0 to 65535')
+    for device in _devices(gateway, line, question.get("unit")):
+        span = _span(gateway.plan, device, items)
+        if span is not None:
+            yield _Planned(device, span if address is None else replace(span, start=address))
+
+
+def _devices(gateway: Gateway, line: LinePlan, wanted: object) -> list[DeviceSettings]:
+    if wanted is None:
+        return [] if line.passes_through else list(line.devices)
+    unit = find_unit(gateway.plan, wanted)
+    found = [device for device in line.shared if device.known_as == unit]
+    if not found:
+        raise WrongQuestion(f"unit {unit} is not on {line.line.name}")
+    return found
+
+
+def _span(plan: Plan, device: DeviceSettings, items: int) -> Span | None:
+    """A read that the device answers: of the longest run of its points, or what its profile has."""
+    points = [point for point in plan.points.get(device.known_as, ()) if point.write != "only"]
+    runs = [batch.span for batch in batches(points, device.profile.limits)]
+    known = [span for span in runs if device.profile.knows(READERS[span.area][0])]
+    if not known:
+        return a_read(device.profile, items)
+    longest = max(known, key=lambda span: span.count)
+    return replace(longest, count=min(items, longest.count))
+
+
+def _picture(line: LinePlan, one: _Planned) -> BenchRead:
+    time = time_of(line, one.device, read_request(one.span))
+    has_time = READERS[one.span.area][0] in one.device.profile.timing.rows
+    span = one.span
+    return BenchRead(
+        one.device.known_as, one.device.name, span.area, span.start, span.count, round(1000 * time, 3), has_time
+    )
+
+
+def _sent(line: GatewayLine) -> int:
+    return sum(counts.sent for unit in line.counts for counts in unit.values())
