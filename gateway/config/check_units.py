@@ -37,6 +37,8 @@ def claims(config: Config) -> Iterator[Claim]:
             yield Claim(row.client_units, owner, path, row.source, remedy, tuple(line.device_names(row)))
     for image in config.image:
         yield Claim((image.unit,), f'of image "{image.label}"', (*image.path, "unit"), image.source)
+    if config.own is not None:
+        yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
     for upstream in config.upstream:
         for units in upstream.units:
             owner, names = f'of upstream "{upstream.label}"', tuple(upstream.unit_names(units))

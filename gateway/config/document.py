@@ -132,6 +132,7 @@ _HEADINGS: Final = {
     "upstream": "[[upstream]]",
     "profile": "[profile.NAME]",
     "access": "[[access]]",
+    "self": "[self]",
     "web": "[web]",
     "trace": "[trace]",
     "control": "[control]",
@@ -149,8 +150,9 @@ def _sections() -> Iterator[str]:
     told: dict[type[Table], str] = {}
     site = Config.model_fields["site"]
     yield f"## Every key\n\nAt the top of the file: `site`, text. {site.description}\n"
+    sections = dict(zip(keys_of(Config), Config.model_fields.values(), strict=True))
     for key, heading in _HEADINGS.items():
-        model = row_model(Config.model_fields[key].annotation)
+        model = row_model(sections[key].annotation)
         if model is not None:
             yield f"### `{heading}`\n\n{model.__doc__}\n\n{_keys(model)}"
             yield from _inner_tables(model, key, told)

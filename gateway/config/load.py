@@ -24,6 +24,7 @@ from gateway.config.schema import (
     Line,
     Listen,
     Log,
+    Own,
     ProfileTable,
     Table,
     Trace,
@@ -41,7 +42,13 @@ _LISTS: Final[Mapping[str, type[Table]]] = {
     "upstream": Upstream,
     "access": Access,
 }
-_SINGLES: Final[Mapping[str, type[Table]]] = {"web": Web, "trace": Trace, "control": Control, "log": Log}
+_SINGLES: Final[Mapping[str, type[Table]]] = {
+    "self": Own,
+    "web": Web,
+    "trace": Trace,
+    "control": Control,
+    "log": Log,
+}
 _PROFILE: Final = "profile"
 
 #: Keys that no other table refers to. A table with errors only in these is still checked against the others.

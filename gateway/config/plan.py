@@ -9,8 +9,10 @@ from gateway.config.points import points_of
 from gateway.config.ranges import join_ranges
 from gateway.config.schema import DEFAULT_RING, Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
 from gateway.devices.device import DeviceSettings
+from gateway.images import self_map
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
+from gateway.images.self_image import self_settings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
@@ -157,17 +159,18 @@ def resolve(config: Config) -> Plan:
     owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
     devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(_image(image, profiles) for image in config.image if image.of is None)
+    own = () if config.own is None else (self_settings(config.own.unit, config.own.source),)
     mirrors = tuple(_mirror(image, devices[image.of]) for image in config.image if image.of is not None)
     behind = {device.known_as: device.profile for line in lines for device in line.shared}
     behind |= {device.known_as: device.profile for upstream in upstreams for device in upstream.devices}
-    behind |= {image.unit: image.profile for image in images} | {mirror.unit: mirror.profile for mirror in mirrors}
-    return Plan(
+    behind |= {each.unit: each.profile for each in (*images, *own, *mirrors)}
+    plan = Plan(
         site=config.site,
         listeners=tuple(_listener(listen, config.listen) for listen in config.listen) or (DEFAULT_LISTENER,),
         lines=lines,
         servers=tuple(_server_line(line, behind) for line in config.line if line.role == "server"),
         upstreams=upstreams,
-        images=images,
+        images=(*images, *own),
         mirrors=mirrors,
         access=tuple(map(_access, config.access)) or DEFAULT_ROWS,
         log=_log(config.log),
@@ -176,12 +179,14 @@ def resolve(config: Config) -> Plan:
         ring=config.trace.ring,
         web=None if config.web is None else WebPlan(config.web.bind, config.web.hosts, config.web.token),
     )
+    return plan if config.own is None else replace(plan, points={**plan.points, config.own.unit: _own_points(plan)})
 
 
 def passing_units(config: Config) -> list[int]:
     """The units of a pass-through line: all without another destination, and those that mirrors poll."""
     elsewhere = {image.unit for image in config.image if image.of is None}
     elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
+    elsewhere |= set() if config.own is None else {config.own.unit}
     return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
 
 
@@ -367,6 +372,16 @@ def _image(image: Image, profiles: dict[str, Profile]) -> ImageSettings:
         persist=image.persist,
         source=image.source,
     )
+
+
+def _own_points(plan: Plan) -> tuple[Point, ...]:
+    """What the gateway tells of itself."""
+    names = {
+        self_map.LINES.title: [line.line.name for line in plan.lines],
+        self_map.SERVERS.title: [server.line.name for server in plan.servers],
+        self_map.UPSTREAMS.title: [upstream.upstream.name for upstream in plan.upstreams],
+    }
+    return self_map.points(names)
 
 
 def _points(

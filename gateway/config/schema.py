@@ -508,6 +508,12 @@ class ProfileTable(Table):
     )
 
 
+class Own(Table):
+    """The state of the gateway itself as a unit with [registers](self.md); without this table there is none."""
+
+    unit: ClientUnit = Field(description="Its unit ID for clients, 1-247 or 255.")
+
+
 class Access(Table):
     """Access rights. First match wins, by client and unit; no match means denied."""
 
@@ -592,6 +598,7 @@ class Config(Table):
     upstream: Annotated[tuple[Upstream, ...], ListOf] = ()
     profile: Mapping[str, ProfileTable] = Field({})
     access: Annotated[tuple[Access, ...], ListOf] = ()
+    own: Own | None = Field(None, alias="self")
     web: Web | None = None
     trace: Trace = Trace()
     control: Control | None = None

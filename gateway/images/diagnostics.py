@@ -22,11 +22,13 @@ from gateway.modbus.functions import MOST_EVENTS
 from gateway.modbus.shapes import need
 from gateway.request import Request
 
-#: Sub-functions of the counters that an image keeps; the others of 0B-12 are 0.
+#: Sub-functions of counters. An image keeps 0B and 0D to 0F; the others of 0B-12 are 0.
 BUS_MESSAGES: Final = 0x0B
+COMMUNICATION_ERRORS: Final = 0x0C
 EXCEPTIONS: Final = 0x0D
 SERVER_MESSAGES: Final = 0x0E
 NO_RESPONSES: Final = 0x0F
+BUS_BUSY: Final = 0x11
 
 _WORD: Final = Struct(">H")
 _COUNTER: Final = Struct(">BHH")

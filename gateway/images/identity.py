@@ -31,8 +31,8 @@ _RUNNING: Final = b"\xff"
 class Identity:
     """The identification of an image. Its name is sent in ASCII, and cut if it is too long for a response."""
 
-    def __init__(self, name: str) -> None:
-        texts = {_VENDOR_NAME: VENDOR, _PRODUCT_CODE: PRODUCT, _REVISION: __version__, _APPLICATION_NAME: name}
+    def __init__(self, name: str, product: str = PRODUCT) -> None:
+        texts = {_VENDOR_NAME: VENDOR, _PRODUCT_CODE: product, _REVISION: __version__, _APPLICATION_NAME: name}
         self._objects = {number: text.encode("ascii", "replace")[:_LONGEST_VALUE] for number, text in texts.items()}
 
     def report(self, pdu: bytes) -> bytes:

@@ -8,7 +8,7 @@ from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.images.diagnostics import Diagnostics
 from gateway.images.functions import perform
-from gateway.images.identity import Identity
+from gateway.images.identity import PRODUCT, Identity
 from gateway.images.tables import make_tables
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import TABLE_FUNCTIONS
@@ -23,7 +23,7 @@ class ImageSettings:
     """One image: the addresses that exist in each area, and the values they start with (area -> address -> values).
 
     `persist` says which values outlive the gateway: none, all but those of the last second, or every acknowledged
-    write.
+    write. One that `shows_gateway` has the state of the gateway as its values.
     """
 
     unit: int
@@ -32,6 +32,7 @@ class ImageSettings:
     areas: Mapping[Area, tuple[Range, ...]]
     initial: Mapping[Area, tuple[tuple[int, tuple[int, ...]], ...]] = field(default_factory=dict)
     persist: Literal["never", "interval", "always"] = "never"
+    shows_gateway: bool = False
     source: str = field(default="", compare=False)
 
 
@@ -51,15 +52,22 @@ class Image:
     that clients may ask for and clear, `counts` those of the operator.
     """
 
-    def __init__(self, settings: ImageSettings, emit: Emit = discard_event, ring: Ring | None = None) -> None:
+    def __init__(
+        self,
+        settings: ImageSettings,
+        emit: Emit = discard_event,
+        ring: Ring | None = None,
+        diagnostics: Diagnostics | None = None,
+        product: str = PRODUCT,
+    ) -> None:
         self.settings = settings
         self.tables = make_tables(settings.areas, settings.initial)
         self.counts = Counts()
-        self.diagnostics = Diagnostics()
+        self.diagnostics = diagnostics or Diagnostics()
         self._profile = settings.profile
         self._emit = emit
         self._ring = ring or Ring()
-        identity = Identity(settings.name)
+        identity = Identity(settings.name, product)
         self._services: Mapping[int, Callable[[bytes], bytes]] = {
             FunctionCode.DIAGNOSTICS: self.diagnostics.perform,
             FunctionCode.GET_COMM_EVENT_COUNTER: self.diagnostics.event_counter,

@@ -13,6 +13,7 @@ from gateway.images.image import Image, ImageSettings
 from gateway.images.mirror_driver import MirrorDriver
 from gateway.images.persistent import PersistentImage
 from gateway.images.polls import MirrorSettings
+from gateway.images.self_image import SelfImage
 from gateway.images.store import Store
 from gateway.lines.driver import LineDriver
 from gateway.listeners.serial import SerialListener
@@ -183,6 +184,8 @@ class _Old:
 
 
 def _image(settings: ImageSettings, store: Store | None, emit: Emit, ring: Ring) -> Image:
+    if settings.shows_gateway:
+        return SelfImage(settings, emit, ring)
     if settings.persist == "never":
         return Image(settings, emit, ring)
     assert store is not None  # noqa: S101 - required for plans with persistent images

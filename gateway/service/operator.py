@@ -9,6 +9,7 @@ from gateway.config.check_access import CONTROL
 from gateway.config.plan import Plan
 from gateway.config.problem import did_you_mean
 from gateway.errors import RequestError, WrongQuestion
+from gateway.images.image import ImageSettings
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.functions import only_reads
 from gateway.profiles.point import Point
@@ -142,8 +143,12 @@ def _units(plan: Plan) -> Iterator[_Unit]:
         yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in line.shared)
     for upstream in plan.upstreams:
         yield from (_Unit(each.known_as, each.name, "upstream", each.profile) for each in upstream.devices)
-    yield from (_Unit(image.unit, image.name, "image", image.profile) for image in plan.images)
+    yield from (_Unit(image.unit, image.name, _kind(image), image.profile) for image in plan.images)
     yield from (_Unit(mirror.unit, mirror.name, "mirror", mirror.profile) for mirror in plan.mirrors)
+
+
+def _kind(image: ImageSettings) -> str:
+    return "gateway" if image.shows_gateway else "image"
 
 
 def _pdu(text: object) -> bytes:

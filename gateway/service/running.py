@@ -14,6 +14,7 @@ from gateway.service.build import Driver, Gateway, Listener, Part
 from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
 from gateway.service.recent import Recent
+from gateway.service.self_state import show_itself
 
 #: How long requests in progress and their clients may take when their part stops, in seconds; and how long ports may
 #: take to close then. In total the process ends in less than 5 s. Only a disk that hangs adds to it: 1 s for the files
@@ -53,6 +54,8 @@ class Running:
         self._is_ending = False
         #: Listeners that were removed from the config and still have clients.
         self._going: list[Listener] = []
+        self.started = asyncio.get_running_loop().time()
+        show_itself(self)
 
     async def bind(self) -> None:
         """Bind the addresses of all listeners.
@@ -143,6 +146,7 @@ class Running:
             listener.finish()
         new.route()
         self.gateway = new
+        show_itself(self)
         for mirror in set(old.mirrors).difference(new.mirrors):
             mirror.close()
         for listener in come:

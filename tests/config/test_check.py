@@ -761,3 +761,23 @@ def test_a_line_that_its_devices_do_not_speak(line, said):
 @pytest.mark.parametrize("mode", ["rtu", "ascii"])
 def test_devices_that_speak_both(mode):
     assert problems(f'[[line]]\nport = "/dev/a"\nmode = "{mode}"\nprofile = "v80"') == []
+
+
+# The gateway itself
+
+
+def test_the_unit_of_the_gateway_is_nobody_elses():
+    text = LINE + "[self]\nunit = 1\n"
+    assert problems(text) == ['error: self.unit: 1 is already a unit of line "a" (gateway.toml:4)']
+
+
+def test_the_unit_of_the_gateway_does_not_pass_through():
+    config = parse('[[line]]\nport = "/dev/a"\n[self]\nunit = 246\n', port_trouble=lambda _: None).config
+    plan = resolve(config)
+    assert 246 not in {device.known_as for device in plan.lines[0].devices}
+    assert [image.unit for image in plan.images] == [246]
+
+
+def test_a_server_line_may_serve_the_gateway():
+    server = '[[line]]\nname = "panel"\nport = "/dev/b"\nrole = "server"\nserves = [246]\n'
+    assert problems(LINE + server + "[self]\nunit = 246\n") == []
