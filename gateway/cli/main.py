@@ -14,7 +14,8 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from typing import Final
+from keyword import iskeyword
+from typing import Any, Final
 
 from gateway import __version__
 from gateway.errors import GatewayError
@@ -41,6 +42,7 @@ VERBS: Final[Mapping[str, str]] = {
     "profile": "show what a kind of device accepts, and its time limits",
     "ports": "list the serial ports of this machine",
     "simulate": "run simulated devices on a virtual serial port",
+    "import": "turn the config of another program into one for the gateway",
 }
 
 
@@ -49,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else list(arguments)
     args = _parser(words).parse_args(words)
     try:
-        code: int = import_module(f"gateway.cli.{args.verb}").run(args)
+        code: int = module_of(args.verb).run(args)
         print(end="", flush=True)
     except GatewayError as error:
         print(f"modbus-gateway: error: {error}", file=sys.stderr)
@@ -65,6 +67,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def module_of(verb: str) -> Any:
+    """The module of a verb. Words of Python itself have an underscore behind them there."""
+    return import_module(f"gateway.cli.{verb}_" if iskeyword(verb) else f"gateway.cli.{verb}")
+
+
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """The parser for these words; only the verb among them gets its arguments."""
     parser = argparse.ArgumentParser(
@@ -77,7 +84,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     for verb, summary in VERBS.items():
         verb_parser = verbs.add_parser(verb, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         if verb == wanted:
-            import_module(f"gateway.cli.{verb}").add_arguments(verb_parser)
+            module_of(verb).add_arguments(verb_parser)
     return parser
 
 

@@ -41,9 +41,10 @@ def declared_project() -> dict[str, Any]:
 
 
 def declared() -> list[Requirement]:
-    """The libraries that the gateway asks for, also those for `[web]`."""
+    """The libraries that the gateway asks for, also those of its extras."""
     project = declared_project()["project"]
-    return [Requirement(text) for text in (*project["dependencies"], *project["optional-dependencies"]["web"])]
+    extras = (text for texts in project["optional-dependencies"].values() for text in texts)
+    return [Requirement(text) for text in (*project["dependencies"], *extras)]
 
 
 def pinned() -> dict[str, str]:

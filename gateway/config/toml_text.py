@@ -1,0 +1,42 @@
+"""Writes config files as text: tables with their keys, and comments that say why."""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+#: What stands in a file for a value: text, a number, a truth value, and lists and tables of them.
+Value = str | int | bool | list["Value"] | dict[str, "Value"]
+
+
+@dataclass(frozen=True, slots=True)
+class TableText:
+    """A table of a file. `heading` is written as it is; comments stand above it."""
+
+    heading: str
+    keys: Mapping[str, Value] = field(default_factory=dict)
+    comments: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """The table as it stands in a file."""
+        width = max(map(len, self.keys), default=0)
+        keys = [f"{key.ljust(width)} = {value_text(value)}" for key, value in self.keys.items()]
+        return "\n".join([*map(comment, self.comments), *([self.heading] if self.heading else []), *keys])
+
+
+def file_text(tables: Iterable[TableText]) -> str:
+    """A file with these tables."""
+    return "\n\n".join(map(str, tables)) + "\n"
+
+
+def comment(text: str) -> str:
+    """A comment of one line, whatever is in it."""
+    return "# " + "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def value_text(value: Value) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {value_text(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(value_text, value)) + "]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,44 @@
+"""`import`: what it prints can be used as it is."""
+
+import pytest
+
+from gateway.cli.main import main
+from gateway.config.load import parse
+
+
+def test_a_config_of_mbusd_is_printed(tmp_path, capsys):
+    (tmp_path / "mbusd-ttyUSB0.conf").write_text("device = /dev/ttyUSB0\nspeed = 9600\n")
+    assert main(["import", "mbusd", str(tmp_path / "mbusd-ttyUSB0.conf")]) == 0
+    config = parse(capsys.readouterr().out, port_trouble=lambda _: None).config
+    assert [(line.port, line.baud) for line in config.line] == [("/dev/ttyUSB0", 9600)]
+
+
+def test_a_config_of_modbus_proxy_is_printed(tmp_path, capsys):
+    file = tmp_path / "modbus-proxy.yml"
+    file.write_text("devices:\n- modbus: {url: 10.0.0.1}\n  listen: {bind: ':502'}\n")
+    assert main(["import", "modbus-proxy", str(file)]) == 0
+    assert parse(capsys.readouterr().out).config is not None
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (None, "No such file or directory"),
+        (b"\xff", "is not text in UTF-8"),
+        (b"speed = 0", "1: speed must be a number"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_said(content, said, tmp_path, capsys):
+    file = tmp_path / "mbusd.conf"
+    if content is not None:
+        file.write_bytes(content)
+    assert main(["import", "mbusd", str(file)]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"modbus-gateway: error: {file}:")
+    assert said in printed.err
+
+
+def test_modbus_proxy_has_one_file(capsys):
+    assert main(["import", "modbus-proxy", "a.yml", "b.yml"]) == 2
+    assert "modbus-proxy has one file" in capsys.readouterr().err

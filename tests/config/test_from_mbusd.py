@@ -1,0 +1,147 @@
+"""Configs of mbusd become one of ours, which passes its checks and does the same."""
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.config.from_mbusd import config_from_mbusd
+from gateway.config.imported import ImportedFileError
+from gateway.config.load import parse
+from gateway.config.plan import resolve
+from gateway.routing.access import READING, WRITING
+
+#: As its sample file has it.
+SAMPLE = """
+# Serial port device name
+device = /dev/ttyUSB0
+speed=9600
+  mode = 8e1
+trx_control = rts
+address = 10.0.0.1
+port = 1502
+maxconn = 8
+timeout = 0
+retries = 2
+pause = 50
+wait = 1500
+loglevel = 2
+"""
+
+
+def plan_of(text: str):
+    loaded = parse(text, port_trouble=lambda _: None)
+    assert loaded.config is not None, "\n".join(map(str, loaded.problems))
+    return resolve(loaded.config)
+
+
+def test_each_key_means_the_same():
+    plan = plan_of(config_from_mbusd({"a.conf": SAMPLE}))
+    (listener,), (line,) = plan.listeners, plan.lines
+    assert (listener.host, listener.port, listener.clients, listener.idle) == ("10.0.0.1", 1502, 8, 0.0)
+    assert (listener.line, listener.unit0) == ("ttyUSB0", "broadcast")
+    assert (line.port.port, line.port.baud, str(line.port.format), line.port.rs485) == (
+        "/dev/ttyUSB0",
+        9600,
+        "8E1",
+        "kernel",
+    )
+    assert (line.line.gap, line.line.retries) == (0.05, 2)
+    assert {device.answer_time.timeout for device in line.devices} == {1.5}
+    assert len(line.devices) == 247
+
+
+def test_what_is_left_out_has_the_default_of_mbusd():
+    (listener,), (line,) = (plan := plan_of(config_from_mbusd({"a.conf": ""}))).listeners, plan.lines
+    assert (listener.host, listener.port, listener.clients, listener.idle) == ("0.0.0.0", 502, 32, 60.0)
+    assert (line.port.port, line.port.baud, str(line.port.format)) == ("/dev/ttyS0", 19200, "8N1")
+    assert (line.line.gap, line.line.retries, line.port.rs485) == (0.1, 3, "adapter")
+
+
+def test_every_client_may_write_as_before():
+    plan = plan_of(config_from_mbusd({"a.conf": ""}))
+    (row,) = plan.access
+    assert row.networks is row.listeners is row.units is None
+    assert row.right == READING | WRITING
+
+
+def test_a_file_for_each_port_becomes_a_line_for_each():
+    other = "device = /dev/serial/by-id/usb-a/ttyUSB0\nport = 503\n"
+    plan = plan_of(config_from_mbusd({"a.conf": SAMPLE, "b.conf": other}))
+    assert [one.line for one in plan.listeners] == ["ttyUSB0", "ttyUSB0-2"]
+    assert [one.line.name for one in plan.lines] == ["ttyUSB0", "ttyUSB0-2"]
+
+
+@pytest.mark.parametrize(
+    ("second", "why"),
+    [
+        ("device = /dev/ttyUSB0\nport = 503\n", "#   /dev/ttyUSB0 is the port of a.conf too"),
+        ("device = /dev/ttyUSB1\nport = 1502\n", "#   another listener has tcp://0.0.0.0:1502 already"),
+    ],
+)
+def test_what_cannot_be_is_left_out_and_said(second, why):
+    text = config_from_mbusd({"a.conf": SAMPLE, "b.conf": second})
+    assert "# Left out: b.conf\n" + why in text
+    assert len(plan_of(text).lines) == 1
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("trx_control = sysfs_0", "# mbusd switched the direction with a GPIO in sysfs"),
+        ("trx_control = rts_0", "# RTS was low while sending"),
+        ("replyonbroadcast = yes", "# mbusd answered broadcasts; nobody does here"),
+        ("retries = 1", "# mbusd repeated writes too"),
+        ("colour = blue", "# mbusd had colour = blue, which is not known here"),
+    ],
+)
+def test_what_is_not_the_same_is_said(setting, said):
+    assert f"\n{said}" in config_from_mbusd({"a.conf": setting})
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("speed = fast", "a.conf:1: speed must be a number from 1 to 100000000"),
+        ("mode = 7e1", "a.conf:1: mode must be one such as 8N1"),
+        ("\nmaxconn = 0", "a.conf:2: maxconn must be a number from 1 to 128"),
+        ("device = ttyS0", 'a.conf:1: "ttyS0" is not an absolute path'),
+        ("address = here!", "a.conf:1: 'here!' is not a valid host name"),
+        ("a line", "a.conf:1: this is no line of a config of mbusd: it has no ="),
+    ],
+)
+def test_what_cannot_be_understood_names_its_line(setting, said):
+    with pytest.raises(ImportedFileError) as error:
+        config_from_mbusd({"a.conf": setting})
+    assert str(error.value) == said
+
+
+VALUES = {
+    "device": st.sampled_from(["/dev/ttyS0", "/dev/ttyUSB1", "/dev/control", "/dev/a b", '/dev/"x"', "/dev/é", "x"]),
+    "speed": st.integers(0, 200_000).map(str),
+    "mode": st.sampled_from(["8N1", "8e1", "8o2", "7E1", "8n"]),
+    "trx_control": st.sampled_from(["addc", "rts", "rts_0", "sysfs_1", "?"]),
+    "address": st.sampled_from(["0.0.0.0", "::", "[::1]", "localhost", "plc.example", "10.0.0.1", "*", "", "1.2.3"]),
+    "port": st.integers(0, 70_000).map(str) | st.just("502"),
+    "maxconn": st.integers(0, 200).map(str),
+    "timeout": st.integers(0, 2000).map(str),
+    "retries": st.integers(0, 20).map(str),
+    "pause": st.integers(0, 20_000).map(str),
+    "wait": st.integers(0, 20_000).map(str),
+    "replyonbroadcast": st.sampled_from(["yes", "no", ""]),
+    "loglevel": st.just("9"),
+    "other": st.text(max_size=9),
+}
+
+
+@st.composite
+def files(draw) -> str:
+    keys = draw(st.lists(st.sampled_from(sorted(VALUES)), unique=True, max_size=8))
+    return "\n".join(f"{key} = {draw(VALUES[key])}" for key in keys)
+
+
+@given(st.lists(files(), min_size=1, max_size=4))
+def test_whatever_it_prints_passes_check(texts):
+    with suppress(ImportedFileError):
+        plan_of(config_from_mbusd({f"{number}.conf": text for number, text in enumerate(texts)}))
