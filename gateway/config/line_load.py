@@ -11,9 +11,9 @@ from gateway.images.polls import joined
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span, parse_request
-from gateway.modbus.questions import read_request
 from gateway.ports.port import SerialSettings
 from gateway.profiles.profile import Profile
+from gateway.registers.items import read_request
 from gateway.timing.pace import Pace
 
 #: From this share on a line has little time left for anything but its polls.

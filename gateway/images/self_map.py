@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 
 from gateway.images.diagnostics import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
 from gateway.modbus.codes import Area
-from gateway.modbus.datatypes import encode, registers_of
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
+from gateway.registers.datatypes import encode, registers_of
 
 #: What is at register 0; it changes only when a register gets another meaning.
 LAYOUT: Final = 1

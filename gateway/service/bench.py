@@ -18,8 +18,8 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.modbus.questions import read_request
 from gateway.profiles.batches import batches
+from gateway.registers.items import read_request
 from gateway.request import Request
 from gateway.service.build import Gateway
 from gateway.service.operator import Question, find_unit

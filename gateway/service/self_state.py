@@ -7,7 +7,7 @@ from gateway.images.diagnostics import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERR
 from gateway.images.self_image import SelfImage
 from gateway.images.self_map import LAYOUT, LINES, SERVERS, UPSTREAMS, Shown, Values
 from gateway.lines.counts import Counts, UnitCounts, total
-from gateway.ports.keeper import Keeper
+from gateway.ports.reconnector import Reconnector
 from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.recent import Recent
@@ -76,7 +76,7 @@ def _line(running: Watched, line: GatewayLine, now: float) -> Values:
     times = [each for device in line.devices.values() for each in device.counts.times.values()]
     answered_at = max((each.answered_at for each in times), default=NEVER)
     return {
-        "state": _state(line.keeper),
+        "state": _state(line.reconnector),
         "busy": _UNKNOWN if rate is None else round(1000 * rate.busy),
         "rate": _UNKNOWN if rate is None else round(10 * rate.per_second),
         "waiting": line.driver.line.waiting,
@@ -90,7 +90,7 @@ def _line(running: Watched, line: GatewayLine, now: float) -> Values:
         "line-down": counts.line_down + counts.line_lost,
         "refused-busy": counts.queue_full + counts.expired,
         "resting": counts.resting,
-        "reopened": line.keeper.reopened,
+        "reopened": line.reconnector.reopened,
         "silent-for": _NO_ANSWER_YET if answered_at == NEVER else int(now - answered_at),
         "name": line.name,
     }
@@ -99,7 +99,7 @@ def _line(running: Watched, line: GatewayLine, now: float) -> Values:
 def _server(server: GatewayServer) -> Values:
     counts = server.driver.session.counts
     return {
-        "state": _state(server.keeper),
+        "state": _state(server.reconnector),
         "requests": counts.requests,
         "responses": counts.responses,
         "name": server.name,
@@ -109,27 +109,27 @@ def _server(server: GatewayServer) -> Values:
 def _upstream(upstream: GatewayUpstream, now: float) -> Values:
     counts = _total(_counts(upstream))
     return {
-        "state": _state(upstream.keeper),
+        "state": _state(upstream.reconnector),
         "waiting": upstream.driver.upstream.waiting,
         "units": len(upstream.devices),
         "units-failing": len(_failing(upstream, now)),
         "answered": _answered(counts),
         "exceptions": counts.exception,
         "timeouts": counts.timeout,
-        "reopened": upstream.keeper.reopened,
+        "reopened": upstream.reconnector.reopened,
         "name": upstream.name,
     }
 
 
-def _state(keeper: Keeper) -> int:
-    if not keeper.tried.is_set():
+def _state(reconnector: Reconnector) -> int:
+    if not reconnector.tried.is_set():
         return _NOT_TRIED
-    return _UP if keeper.error is None else _DOWN
+    return _UP if reconnector.error is None else _DOWN
 
 
 def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
     """The units that did not answer when they were asked last."""
-    return [unit for unit, device in owner.devices.items() if device.breaker.failures or device.breaker.rests(now)]
+    return [unit for unit, device in owner.devices.items() if device.breaker.failures or device.breaker.is_resting(now)]
 
 
 def _counts(upstream: GatewayUpstream) -> list[UnitCounts]:

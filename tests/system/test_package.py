@@ -50,7 +50,8 @@ def declared() -> list[Requirement]:
 def pinned() -> dict[str, str]:
     """The version of each library that is packed."""
     text = (DEPLOY / "requirements.txt").read_text(encoding="utf-8")
-    return dict(re.findall(r"^([\w-]+)==(\S+)", text, re.MULTILINE))
+    found = re.findall(r"^([\w-]+)==(\S+)", text, re.MULTILINE)
+    return {canonicalize_name(name): version for name, version in found}
 
 
 def asked_for(library: str) -> set[str]:
@@ -80,7 +81,7 @@ def test_the_gateway_imports_the_libraries_that_it_asks_for():
         "pydantic_core": ["pydantic"]
     }  # a part of it, of a version of its own
     used = {canonicalize_name(library) for module in imported() for library in of_module[module]}
-    assert {one.name for one in declared()} == used
+    assert {canonicalize_name(one.name) for one in declared()} == used
 
 
 def test_the_libraries_that_run_the_gateway_are_packed_and_no_others():
@@ -88,7 +89,7 @@ def test_the_libraries_that_run_the_gateway_are_packed_and_no_others():
 
 
 def test_they_are_of_versions_that_the_gateway_asks_for():
-    assert [one for one in declared() if pinned()[one.name] not in one.specifier] == []
+    assert [one for one in declared() if pinned()[canonicalize_name(one.name)] not in one.specifier] == []
 
 
 @pytest.mark.parametrize("builder", ["build-deb", "Dockerfile", "Dockerfile.dockerignore"])
