@@ -56,8 +56,8 @@ def build_compiled_wheels(shop: Workshop) -> None:
 
 def build_debs(shop: Workshop) -> None:
     """Build a Debian package for each kind of machine, with what was compiled for it."""
-    if not shutil.which("dh") or not shutil.which("help2man"):
-        shop.missing.append("the Debian packages: apt install debhelper help2man python3-pip")
+    if not shutil.which("dh"):
+        shop.missing.append("the Debian packages: apt install debhelper python3-pip")
         return
     for machine, architecture in MACHINES.items():
         run(shop.source / "deploy/build-deb", architecture, *compiled_wheels(shop.dist, machine=machine))

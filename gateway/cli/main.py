@@ -12,12 +12,13 @@ module's name. Errors for the user are raised as a GatewayError, whose text is c
 import argparse
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib import import_module
 from keyword import iskeyword
 from typing import Any, Final
 
 from gateway import __version__
+from gateway.cli.examples import examples_text
 from gateway.errors import GatewayError
 
 FINE: Final = 0
@@ -43,6 +44,7 @@ VERBS: Final[Mapping[str, str]] = {
     "ports": "list the serial ports of this machine",
     "simulate": "run simulated devices on a virtual serial port",
     "import": "turn the config of another program into one for the gateway",
+    "completion": "print a script that completes commands in a shell",
 }
 
 
@@ -73,19 +75,37 @@ def module_of(verb: str) -> Any:
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for these words; only the verb among them gets its arguments."""
+    """The parser for these words: only the verb among them knows its arguments."""
+    wanted = next((word for word in words if not word.startswith("-")), None)
+    parser, _ = _parsers([] if wanted is None else [wanted])
+    return parser
+
+
+def parser_of_all() -> Mapping[str, argparse.ArgumentParser]:
+    """The parsers of all verbs, each with its arguments."""
+    _, parsers = _parsers(VERBS)
+    return parsers
+
+
+def _parsers(known: Collection[str]) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """The whole parser and that of each verb; those that are `known` have their arguments."""
     parser = argparse.ArgumentParser(
         prog="modbus-gateway",
         description="Modbus gateway: TCP, UDP and serial clients on one side, serial lines on the other.",
     )
     parser.add_argument("--version", action="version", version=f"modbus-gateway {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
-    wanted = next((word for word in words if not word.startswith("-")), None)
     for verb, summary in VERBS.items():
-        verb_parser = verbs.add_parser(verb, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
-        if verb == wanted:
+        verb_parser = verbs.add_parser(
+            verb,
+            help=summary,
+            description=f"{summary[0].upper()}{summary[1:]}.",
+            epilog=examples_text(verb),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        if verb in known:
             module_of(verb).add_arguments(verb_parser)
-    return parser
+    return parser, verbs.choices
 
 
 if __name__ == "__main__":

@@ -169,7 +169,12 @@ def test_the_package_admits_the_pythons_for_which_it_has_libraries():
 
 
 def test_completion_knows_every_verb():
-    assert set(completed("")) == set(VERBS)
+    assert set(completed("")) == {*VERBS, "--help", "--version"}
+
+
+def test_completion_knows_the_values_of_an_option_and_of_a_word():
+    assert completed("profile", "--mode", "a") == ["ascii"]
+    assert completed("import", "") == ["mbusd", "modbus-proxy"]
 
 
 def test_completion_knows_the_options_of_a_verb():

@@ -1,0 +1,58 @@
+"""An example or more of each command, for its `--help` and for the manual page: what to type, and what it does."""
+
+from collections.abc import Mapping
+from typing import Final
+
+EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "demo": (
+        ("demo", "simulated devices and a gateway, until Ctrl-C"),
+        ("demo --once", "ask each device once, and check each answer"),
+    ),
+    "run": (("run gateway.toml", "log on standard error, until Ctrl-C"),),
+    "check": (
+        ("check gateway.toml", "what is wrong, what each unit is, how long clients may wait"),
+        ("check --json", "the config of the service, for a script"),
+    ),
+    "reload": (("reload", "take up changes of the config; connections stay open"),),
+    "status": (
+        ("status", "lines, units and clients at the moment"),
+        ("status -w", "the same, every second"),
+    ),
+    "read": (
+        ("read silo-1", "all points of a device"),
+        ("read 46 holding 107-109", "registers 40108 to 40110 of unit 46: addresses count from 0"),
+        ("read 1 holding 0 float32 --port /dev/ttyUSB0 --baud 9600", "ask a device on a port without a gateway"),
+    ),
+    "write": (
+        ("write press register-40136 926 --show", "write a point, and show the old value and the new one"),
+        ("write 17 coils 172 on", "switch a coil"),
+    ),
+    "scan": (("scan hall-a", "ask which units are on a line, in its idle time"),),
+    "trace": (("trace hall-a --since 5min", "the frames of the last five minutes"),),
+    "calibrate": (("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),),
+    "doctor": (("doctor hall-a", "what is wrong with a line, and what mends it"),),
+    "bench": (
+        ("bench hall-a", "read all units of a line in turn for a minute"),
+        ("bench hall-a --unit silo-1 --items 20 --for 10s", "20 registers of one unit, for ten seconds"),
+    ),
+    "profile": (
+        ("profile", "the kinds of devices that are known"),
+        ("profile mint --baud 9600", "what one accepts, and its time limits at this rate"),
+    ),
+    "ports": (("ports", "serial ports, and the path of each for the config"),),
+    "simulate": (
+        ("simulate weigher:1 v80:6 --port /tmp/hall", "two devices on a virtual serial port"),
+        ("simulate mint:1-3 --port /tmp/axes --noise 5%", "three devices; some responses are damaged"),
+    ),
+    "import": (
+        ("import mbusd /etc/mbusd/*.conf", "a config for all ports that mbusd serves"),
+        ("import modbus-proxy modbus-proxy.yml", "a config with the same devices"),
+    ),
+    "completion": (("completion bash > ~/.local/share/bash-completion/completions/modbus-gateway", "for one user"),),
+}
+
+
+def examples_text(verb: str) -> str:
+    """The examples of a command as its `--help` shows them; empty if there are none."""
+    lines = [f"  modbus-gateway {words}\n      {what}" for words, what in EXAMPLES.get(verb, ())]
+    return "\n".join([f"example{'' if len(lines) == 1 else 's'}:", *lines]) if lines else ""
