@@ -7,8 +7,8 @@ A device that answers in the largest form that its request allows is assumed, an
 
 from dataclasses import dataclass
 
-from gateway.modbus.chartime import LineTiming
 from gateway.modbus.pdu import RequestPdu
+from gateway.timing.characters import LineTiming
 from gateway.timing.table import TimingTable
 
 

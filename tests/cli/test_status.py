@@ -299,7 +299,7 @@ USER = LineUserStatus("10.2.0.7", 1, "silo", 3, 0.6214, 10.5)
 
 def test_who_takes_a_line_up_is_shown():
     users = (USER, replace(USER, client="control", share=0.01), USER, replace(USER, client="left out"))
-    said = picture(told(replace(STATUS, lines=(replace(LINE, users=users),))))
+    said = show_status(told(replace(STATUS, lines=(replace(LINE, users=users),))))
     assert "Users of the lines (of the last minute)\n" in said
     assert "  LINE    CLIENT    UNIT  DEVICE  FUNCTION  SHARE   REQ/S\n" in said
     assert "  hall-a  10.2.0.7  1     silo    3         62.1 %  10.5\n" in said
@@ -308,5 +308,5 @@ def test_who_takes_a_line_up_is_shown():
 
 def test_a_line_that_is_full_says_by_whom():
     full = replace(LINE, busy_share=0.95, users=(USER,))
-    said = " ".join(picture(told(replace(STATUS, lines=(full,)))).split())
+    said = " ".join(show_status(told(replace(STATUS, lines=(full,)))).split())
     assert "busy for 95% of the time (62% by 10.2.0.7: unit 1, function 3): poll less often" in said

@@ -9,7 +9,7 @@ from gateway.images.self_map import FRESHNESS
 from gateway.service.operator import ask, picture
 from gateway.service.self_state import show_itself
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
 [self]
@@ -40,80 +40,85 @@ READ = "03 00 00 00 01"
 UP, DOWN = 1, 2
 
 
-def show(home: House) -> None:
+def show(bench: GatewayBench) -> None:
     """As a gateway that runs does."""
-    show_itself(SimpleNamespace(gateway=home.gateway, recent=home.recent, started=0.0, reload_succeeded=True))
+    show_itself(SimpleNamespace(gateway=bench.gateway, recent=bench.recent, started=0.0, reload_succeeded=True))
 
 
-async def registers(home: House, start: int, count: int, function: int = 3) -> list[int]:
+async def registers(bench: GatewayBench, start: int, count: int, function: int = 3) -> list[int]:
     await asyncio.sleep(2 * FRESHNESS)
     pdu = f"{function:02X} {start:04X} {count:04X}"
-    data = bytes.fromhex((await ask(home.gateway, {"unit": 246, "pdu": pdu}, lambda: True))["pdu"])[2:]
+    data = bytes.fromhex((await ask(bench.gateway, {"unit": 246, "pdu": pdu}, lambda: True))["pdu"])[2:]
     return [int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data), 2)]
 
 
-async def value(home: House, name: str) -> int:
+async def value(bench: GatewayBench, name: str) -> int:
     """A value by its name."""
-    point = next(one for one in picture(home.gateway, 246).points if one.name == name)
-    found = await registers(home, point.address, point.count)
+    point = next(one for one in picture(bench.gateway, 246).points if one.name == name)
+    found = await registers(bench, point.address, point.count)
     return int.from_bytes(b"".join(each.to_bytes(2, "big") for each in found), "big")
 
 
 @pytest.fixture
-async def home():
-    async with house(CONFIG) as home:
-        home.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1)))
-        show(home)
-        yield home
+async def bench():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1)))
+        show(bench)
+        yield bench
 
 
-async def test_the_states_of_all_lines_are_side_by_side(home):
-    assert await registers(home, 100, 4) == [UP, UP, 0, 0]
-    home.lines["hall-b"].pull()
-    assert await registers(home, 100, 4) == [UP, DOWN, 0, 0]
-    assert await registers(home, 100, 4, function=4) == [UP, DOWN, 0, 0]
-    assert await registers(home, 200, 2) == [UP, 0]
-    assert [await value(home, name) for name in ("trouble", "lines", "lines-down", "hall-b.state")] == [1, 2, 1, DOWN]
+async def test_the_states_of_all_lines_are_side_by_side(bench):
+    assert await registers(bench, 100, 4) == [UP, UP, 0, 0]
+    bench.lines["hall-b"].pull()
+    assert await registers(bench, 100, 4) == [UP, DOWN, 0, 0]
+    assert await registers(bench, 100, 4, function=4) == [UP, DOWN, 0, 0]
+    assert await registers(bench, 200, 2) == [UP, 0]
+    assert [await value(bench, name) for name in ("trouble", "lines", "lines-down", "hall-b.state")] == [
+        1,
+        2,
+        1,
+        DOWN,
+    ]
 
 
-async def test_a_line_says_its_name_and_what_happened_to_its_requests(home):
-    client = home.client()
+async def test_a_line_says_its_name_and_what_happened_to_its_requests(bench):
+    client = bench.client()
     for unit in (41, 41, 47):
         await client.asks(unit, READ)
-    assert await value(home, "hall-a.answered") == 2
-    assert await value(home, "hall-a.timeouts") == 1
-    assert await value(home, "hall-a.units-failing") == 1
-    name = await registers(home, 1030, 4)
+    assert await value(bench, "hall-a.answered") == 2
+    assert await value(bench, "hall-a.timeouts") == 1
+    assert await value(bench, "hall-a.units-failing") == 1
+    name = await registers(bench, 1030, 4)
     assert b"".join(each.to_bytes(2, "big") for each in name) == b"hall-a\0\0"
-    assert await value(home, "answered") == 2
-    assert await value(home, "failed") == 1
+    assert await value(bench, "answered") == 2
+    assert await value(bench, "failed") == 1
 
 
-async def test_units_that_do_not_answer_have_a_bit(home):
-    assert await registers(home, 80, 16) == [0] * 16
-    await home.client().asks(47, READ)
-    assert await registers(home, 80, 16) == [0, 0, 1 << 15, *[0] * 13]
+async def test_units_that_do_not_answer_have_a_bit(bench):
+    assert await registers(bench, 80, 16) == [0] * 16
+    await bench.client().asks(47, READ)
+    assert await registers(bench, 80, 16) == [0, 0, 1 << 15, *[0] * 13]
 
 
-async def test_the_uptime_counts(home):
-    before = await value(home, "uptime")
+async def test_the_uptime_counts(bench):
+    before = await value(bench, "uptime")
     await asyncio.sleep(100)
-    assert await value(home, "uptime") - before == 100
+    assert await value(bench, "uptime") - before == 100
 
 
-async def test_places_of_no_line_are_there_and_empty(home):
-    assert await registers(home, 1100, 50) == [0] * 50
-    assert await home.client().asks(246, "03 01 90 00 01") == "83 02"
+async def test_places_of_no_line_are_there_and_empty(bench):
+    assert await registers(bench, 1100, 50) == [0] * 50
+    assert await bench.client().asks(246, "03 01 90 00 01") == "83 02"
 
 
 @pytest.mark.parametrize("pdu", ["06 00 00 00 01", "10 00 00 00 01 02 00 01", "05 00 00 FF 00", "01 00 00 00 01"])
-async def test_nobody_can_write_it(home, pdu):
+async def test_nobody_can_write_it(bench, pdu):
     refused = f"{int(pdu[:2], 16) | 0x80:02X} 01"
-    assert await home.client().asks(246, pdu) == refused
+    assert await bench.client().asks(246, pdu) == refused
 
 
-async def test_function_08_counts_what_happens_on_the_lines(home):
-    client = home.client()
+async def test_function_08_counts_what_happens_on_the_lines(bench):
+    client = bench.client()
     await client.asks(41, READ)
     await client.asks(47, READ)
     await asyncio.sleep(2 * FRESHNESS)
@@ -121,36 +126,36 @@ async def test_function_08_counts_what_happens_on_the_lines(home):
     assert await client.asks(246, "08 00 0F 00 00") == "08 00 0F 00 01"
     assert await client.asks(246, "08 00 0A 00 00") == "08 00 0A 00 00"
     assert await client.asks(246, "08 00 0F 00 00") == "08 00 0F 00 00"
-    assert await value(home, "hall-a.timeouts") == 1
+    assert await value(bench, "hall-a.timeouts") == 1
 
 
-async def test_it_says_who_it_is(home):
-    answer = bytes.fromhex(await home.client().asks(246, "2B 0E 01 00"))
+async def test_it_says_who_it_is(bench):
+    answer = bytes.fromhex(await bench.client().asks(246, "2B 0E 01 00"))
     assert b"modbus-gateway" in answer
     assert b"gateway" in answer[20:]
 
 
-async def test_values_are_looked_up_once_in_a_while_however_often_it_is_asked(home):
-    (image,) = home.gateway.images
+async def test_values_are_looked_up_once_in_a_while_however_often_it_is_asked(bench):
+    (image,) = bench.gateway.images
     looks, look = [], image.look
     image.look = lambda now: looks.append(now) or look(now)
-    client = home.client()
+    client = bench.client()
     for _ in range(50):
         await client.asks(246, READ)
     assert len(looks) == 1
 
 
-async def test_lines_that_go_leave_an_empty_place(home):
-    (image,) = home.gateway.images
-    assert await value(home, "hall-b.state") == UP
+async def test_lines_that_go_leave_an_empty_place(bench):
+    (image,) = bench.gateway.images
+    assert await value(bench, "hall-b.state") == UP
     shown = image.look(0.0)
     image.look = lambda now: shown._replace(parts={"Lines": shown.parts["Lines"][:1]})
-    assert await registers(home, 100, 2) == [UP, 0]
-    assert await registers(home, 1050, 50) == [0] * 50
-    assert await registers(home, 200, 2) == [0, 0]
+    assert await registers(bench, 100, 2) == [UP, 0]
+    assert await registers(bench, 1050, 50) == [0] * 50
+    assert await registers(bench, 200, 2) == [0, 0]
 
 
 async def test_rights_hold_as_for_any_unit():
-    async with house(CONFIG + '[[access]]\nunits = 41\nallow = ["read"]\n') as home:
-        show(home)
-        assert await home.client().asks(246, READ) == "83 01"
+    async with gateway_bench(CONFIG + '[[access]]\nunits = 41\nallow = ["read"]\n') as bench:
+        show(bench)
+        assert await bench.client().asks(246, READ) == "83 01"

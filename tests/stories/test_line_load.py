@@ -10,7 +10,7 @@ from gateway.service.bench import bench
 from gateway.service.status import status
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint
-from kit.house import House, house
+from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.paced import attach_paced
 
 #: How far a measured minute may be from the forecast.
@@ -49,28 +49,28 @@ stale = "1 s"
 """
 
 
-def mints(home: House, baud: int) -> None:
-    attach_paced(home.lines["hall"], "ascii", baud, Mint(1), Mint(2))
+def mints(running: GatewayBench, baud: int) -> None:
+    attach_paced(running.lines["hall"], "ascii", baud, Mint(1), Mint(2))
 
 
-def meters(home: House, baud: int) -> None:
-    attach_paced(home.lines["hall"], "rtu", baud, *(Generic(unit) for unit in (1, 2, 3)))
+def meters(running: GatewayBench, baud: int) -> None:
+    attach_paced(running.lines["hall"], "rtu", baud, *(Generic(unit) for unit in (1, 2, 3)))
 
 
 def config_of_meters(baud: int) -> str:
     return METERS.format(baud=baud, time=ANSWERS_IN[baud])
 
 
-async def measured(home: House, **question):
-    return await bench(home.gateway, {"line": "hall", **question}, lambda: True)
+async def measured(running: GatewayBench, **question):
+    return await bench(running.gateway, {"line": "hall", **question}, lambda: True)
 
 
 @pytest.mark.parametrize("items", [1, 10, 99])
 @pytest.mark.parametrize("baud", [9600, 19200, 115200])
 async def test_an_ascii_line_carries_as_many_reads_in_a_minute_as_foretold(baud, items):
-    async with house(MINTS.format(baud=baud)) as home:
-        mints(home, baud)
-        result = await measured(home, items=items)
+    async with gateway_bench(MINTS.format(baud=baud)) as running:
+        mints(running, baud)
+        result = await measured(running, items=items)
     assert (result.exceptions, result.failed, result.others) == (0, 0, 0)
     assert result.measured_per_second == pytest.approx(result.expected_per_second, rel=CLOSE)
     assert result.busy_share > 0.97
@@ -79,32 +79,32 @@ async def test_an_ascii_line_carries_as_many_reads_in_a_minute_as_foretold(baud,
 @pytest.mark.parametrize("items", [1, 10, 100])
 @pytest.mark.parametrize("baud", [9600, 19200, 115200])
 async def test_an_rtu_line_carries_as_many_reads_in_a_minute_as_foretold(baud, items):
-    async with house(config_of_meters(baud)) as home:
-        meters(home, baud)
-        result = await measured(home, items=items)
+    async with gateway_bench(config_of_meters(baud)) as running:
+        meters(running, baud)
+        result = await measured(running, items=items)
     assert (result.exceptions, result.failed, len(result.reads)) == (0, 0, 3)
     assert result.measured_per_second == pytest.approx(result.expected_per_second, rel=CLOSE)
 
 
 async def test_the_rates_that_check_shows_are_those_of_bench():
-    async with house(config_of_meters(19200)) as home:
-        meters(home, 19200)
-        line = home.gateway.plan.lines[0]
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
+        line = running.gateway.plan.lines[0]
         rate = next(one for one in read_rates(line, line.devices[0]) if one.items == 10)
-        alone = await measured(home, unit="meter-1")
-        in_turn = await measured(home)
+        alone = await measured(running, unit="meter-1")
+        in_turn = await measured(running)
     assert alone.measured_per_second == pytest.approx(rate.alone, rel=CLOSE)
     assert in_turn.measured_per_second / 3 == pytest.approx(rate.in_turn, rel=CLOSE)
 
 
 async def test_a_line_is_busy_with_its_polls_as_foretold():
-    async with house(config_of_meters(9600) + MIRROR) as home:
-        meters(home, 9600)
-        plan, loop = home.gateway.plan, asyncio.get_running_loop()
-        for mirror in home.gateway.mirrors:
+    async with gateway_bench(config_of_meters(9600) + MIRROR) as running:
+        meters(running, 9600)
+        plan, loop = running.gateway.plan, asyncio.get_running_loop()
+        for mirror in running.gateway.mirrors:
             mirror.start()
         await asyncio.sleep(5.0)
-        spent, began = home.gateway.lines[0].driver.line.spent, loop.time()
+        spent, began = running.gateway.lines[0].driver.line.spent, loop.time()
         before = spent.phases().busy
         await asyncio.sleep(60.0)
         share = (spent.phases().busy - before) / (loop.time() - began)
@@ -112,9 +112,9 @@ async def test_a_line_is_busy_with_its_polls_as_foretold():
 
 
 async def test_other_clients_of_the_line_are_told():
-    async with house(config_of_meters(19200)) as home:
-        meters(home, 19200)
-        client = home.client()
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
+        client = running.client()
 
         async def ask() -> None:
             for _ in range(20):
@@ -122,18 +122,18 @@ async def test_other_clients_of_the_line_are_told():
                 await asyncio.sleep(0.1)
 
         asking = asyncio.create_task(ask(), name="client")
-        result = await measured(home, seconds=5)
+        result = await measured(running, seconds=5)
         await asking
     assert result.others == 20
     assert result.failed == 0
 
 
 async def test_who_takes_the_line_up_is_shown():
-    async with house(config_of_meters(19200)) as home:
-        meters(home, 19200)
-        await measured(home, seconds=10, unit=2)
-        await home.client(host="10.0.0.9").asks(3, "03 00 00 00 01")
-        line = status(home.gateway, asyncio.get_running_loop().time(), home.recent).lines[0]
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
+        await measured(running, seconds=10, unit=2)
+        await running.client(host="10.0.0.9").asks(3, "03 00 00 00 01")
+        line = status(running.gateway, asyncio.get_running_loop().time(), running.recent).lines[0]
     first, second = line.users
     assert (first.client, first.on_the_wire, first.device, first.function) == ("control", 2, "meter-2", 3)
     assert (second.client, second.on_the_wire, second.function) == ("10.0.0.9", 3, 3)
@@ -141,18 +141,18 @@ async def test_who_takes_the_line_up_is_shown():
 
 
 async def test_a_measurement_ends_when_whoever_asks_has_left():
-    async with house(config_of_meters(19200)) as home:
-        meters(home, 19200)
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
         loop = asyncio.get_running_loop()
         began = loop.time()
-        await bench(home.gateway, {"line": "hall"}, lambda: loop.time() < began + 2)
+        await bench(running.gateway, {"line": "hall"}, lambda: loop.time() < began + 2)
         assert loop.time() < began + 3
 
 
 async def test_a_line_that_is_down_is_not_asked_all_the_time():
-    async with house(config_of_meters(19200)) as home:
-        home.lines["hall"].pull()
-        result = await measured(home, seconds=5)
+    async with gateway_bench(config_of_meters(19200)) as running:
+        running.lines["hall"].pull()
+        result = await measured(running, seconds=5)
     assert result.failed <= 102
     assert (result.answered, result.last_failure) == (0, "line_down")
 
@@ -167,7 +167,7 @@ async def test_a_line_that_is_down_is_not_asked_all_the_time():
     ],
 )
 async def test_what_cannot_be_measured_is_said(question, said):
-    async with house(config_of_meters(19200)) as home:
+    async with gateway_bench(config_of_meters(19200)) as running:
         with pytest.raises(WrongQuestion) as wrong:
-            await bench(home.gateway, question, lambda: True)
+            await bench(running.gateway, question, lambda: True)
     assert str(wrong.value) == said

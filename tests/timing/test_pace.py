@@ -2,8 +2,8 @@
 
 import pytest
 
-from gateway.modbus.chartime import CharacterFormat, LineTiming
 from gateway.modbus.pdu import parse_request
+from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.pace import Pace
 from gateway.timing.table import Point, TimingTable
 
