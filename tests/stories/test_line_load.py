@@ -140,6 +140,22 @@ async def test_who_takes_the_line_up_is_shown():
     assert first.share == pytest.approx(line.busy_share, rel=0.05)
 
 
+async def test_who_took_the_line_up_is_known_for_a_minute():
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
+        line = running.gateway.lines[0]
+        sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="samples")
+        await asyncio.sleep(120.0)
+        result = await measured(running, seconds=30, unit=1)
+        now = asyncio.get_running_loop().time
+        (user,) = running.recent.users(line, now())
+        assert user.per_second * 60 == pytest.approx(result.answered, rel=0.1)
+        assert user.share == pytest.approx(0.5, rel=0.1)
+        await asyncio.sleep(90.0)
+        assert running.recent.users(line, now()) == []
+        sampling.cancel()
+
+
 async def test_a_measurement_ends_when_whoever_asks_has_left():
     async with gateway_bench(config_of_meters(19200)) as running:
         meters(running, 19200)
