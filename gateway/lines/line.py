@@ -42,7 +42,6 @@ from gateway.lines.scheduler import Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
-from gateway.lines.usage import Usage
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
@@ -69,7 +68,6 @@ class Line:
         #: Bytes on the idle line, how the line's time was used, and by whom.
         self.unasked_bytes = 0
         self.spent = TimeSpent()
-        self.usage = Usage()
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit)
         recorder = Recorder(settings.name, ring or Ring())
@@ -487,7 +485,7 @@ class Line:
         """The line was taken until then by whoever asked first for this."""
         origin = transaction.requests[0].origin
         client = origin.host or origin.client
-        self.usage.add(client, transaction.unit, transaction.asked.function, until - transaction.sent_at)
+        self.spent.usage.add(client, transaction.unit, transaction.asked.function, until - transaction.sent_at)
 
     def __repr__(self) -> str:
         current = f" {self._current!r}" if self._current else ""

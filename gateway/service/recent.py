@@ -5,9 +5,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
-from gateway.lines.usage import Use, User
 from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine
+from gateway.timing.usage import Use, User
 
 #: The time between two samples in seconds, and how many are kept: those of a minute.
 STEP: Final = 5.0
@@ -73,7 +73,7 @@ class Recent:
         elapsed = now - self._samples[first].at
         uses: dict[User, Use] = {}
         behind = list(self._samples)[first + 1 :]
-        for rows in (*(each.used.get(line, {}) for each in behind), line.driver.line.usage.look()):
+        for rows in (*(each.used.get(line, {}) for each in behind), line.driver.line.spent.usage.look()):
             for user, use in rows.items():
                 uses.setdefault(user, Use()).add(use.seconds, use.transactions)
         users = [LineUser(user, use.seconds / elapsed, use.transactions / elapsed) for user, use in uses.items()]
@@ -92,7 +92,7 @@ def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
         lag,
         {line: _busy(line, now) for line in lines},
         {line: _sent(line) for line in lines},
-        {line: line.driver.line.usage.take() for line in lines},
+        {line: line.driver.line.spent.usage.take() for line in lines},
     )
 
 

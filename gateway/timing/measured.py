@@ -6,6 +6,7 @@ from typing import Final
 
 from gateway.timing.characters import LineTiming
 from gateway.timing.histogram import SECONDS, SHARES, Histogram
+from gateway.timing.usage import Usage
 
 #: `answered_at` before the first response.
 NEVER: Final = -inf
@@ -55,15 +56,16 @@ class Phases:
 
 
 class TimeSpent:
-    """Adds up how a line's time is used. Plain numbers, because it is on the request path."""
+    """Adds up how a line's time is used, and by whom. Plain numbers, because it is on the request path."""
 
-    __slots__ = ("_around", "_byte", "gap", "request", "response", "wait")
+    __slots__ = ("_around", "_byte", "gap", "request", "response", "usage", "wait")
 
     def __init__(self) -> None:
         self.request = 0.0
         self.wait = 0.0
         self.response = 0.0
         self.gap = 0.0
+        self.usage = Usage()
         self._around = 0.0
         self._byte = 0.0
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.lines.usage import MOST_ROWS, OTHERS, Usage
+from gateway.timing.usage import MOST_ROWS, OTHERS, Usage
 from kit.asker import Asker
 from kit.line_bench import REQUEST_TIME, SETTINGS, Bench
 
@@ -38,7 +38,7 @@ def test_a_transaction_takes_its_line_until_the_next_one_may_be_sent():
     bench.ask()
     bench.pass_time(REQUEST_TIME + 0.02)
     bench.respond()
-    ((user, use),) = bench.line.usage.look().items()
+    ((user, use),) = bench.line.spent.usage.look().items()
     assert user == ("127.0.0.1", 1, 3)
     assert use.seconds == pytest.approx(REQUEST_TIME + 0.02 + SETTINGS.silence_before_request)
 
@@ -46,6 +46,6 @@ def test_a_transaction_takes_its_line_until_the_next_one_may_be_sent():
 def test_a_client_without_an_address_goes_by_its_name_and_a_broadcast_takes_its_turnaround():
     bench = Bench()
     bench.broadcast("06 00 01 00 05", Asker("control", host=""))
-    ((user, use),) = bench.line.usage.look().items()
+    ((user, use),) = bench.line.spent.usage.look().items()
     assert user == ("control", 0, 6)
     assert use.seconds == pytest.approx(REQUEST_TIME + SETTINGS.turnaround)
