@@ -584,3 +584,8 @@ def test_a_file_that_the_service_may_not_read_is_a_warning(config, capsys, monke
 )
 def test_the_longest_wait_is_never_shown_too_short(seconds, shown):
     assert _round_up(seconds) == shown
+
+
+def test_the_unit_of_the_gateway_itself_is_shown(config, capsys):
+    assert main(["check", config(FILE + "\n[self]\nunit = 246\n")]) == 0
+    assert " 246 gateway self never registers of the gateway itself" in " ".join(capsys.readouterr().out.split())

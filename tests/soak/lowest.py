@@ -30,7 +30,8 @@ def lowest(text: str) -> str:
 def main(tests: list[str]) -> int:
     """Install them, and run the tests; pytest's exit code."""
     project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = [lowest(each) for each in (*project["dependencies"], *project["optional-dependencies"]["web"])]
+    extras = (each for texts in project["optional-dependencies"].values() for each in texts)
+    wanted = [lowest(each) for each in (*project["dependencies"], *extras)]
     print("with", *wanted, flush=True)
     with tempfile.TemporaryDirectory(prefix="lowest.") as folder:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
