@@ -8,10 +8,10 @@ from gateway.events import Emit, discard_event
 from gateway.images.diagnostics import Diagnostics
 from gateway.images.image import Image, ImageSettings
 from gateway.images.self_map import FRESHNESS, PROFILE, RANGES, Shown, registers
-from gateway.trace.ring import Ring
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.request import Request
+from gateway.trace.ring import Ring
 
 #: What function 43 calls it.
 PRODUCT: Final = "gateway"
