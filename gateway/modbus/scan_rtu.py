@@ -106,9 +106,7 @@ class RtuScanner(Scanner):
         come, expected = self._coming[self._echo_size :], self._expected
         if expected is None or not come:
             return 0
-        is_response = _can_begin(come, expected.head)
-        is_exception = _can_begin(come, expected.exception_head)
-        return (_EXCEPTION_ADU if is_exception else self._size) - len(come) if is_response or is_exception else 0
+        return (_EXCEPTION_ADU if _can_begin(come, expected.exception_head) else self._size) - len(come)
 
     def deadline(self, expected: Expected) -> float | None:
         """See `Scanner`. A response that tells its size may have begun in noise: frames after that count too."""

@@ -1,0 +1,221 @@
+"""What an RTU scanner remembers from one chunk to the next, and what it says of the bytes that are still to come."""
+
+import pytest
+
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import exception_response, parse_request
+from gateway.modbus.rtu import encode
+from gateway.modbus.scan import NEVER, Expected
+from gateway.modbus.scan_rtu import HOLE, RtuScanner
+
+SILENCE = 0.002
+READ = bytes.fromhex("03 00 10 00 0A")
+ANSWER = bytes.fromhex("03 14") + bytes(range(1, 21))
+RESPONSE = encode(1, ANSWER)
+REQUEST = encode(1, READ)
+OTHERS = encode(2, bytes.fromhex("03 02 12 34"))
+#: Of an unknown function: silence ends its response.
+OWN = bytes.fromhex("41 01")
+OWN_RESPONSE = encode(1, bytes.fromhex("41 02 03"))
+
+
+def scanning(pdu: bytes = READ, *, unit: int | None = 1, echoes: bool = False) -> tuple[RtuScanner, Expected]:
+    scanner = RtuScanner(SILENCE)
+    expected = Expected(unit, parse_request(pdu))
+    scanner.expect(expected, encode(1, pdu), echoes=echoes)
+    return scanner, expected
+
+
+def places(tokens: list) -> list[tuple[int, int, float, Frame]]:
+    return [(token.start, token.end, token.at, token.frame) for token in tokens]
+
+
+# --- how much is missing ---
+
+
+@pytest.mark.parametrize(("come", "missing"), [(1, 5 - 1), (2, 25 - 2), (24, 1)])
+def test_of_the_response_as_much_as_its_request_says(come: int, missing: int) -> None:
+    scanner, _ = scanning()
+    scanner.received(RESPONSE[:come], 1.0)
+    assert scanner.missing == missing
+
+
+def test_of_an_exception_as_much_as_of_any() -> None:
+    scanner, _ = scanning()
+    scanner.received(encode(1, exception_response(3, 2))[:3], 1.0)
+    assert scanner.missing == 2
+
+
+def test_behind_the_echo_only_the_response_counts() -> None:
+    scanner, _ = scanning(echoes=True)
+    scanner.received(REQUEST[:5], 1.0)
+    assert scanner.missing == 0
+    scanner.received(REQUEST[5:] + RESPONSE[:3], 1.0)
+    assert scanner.missing == len(RESPONSE) - 3
+    (token,) = scanner.received(RESPONSE[3:], 1.1)
+    assert (token.start, token.frame) == (len(REQUEST), (1, ANSWER))
+
+
+def test_behind_early_bytes_only_what_follows_counts() -> None:
+    scanner, expected = scanning()
+    assert places(scanner.received(REQUEST, 1.0, early=True)) == [(0, 8, 1.0, (1, READ))]
+    assert expected.since == len(REQUEST)
+    scanner.received(RESPONSE[:3], 1.1)
+    assert scanner.missing == len(RESPONSE) - 3
+
+
+@pytest.mark.parametrize("unit", [1, 3])
+def test_whoever_may_respond_may_send_an_exception(unit: int) -> None:
+    """A unit identifier that looks like the function is no reason to wait longer."""
+    scanner, _ = scanning(unit=None)
+    scanner.received(encode(unit, ANSWER)[:2], 1.0)
+    assert scanner.missing == 0
+
+
+def test_nothing_when_other_bytes_came() -> None:
+    scanner, _ = scanning()
+    scanner.received(OTHERS[:3], 1.0)
+    assert scanner.missing == 0
+
+
+def test_nothing_of_a_request_that_is_over() -> None:
+    scanner, _ = scanning()
+    scanner.received(RESPONSE[:3], 1.0)
+    scanner.end()
+    assert scanner.missing == 0
+
+
+# --- what silence ends ---
+
+
+def test_silence_has_nothing_to_end_before_a_response_of_unknown_size_has_begun() -> None:
+    scanner, expected = scanning(OWN)
+    assert scanner.deadline(expected) is None
+    scanner.received(OWN_RESPONSE, 1.0)
+    assert scanner.deadline(expected) == 1.0 + SILENCE
+    assert scanner.tick(1.0 + SILENCE / 2) == []
+    assert places(scanner.tick(1.0 + SILENCE)) == [(0, 6, 1.0, (1, OWN_RESPONSE[1:-2]))]
+    assert scanner.deadline(expected) is None
+    assert scanner.tick(1.0 + 2 * SILENCE) == []
+
+
+def test_nor_of_one_that_can_begin_only_behind_what_has_come() -> None:
+    scanner, expected = scanning(OWN)
+    scanner.received(REQUEST, 1.0, early=True)
+    assert scanner.deadline(expected) is None
+
+
+def test_silence_does_not_end_a_response_of_known_size() -> None:
+    scanner, expected = scanning()
+    scanner.received(RESPONSE[:10], 1.0)
+    assert scanner.deadline(expected) is None
+    assert scanner.tick(1.0 + SILENCE) == []
+    assert scanner.missing == len(RESPONSE) - 10
+    assert places(scanner.received(RESPONSE[10:], 1.5)) == [(0, 25, 1.5, (1, ANSWER))]
+
+
+def test_a_late_response_of_unknown_size_may_come_before_the_response() -> None:
+    """Its unit is that of the response, so its first byte could be that of the response too."""
+    scanner, _ = scanning()
+    late = Expected(1, parse_request(OWN))
+    scanner.late = [late]
+    scanner.received(OWN_RESPONSE, 1.0)
+    assert scanner.deadline(late) == 1.0 + SILENCE
+    assert places(scanner.tick(1.0 + SILENCE)) == [(0, 6, 1.0, (1, OWN_RESPONSE[1:-2]))]
+    assert places(scanner.received(RESPONSE, 2.0)) == [(6, 31, 2.0, (1, ANSWER))]
+
+
+# --- what is found ---
+
+
+def test_a_frame_inside_a_response_that_was_cut_is_found_when_that_is_not_awaited_any_more() -> None:
+    scanner, _ = scanning()
+    assert scanner.received(b"\x55" + RESPONSE[:3] + OTHERS, 1.0) == []
+    assert places(scanner.end()) == [(4, 11, 1.0, (2, OTHERS[1:-2]))]
+    assert scanner.end() == []
+
+
+def test_a_response_that_only_its_request_tells_the_size_of_is_found_behind_noise() -> None:
+    """The data that 08 00 returns may have any size."""
+    pdu = bytes.fromhex("08 00 00 A5 37 01 02 03 04")
+    scanner, _ = scanning(pdu)
+    assert places(scanner.received(b"\xaa\x55" + encode(1, pdu), 1.0)) == [(2, 14, 1.0, (1, pdu))]
+
+
+def test_each_frame_has_the_time_at_which_its_last_byte_was_read() -> None:
+    """However much of it could have been the beginning of the response."""
+    scanner, _ = scanning()
+    scanner.received(RESPONSE[:9], 1.0)
+    assert places(scanner.received(RESPONSE[9:], 1.1)) == [(0, 25, 1.1, (1, ANSWER))]
+    scanner.end()
+    mine = encode(1, bytes.fromhex("04 02 12 34"))
+    scanner.expect(Expected(1, parse_request(READ)), REQUEST, echoes=False)
+    scanner.received(mine[:1], 2.0)
+    scanner.received(mine[1:] + OTHERS[:3], 2.1)
+    tokens = scanner.received(OTHERS[3:], 2.2)
+    assert places(tokens) == [(32, 39, 2.2, (2, OTHERS[1:-2]))]
+
+
+def test_bytes_that_were_taken_for_the_response_are_looked_at_again_at_their_own_times() -> None:
+    scanner, _ = scanning()
+    first = encode(1, exception_response(3, 2))
+    scanner.received(first[:2], 1.0)
+    scanner.received(first[2:4], 1.1)
+    assert scanner.received(b"\x00", 1.2) == []
+    assert places(scanner.received(OTHERS, 1.3)) == [(5, 12, 1.3, (2, OTHERS[1:-2]))]
+
+
+@pytest.mark.parametrize(("hole", "found"), [(HOLE, True), (HOLE + 0.001, False)])
+def test_on_the_idle_line_a_long_gap_parts_frames(hole: float, found: bool) -> None:
+    scanner = RtuScanner(SILENCE)
+    assert scanner.received(OTHERS[:4], 100.0) == []
+    assert bool(scanner.received(OTHERS[4:], 100.0 + hole)) == found
+
+
+def test_but_not_while_a_response_is_awaited() -> None:
+    scanner, _ = scanning()
+    scanner.received(OTHERS[:4], 100.0)
+    assert scanner.received(OTHERS[4:], 101.5)
+
+
+def test_an_echo_that_came_early_is_not_that_of_the_request() -> None:
+    scanner, expected = scanning(echoes=True)
+    scanner.received(REQUEST, 1.0, early=True)
+    assert expected.since == NEVER
+    scanner.received(REQUEST, 1.1)
+    (token,) = scanner.received(RESPONSE, 1.2)
+    assert (token.start, expected.since) == (16, 16)
+
+
+# --- damage ---
+
+
+@pytest.mark.parametrize(
+    ("data", "is_damaged"),
+    [
+        pytest.param(RESPONSE[:-1] + b"\0", True, id="wrong check sum"),
+        pytest.param(RESPONSE[:-1], False, id="too short"),
+        pytest.param(RESPONSE + b"\0", False, id="too long"),
+        pytest.param(b"\2" + RESPONSE[1:], False, id="another unit"),
+        pytest.param(encode(1, exception_response(3, 2))[:-1] + b"\0", True, id="exception"),
+        pytest.param(encode(1, exception_response(4, 2))[:-1] + b"\0", False, id="exception of another function"),
+    ],
+)
+def test_a_damaged_response_has_its_size_and_its_beginning(data: bytes, is_damaged: bool) -> None:
+    scanner, expected = scanning()
+    assert scanner.is_damaged(data, expected) == is_damaged
+
+
+def test_a_damaged_byte_is_remembered_only_for_the_frame_that_it_is_in() -> None:
+    scanner, _ = scanning()
+    (first,) = scanner.received(OTHERS, 1.0, damaged=True)
+    (second,) = scanner.received(OTHERS, 1.1)
+    assert (first.is_damaged, second.is_damaged) == (True, False)
+
+
+def test_a_response_with_a_damaged_byte_is_a_damaged_frame() -> None:
+    scanner, _ = scanning()
+    assert scanner.received(RESPONSE[:4], 1.0) == []
+    assert scanner.received(RESPONSE[4:6], 1.1, damaged=True) == []
+    (token,) = scanner.received(RESPONSE[6:], 1.2)
+    assert token.is_damaged
