@@ -243,7 +243,7 @@ class Line:
         for transaction in self._scheduler.take_underway(now):
             expected = self._receiver.expected(transaction.answers_from, transaction.asked)
             self._scheduler.await_arrived(transaction, expected, now)
-        if self._state == "renewing" and now >= self._renewed_until:
+        if self._state == "renewing":
             self.port_down(now)
         current = self._current
         if current is not None and outcome is not None:

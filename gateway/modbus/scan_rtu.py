@@ -87,7 +87,7 @@ class RtuScanner(Scanner):
         self.position += len(data)
         if self._size and not (damaged or early):
             return self._received_alone(data, now)
-        size = self._size if early else 0
+        size = self._size
         tokens = self._scan_again()
         if damaged:
             self._damage.append((self.position - len(data), self.position))

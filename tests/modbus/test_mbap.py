@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.errors import NotModbus
-from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
+from gateway.modbus.mbap import MbapFramer, TcpFrame, decode, encode
 from kit.noise import chunkings
 from kit.vectors import TRANSACTION, UNIT, exchanges, meaning
 
@@ -153,3 +153,24 @@ def test_a_strict_framer_does_not_pass_over_other_protocols() -> None:
     framer = MbapFramer(strict=True)
     with pytest.raises(NotModbus, match="a protocol identifier of 2"):
         list(framer.cut(bytes.fromhex("0001 0002 0002 11 03")))
+
+
+@pytest.mark.parametrize(
+    ("datagram", "frame"),
+    [
+        pytest.param("00 07 00 00 00 03 11 03 01", TcpFrame(7, 17, b"\x03\x01"), id="one ADU"),
+        pytest.param("00 07 00 00 00 02 11 03", TcpFrame(7, 17, b"\x03"), id="the shortest"),
+        pytest.param("00 07 00 01 00 03 11 03 01", None, id="another protocol"),
+        pytest.param("00 07 00 00 00 03 11 03", None, id="cut"),
+        pytest.param("00 07 00 00 00 03 11 03 01 00", None, id="more than one ADU"),
+        pytest.param("00 07 00 00 00 01 11", None, id="no function code"),
+        pytest.param("", None, id="nothing"),
+    ],
+)
+def test_a_datagram_is_one_adu(datagram, frame):
+    assert decode(bytes.fromhex(datagram)) == frame
+
+
+def test_the_longest_adu_in_a_datagram():
+    assert decode(encode(7, 17, bytes(253))) == TcpFrame(7, 17, bytes(253))
+    assert decode(encode(7, 17, bytes(254))) is None

@@ -68,7 +68,7 @@ def test_behind_early_bytes_only_what_follows_counts() -> None:
 def test_whoever_may_respond_may_send_an_exception(unit: int) -> None:
     """A unit identifier that looks like the function is no reason to wait longer."""
     scanner, _ = scanning(unit=None)
-    scanner.received(encode(unit, ANSWER)[:2], 1.0)
+    scanner.received(encode(unit, ANSWER)[:1], 1.0)
     assert scanner.missing == 0
 
 
@@ -129,8 +129,10 @@ def test_a_late_response_of_unknown_size_may_come_before_the_response() -> None:
 
 
 def test_a_frame_inside_a_response_that_was_cut_is_found_when_that_is_not_awaited_any_more() -> None:
-    scanner, _ = scanning()
+    scanner, expected = scanning()
     assert scanner.received(b"\x55" + RESPONSE[:3] + OTHERS, 1.0) == []
+    assert scanner.deadline(expected) is None
+    assert scanner.tick(1.0 + SILENCE) == []
     assert places(scanner.end()) == [(4, 11, 1.0, (2, OTHERS[1:-2]))]
     assert scanner.end() == []
 
@@ -198,12 +200,20 @@ def test_an_echo_that_came_early_is_not_that_of_the_request() -> None:
         pytest.param(RESPONSE + b"\0", False, id="too long"),
         pytest.param(b"\2" + RESPONSE[1:], False, id="another unit"),
         pytest.param(encode(1, exception_response(3, 2))[:-1] + b"\0", True, id="exception"),
+        pytest.param(encode(1, exception_response(3, 2)) + b"\0", False, id="exception, too long"),
         pytest.param(encode(1, exception_response(4, 2))[:-1] + b"\0", False, id="exception of another function"),
     ],
 )
 def test_a_damaged_response_has_its_size_and_its_beginning(data: bytes, is_damaged: bool) -> None:
     scanner, expected = scanning()
     assert scanner.is_damaged(data, expected) == is_damaged
+
+
+def test_a_damaged_request_may_look_like_a_damaged_response() -> None:
+    """So it is not taken for one: a response to a write repeats it."""
+    write = bytes.fromhex("06 00 01 00 05")
+    scanner, expected = scanning(write)
+    assert not scanner.is_damaged(encode(1, write)[:-1] + b"\0", expected)
 
 
 def test_a_damaged_byte_is_remembered_only_for_the_frame_that_it_is_in() -> None:
