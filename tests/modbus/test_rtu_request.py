@@ -214,3 +214,11 @@ class TestDamaged:
         framer = RtuFramer(SILENCE)
         assert self.hear(framer, self.GOOD + b"\xff", start, 9) == [(UNIT, READ)]
         assert framer.behind == 1
+
+
+def test_unit_0_never_responds_so_what_comes_from_it_is_read_as_a_request_only():
+    response = bytes.fromhex("03 02 12 34")
+    for unit, heard in ((9, [(9, response)]), (0, []), (5, [])):
+        framer = RtuFramer(SILENCE, {5})
+        assert framer.received(encode(unit, READ), 0.0) == [(unit, READ)]
+        assert framer.received(encode(unit, response), 0.1) == heard
