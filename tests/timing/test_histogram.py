@@ -51,3 +51,9 @@ def test_several_together() -> None:
     assert (whole.counts[0], sum(whole.counts)) == (1, 3)
     assert whole.total == pytest.approx(0.8005)
     assert merged(SECONDS, []).quantile(0.99) is None
+
+
+def test_the_bounds_are_those_that_dashboards_ask_for() -> None:
+    whole = [1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 1500, 2000, 3000, 5000, 10_000]
+    assert SECONDS.bounds == tuple(each / 1000 for each in whole)
+    assert SHARES.bounds == tuple(each / 20 for each in range(1, 21))

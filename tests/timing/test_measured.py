@@ -1,5 +1,7 @@
 """What a line's time went into, at 10 ms a character: an RTU frame is its PDU and three characters more."""
 
+from math import inf
+
 import pytest
 
 from gateway.timing.characters import CharacterFormat, LineTiming
@@ -54,7 +56,7 @@ def in_order(phases_: Phases) -> tuple[float, float, float, float]:
 
 def test_answers_are_counted_with_their_share_of_the_limit() -> None:
     times = Times()
-    assert (times.answered_at, times.limit) == (NEVER, 0.0)
+    assert (times.answered_at, times.limit) == (-inf, 0.0) == (NEVER, 0.0)
     times.answered(20.5, 20.1, 0.5)
     times.answered(30.5, 30.1, 2.0)
     assert (times.answered_at, times.limit) == (30.5, 2.0)

@@ -1,0 +1,30 @@
+"""The scanner of an ASCII line: what looks like the response with a damaged character."""
+
+import pytest
+
+from gateway.modbus.ascii import encode
+from gateway.modbus.pdu import parse_request
+from gateway.modbus.scan import Expected
+from gateway.modbus.scan_ascii import AsciiScanner
+
+READ = bytes.fromhex("03 00 10 00 01")
+RESPONSE = encode(1, bytes.fromhex("03 02 12 34"))
+
+
+@pytest.mark.parametrize(
+    ("data", "is_damaged"),
+    [
+        pytest.param(RESPONSE[:-3] + b"?\r\n", True, id="wrong check sum"),
+        pytest.param(RESPONSE[:-2] + b"?\n", True, id="wrong CR"),
+        pytest.param(RESPONSE[:-1] + b"?", True, id="wrong LF"),
+        pytest.param(RESPONSE[:-2] + b"??", False, id="wrong CR and LF"),
+        pytest.param(RESPONSE[:-2] + b"\n?", False, id="LF, and something behind it"),
+        pytest.param(RESPONSE[:-3] + b"\r\n", False, id="a digit less"),
+        pytest.param(b"?" + RESPONSE[1:], False, id="wrong colon"),
+        pytest.param(RESPONSE.lower(), True, id="lower case"),
+        pytest.param(encode(2, bytes.fromhex("03 02 12 34")), False, id="another unit"),
+    ],
+)
+def test_a_damaged_response_has_its_size_its_beginning_and_half_of_its_end(data: bytes, is_damaged: bool) -> None:
+    expected = Expected(1, parse_request(READ))
+    assert AsciiScanner().is_damaged(data, expected) == is_damaged
