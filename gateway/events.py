@@ -446,6 +446,21 @@ class LateResponse(Event):
 
 
 @dataclass(frozen=True)
+class TimingTight(Event):
+    """99 of 100 responses take most of their time limit: a slower one is a time-out."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+    advice: str
+
+
+@dataclass(frozen=True)
 class UnitResting(Event):
     """A unit backs off: it has failed three times in a row, or again after a back-off. Its requests get 0B at once.
 

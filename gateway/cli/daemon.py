@@ -74,9 +74,13 @@ class Conversation:
 
     def ask(self, verb: str, **details: object) -> dict[str, Any]:
         """The daemon's answer to a request."""
+        with suppress(ConnectionError, TimeoutError):  # it has closed the connection, perhaps after an error message
+            self._sock.sendall(json.dumps({"verb": verb, **details}).encode() + b"\n")
+        return self.next_answer()
+
+    def next_answer(self) -> dict[str, Any]:
+        """The daemon's next answer, where a request has several."""
         try:
-            with suppress(ConnectionError):  # it has closed the connection, perhaps after an error message
-                self._sock.sendall(json.dumps({"verb": verb, **details}).encode() + b"\n")
             line = self._stream.readline()
         except TimeoutError:
             raise DaemonError(f"the daemon did not answer within {self._patience:g} s") from None

@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Final
@@ -22,7 +22,7 @@ from gateway.errors import GatewayError
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import build
-from gateway.service.control import Verb, control_open, control_path
+from gateway.service.control import Verbs, control_open, control_path
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.state import Memory
@@ -165,7 +165,7 @@ def _plan(config: Path) -> Plan:
 
 
 @asynccontextmanager
-async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Mapping[str, Verb]]]:
+async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Verbs]]:
     """The gateway of `plan`, ready; its events go to `stage`."""
     ready = asyncio.Event()
 

@@ -39,6 +39,8 @@ VERBS: Final[Mapping[str, str]] = {
     "doctor": "find what is wrong with ports, lines, units and clients",
     "read": "read coils and registers of a unit",
     "write": "write coils and registers of a unit",
+    "scan": "find the units that answer on a line",
+    "calibrate": "measure how long a device needs to respond",
     "bench": "measure what a line can carry",
     "profile": "show what a kind of device accepts, and its time limits",
     "ports": "list the serial ports of this machine",
@@ -74,6 +76,14 @@ def module_of(verb: str) -> Any:
     return import_module(f"gateway.cli.{verb}_" if iskeyword(verb) else f"gateway.cli.{verb}")
 
 
+class _Help(argparse.HelpFormatter):
+    """Leaves room for the longest verb beside its summary: argparse forgets by how much verbs are indented."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = max(map(len, VERBS)) + 2 * self._indent_increment
+
+
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """The parser for these words: only the verb among them knows its arguments."""
     wanted = next((word for word in words if not word.startswith("-")), None)
@@ -92,6 +102,7 @@ def _parsers(known: Collection[str]) -> tuple[argparse.ArgumentParser, dict[str,
     parser = argparse.ArgumentParser(
         prog="modbus-gateway",
         description="Modbus gateway: TCP, UDP and serial clients on one side, serial lines on the other.",
+        formatter_class=_Help,
     )
     parser.add_argument("--version", action="version", version=f"modbus-gateway {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)

@@ -137,6 +137,7 @@ class DaemonUnit:
         self.number: int = unit["unit"]
         self.name: str = unit.get("name", "")
         self.functions = None if functions is None else frozenset(functions)
+        self.areas = {Area(area): ranges for area, ranges in unit.get("areas", {}).items()}
         self.limits: Mapping[int, int] = {int(function): most for function, most in unit.get("limits", {}).items()}
         self.points = tuple(map(_point, unit.get("points", ())))
         daemon.wait_for(unit.get("longest_wait_ms", 0.0) / 1000 + _SPARE_TIME)

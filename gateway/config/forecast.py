@@ -148,11 +148,11 @@ def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: Ans
         limit = max(budget.limit(asked, answer_time) for asked in longest)
         return FunctionLimits(named, 0, limit, limit, max(map(budget.request_wire_time, longest)))
     most = most_items(function, profile)
-    largest = _request(function, most)
+    largest = request_for(function, most)
     return FunctionLimits(
         function,
         most,
-        budget.limit(_request(function, 1), answer_time),
+        budget.limit(request_for(function, 1), answer_time),
         budget.limit(largest, answer_time),
         budget.request_wire_time(largest),
     )
@@ -169,7 +169,7 @@ def _items_of(function: int) -> list[Items]:
     return [items for items in (row.reads, row.writes) if items is not None]
 
 
-def _request(function: int, count: int) -> RequestPdu:
+def request_for(function: int, count: int) -> RequestPdu:
     """A request for so many items from address 0 on, or for the most there can be."""
     pdu = bytes((function,))
     for items in _items_of(function):

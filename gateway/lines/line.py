@@ -41,7 +41,7 @@ from gateway.lines.report import Report
 from gateway.lines.scheduler import Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
-from gateway.lines.transaction import Transaction
+from gateway.lines.transaction import ScanTransaction, Transaction
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
@@ -99,6 +99,10 @@ class Line:
     def late_windows(self, now: float) -> int:
         """How many late windows are open."""
         return self._windows.count(now)
+
+    def window_end(self, transaction: Transaction) -> float:
+        """Until when an answer to a transaction that was on the line may come late."""
+        return self._windows.end_of(transaction, transaction.fails_at)
 
     def phases(self, now: float) -> Phases:
         """How the line's time was used, including the transaction in progress."""
@@ -203,6 +207,15 @@ class Line:
         if rejection is not None:
             self._refuse(transaction, rejection, now)
         elif not self.is_busy:
+            self._go_on(now)
+
+    def ask_when_idle(self, question: ScanTransaction, now: float) -> None:
+        """Take over the question of a scan: it is sent when nobody else waits, or fails when the line goes down."""
+        if self._state in ("down", "last"):
+            question.fail(errors.LineDown())
+            return
+        self._scheduler.ask_when_idle(question)
+        if not self.is_busy:
             self._go_on(now)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
@@ -356,7 +369,8 @@ class Line:
         late, self._receiver.late_responses = self._receiver.late_responses, []
         for request, frame in late:
             if isinstance(request, Transaction):
-                self._report.late_response(request, now)
+                if not request.is_scan:
+                    self._report.late_response(request, now)
                 self._scheduler.record_response(request)
                 request.device.finished(request, frame)
 
@@ -396,12 +410,12 @@ class Line:
         """No response came, but `text`. A late response of another unit may have collided with it."""
         if not text:
             self._scheduler.record_silence(current, now)
-        if not self._receiver.may_have_collided(current.unit, text, now):
+        if not (current.is_scan or self._receiver.may_have_collided(current.unit, text, now)):
             self._scheduler.record_failure(current, now)
 
     def _may_repeat(self, current: Transaction, now: float, at: float) -> bool:
         """Whether the request may be sent once more, not before `at`."""
-        if current.retries >= self.settings.retries or not current.asked.only_reads:
+        if current.retries >= self.settings.retries or not current.asked.only_reads or current.is_scan:
             return False
         if self._write is None or not current.is_wanted or current.device.breaker.is_resting(now):
             return False
@@ -421,7 +435,10 @@ class Line:
     def _fail(self, current: Transaction, now: float) -> None:
         """The transaction has failed."""
         verdict, text = self._diagnosis
-        self._report.given_up(current, now, received=text, is_echo=verdict == "echo")
+        if not current.is_scan:
+            self._report.given_up(current, now, received=text, is_echo=verdict == "echo")
+        elif verdict != "broken":
+            text = b""  # only frames of others: the unit that was asked is silent
         self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
 
     def _finish(self, current: Transaction, outcome: Frame | RequestError | None, now: float) -> None:

@@ -8,6 +8,7 @@ its connection may hold back earlier requests (`stall`), or if its response woul
 from gateway import errors
 from gateway.errors import RequestError
 from gateway.lines.echo import EchoDetector
+from gateway.lines.idle import IdleTime
 from gateway.lines.late import WORTH_WAITING, LateWindows
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.recorder import Recorder
@@ -21,7 +22,8 @@ from gateway.modbus.scan import Expected
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `expired`, `given_up`, `put_back` and `clear` are those of its queue. `recorder` is the line's.
+    `expired`, `given_up` and `put_back` are those of its queue. `ask_when_idle` takes the request of a scan.
+    `recorder` is the line's.
     """
 
     def __init__(
@@ -32,6 +34,7 @@ class Scheduler:
         self._report = report
         self.recorder = recorder
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
+        self._idle = IdleTime(self._queue, windows)
         self._stall = Stall(None)
         self._longest_rest = settings.rest
         self._resting: set[Destination] = set()
@@ -39,7 +42,7 @@ class Scheduler:
         self.expired = self._queue.expired
         self.given_up = self._queue.given_up
         self.put_back = self._queue.put_back
-        self.clear = self._queue.clear
+        self.ask_when_idle = self._idle.put
 
     def __len__(self) -> int:
         """How many requests wait."""
@@ -67,6 +70,9 @@ class Scheduler:
         """Take out the next transaction; None if none may be sent now."""
         if self._stall.is_over(now):
             return None
+        question = self._idle.take(now)
+        if question is not None:
+            return question
         if not self._windows.windows:
             return self._queue.take()
         transaction = self._queue.take(lambda waiting: self._windows.forbid_until(waiting, now) is not None)
@@ -85,11 +91,16 @@ class Scheduler:
     def deadline(self, sends_at: float) -> float | None:
         """When the next request can be sent, on a line that is free at `sends_at`, or has waited too long."""
         deadline = earliest(self._queue.next_expiry(), self._stall.ends_at)
+        deadline = earliest(self._idle.deadline(sends_at), deadline)
         return earliest(max(sends_at, self._held_until), deadline) if len(self._queue) else deadline
 
     def next_expiry(self) -> float | None:
         """When the next request will have waited too long, or earlier."""
         return self._queue.next_expiry()
+
+    def clear(self) -> list[Transaction]:
+        """Remove all that waits."""
+        return [*self._queue.clear(), *self._idle.clear()]
 
     def await_late(self, transaction: Transaction, now: float) -> list[Transaction]:
         """Open the late window of `transaction`.
@@ -115,7 +126,7 @@ class Scheduler:
 
     def record_response(self, transaction: Transaction) -> None:
         """A valid response to it came, in time or late."""
-        self._held_until = 0.0
+        self._held_until = self._idle.held_until = 0.0
         self._stall.answered(transaction)
         self._recover(transaction.device)
 

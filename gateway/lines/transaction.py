@@ -5,7 +5,7 @@ from typing import Protocol
 from gateway.errors import RequestError
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
-from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
 from gateway.modbus.scan import Expected
@@ -41,6 +41,8 @@ class Transaction:
 
     #: Whether it is for all units.
     is_broadcast = False
+    #: Whether it only asks if anybody is there, so that silence is no failure.
+    is_scan = False
 
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
         self.requests = [request]
@@ -129,6 +131,7 @@ class Transaction:
             self.device.counts.count_exception(pdu[1], len(self.requests), now)
         else:
             self.counts.ok += len(self.requests)
+            self.times.samples.add(self.asked.items, now - self.ends_at)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
             request.respond(pdu)
@@ -170,3 +173,32 @@ class BroadcastTransaction(Transaction):
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
         super().__init__(request, asked, device)
         self.expects_answer = False
+
+
+class ScanTransaction(Transaction):
+    """A question to a unit that may not be there: silence is an answer too, neither logged nor held against anybody.
+
+    At address 0 it asks a lone device, which answers from its own address. With `awaits_second` another answer may
+    follow the first one: two devices may have the same address.
+    """
+
+    __slots__ = ()
+
+    is_scan = True
+
+    def __init__(
+        self, request: Request, asked: RequestPdu, device: Destination, *, awaits_second: bool = False
+    ) -> None:
+        super().__init__(request, asked, device)
+        self.outstanding = 1 if awaits_second else 0
+
+    @property
+    def answers_from(self) -> int | None:
+        """See Transaction."""
+        return self.unit or None
+
+    def accepts(self, frame: Frame) -> bool:
+        """Whether `frame` is the answer; to a question at address 0 it comes from whatever unit."""
+        if self.unit != BROADCAST_UNIT:
+            return super().accepts(frame)
+        return FIRST_UNIT <= frame.unit <= LAST_UNIT and self.asked.accepts(frame.pdu)

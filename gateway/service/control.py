@@ -8,6 +8,13 @@
                      {"version": "0.1.0", "ok": true, "unit": 41, "pdu": "03 04 45 9C 3D 51", "elapsed_ms": 12.5}
 {"verb": "bench", "line": "hall-a", "seconds": 60}
                      {"version": "0.1.0", "ok": true, "bench": {"expected_per_second": 12.1, ...}}
+{"verb": "times", "unit": "silo-1"}
+                     {"version": "0.1.0", "ok": true, "times": {"unit": 41, "rows": [...], ...}}
+{"verb": "scan", "line": "hall-a"}
+                     {"version": "0.1.0", "ok": true, "progress": {"asked": 12, "of": 245, ...}}, and so on until
+                     {"version": "0.1.0", "ok": true, "found": [{"unit": 7, "result": "answers", ...}]}
+
+What is asked for in several answers ends when who has asked leaves.
 
 The client may be another version: keys may differ, and `version` says why.
 """
@@ -17,8 +24,8 @@ import json
 import os
 import socket
 import stat
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import aclosing, asynccontextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -41,6 +48,9 @@ SYSTEM_SOCKET: Final = Path("/run/modbus-gateway/control.sock")
 IsThere = Callable[[], bool]
 #: A verb: takes the request, returns what is added to `ok` in the answer. Dataclasses become objects.
 Verb = Callable[[Mapping[str, Any], IsThere], Awaitable[dict[str, Any]]]
+#: The same with several answers, one after the other, for as long as somebody takes them.
+Stream = Callable[[Mapping[str, Any], IsThere], AsyncGenerator[dict[str, Any], None]]
+Verbs = Mapping[str, Verb | Stream]
 
 
 def control_path(
@@ -57,7 +67,7 @@ def control_path(
 
 
 @asynccontextmanager
-async def control_open(path: Path, verbs: Mapping[str, Verb], emit: Emit) -> AsyncIterator[None]:
+async def control_open(path: Path, verbs: Verbs, emit: Emit) -> AsyncIterator[None]:
     """Serve `verbs` at `path` inside the context. A failure to do so is only logged."""
     conversations: set[asyncio.Task[None]] = set()
 
@@ -131,40 +141,59 @@ def _remove_stale_socket(path: Path) -> None:
 
 
 async def _serve_connection(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, verbs: Mapping[str, Verb], emit: Emit
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, verbs: Verbs, emit: Emit
 ) -> None:
+    def is_there() -> bool:
+        return not reader.at_eof()
+
     writer.transport.set_write_buffer_limits(0)  # `drain` waits until the kernel has the whole answer
     try:
         while line := await asyncio.wait_for(reader.readline(), PATIENCE):
-            writer.write(await _answer(line, lambda: not reader.at_eof(), verbs, emit))
-            await asyncio.wait_for(writer.drain(), PATIENCE)
-            await asyncio.sleep(0)  # let other tasks run: nothing above waits while more requests are buffered
+            async with aclosing(_answers(line, is_there, verbs, emit)) as answers:
+                async for answer in answers:
+                    writer.write(answer)
+                    await asyncio.wait_for(writer.drain(), PATIENCE)
+                    await asyncio.sleep(0)  # let other tasks run: nothing above waits while more requests are buffered
+                    if not is_there():
+                        break
     except (OSError, TimeoutError, ValueError):  # disconnected, idle for too long, or a line that is too long
         writer.transport.abort()
     finally:
         writer.close()
 
 
-async def _answer(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb], emit: Emit) -> bytes:
+async def _answers(line: bytes, is_there: IsThere, verbs: Verbs, emit: Emit) -> AsyncGenerator[bytes, None]:
     try:
-        return _line(await _run_verb(line, is_there, verbs))
+        async with aclosing(_run_verb(line, is_there, verbs)) as answers:
+            async for answer in answers:
+                yield _line({"ok": True, **answer})
+    except WrongQuestion as wrong:
+        yield _line(_refuse(str(wrong)))
     except Exception as error:  # noqa: BLE001 - the error boundary of a request
         emit(PartFailed.of("control socket", error))
-        return _line(_refuse("a defect in the gateway; its log says more"))
+        yield _line(_refuse("a defect in the gateway; its log says more"))
 
 
-async def _run_verb(line: bytes, is_there: IsThere, verbs: Mapping[str, Verb]) -> dict[str, Any]:
+async def _run_verb(line: bytes, is_there: IsThere, verbs: Verbs) -> AsyncGenerator[dict[str, Any], None]:
+    """What a verb answers.
+
+    Raises:
+        WrongQuestion: there is no such verb, or it refuses the request.
+    """
     try:
         request = json.loads(line)
     except (ValueError, RecursionError):
-        return _refuse("this is not JSON")
+        raise WrongQuestion("this is not JSON") from None
     verb = request.get("verb") if isinstance(request, dict) else None
     if not isinstance(verb, str) or verb not in verbs:
-        return _refuse(f'"verb" must be one of {", ".join(verbs)}')
-    try:
-        return {"ok": True, **await verbs[verb](request, is_there)}
-    except WrongQuestion as wrong:
-        return _refuse(str(wrong))
+        raise WrongQuestion(f'"verb" must be one of {", ".join(verbs)}')
+    answers = verbs[verb](request, is_there)
+    if isinstance(answers, AsyncGenerator):
+        async with aclosing(answers):
+            async for answer in answers:
+                yield answer
+    else:
+        yield await answers
 
 
 def _refuse(why: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from gateway.images.image import ImageSettings
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.functions import only_reads
 from gateway.profiles.point import Point
-from gateway.profiles.profile import Profile
+from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
 from gateway.service.build import Gateway
 from gateway.service.frames import frames_of
@@ -33,6 +33,7 @@ class UnitPicture:
     profile: str
     functions: tuple[int, ...] | None
     limits: Mapping[int, int]
+    areas: Mapping[str, tuple[Range, ...]]
     longest_wait_ms: float
     points: tuple[Point, ...]
 
@@ -103,6 +104,7 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
         profile=found.profile.name,
         functions=None if functions is None else tuple(sorted(functions)),
         limits=found.profile.limits,
+        areas={str(area): ranges for area, ranges in found.profile.areas.items()},
         longest_wait_ms=round(longest.get(unit, 0.0) * 1000, 1),
         points=gateway.plan.points.get(unit, ()),
     )

@@ -9,7 +9,7 @@ from gateway.config.forecast import longest_wait, longest_wait_behind
 from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
-from gateway.events import Emit, Event, LineLost, LineReopened, LineUp
+from gateway.events import Emit, Event, LineLost, LineReopened, LineUp, discard_event
 from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
 from gateway.lines.late import Overdue
@@ -37,6 +37,9 @@ class GatewayLine:
         self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit, ring: Ring
     ) -> None:
         self.plan = plan
+        #: Whether a scan goes on.
+        self.is_scanned = False
+        self._loop = loop
         self._memory = memory
         self._emit = emit
         self._ring = ring
@@ -54,6 +57,15 @@ class GatewayLine:
         self.devices: dict[int, Device] = {}
         self.longest_wait: dict[int, float] = {}
         self.adopt(plan, self.devices_of(plan))
+
+    def at_rate(self, baud: int) -> "GatewayLine":
+        """A line of its own on the same port, at another rate and without devices, that remembers nothing."""
+        plan, port = self.plan, self.plan.port
+        if isinstance(port, SerialSettings):
+            port = replace(port, baud=baud)
+        line = replace(plan.line, timing=replace(plan.line.timing, baud=baud))
+        plan = replace(plan, port=port, line=line, devices=(), passes_through=False)
+        return GatewayLine(plan, self._loop, self.opener, Memory(), discard_event, Ring())
 
     def means(self, plan: LinePlan) -> bool:
         """Whether `plan` is for the same line. The passed-through units may differ."""

@@ -79,6 +79,11 @@ class Recent:
         users = [LineUser(user, use.seconds / elapsed, use.transactions / elapsed) for user, use in uses.items()]
         return sorted(users, key=lambda each: -each.share)
 
+    def was_asked(self, line: GatewayLine) -> bool:
+        """Whether anything was asked of its units in the last minute; since it is there, if it is new."""
+        first = next((each.sent[line] for each in self._samples if line in each.sent), 0)
+        return line.driver.line.waiting > 0 or line.driver.line.is_busy or _sent(line) > first
+
     @property
     def loop_lag(self) -> float:
         """The largest delay of the event loop, in seconds."""

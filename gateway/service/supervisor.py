@@ -9,6 +9,7 @@ from gateway.service.build import Gateway
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
+from gateway.service.tightness import TightLimits
 from gateway.service.watchdog import summary, watch
 
 
@@ -76,10 +77,12 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     running.ready.set()
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
+    looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")
     await stop.wait()
     running.ready.clear()
     watching.cancel()
     sampling.cancel()
+    looking.cancel()
 
 
 async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:

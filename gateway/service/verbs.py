@@ -2,61 +2,83 @@
 
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import aclosing
 from dataclasses import asdict
 from typing import Any
 
 from gateway.service.bench import bench
-from gateway.service.control import IsThere, Verb
+from gateway.service.calibration import measured
+from gateway.service.control import IsThere, Verbs
 from gateway.service.doctor import examine
 from gateway.service.operator import ask, picture
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
+from gateway.service.scans import scan
 from gateway.service.status import status
 from gateway.service.trace import Clock, lines, page, stories
 
 
-def verbs(running: Running, reloader: Reloader) -> Mapping[str, Verb]:
+def verbs(running: Running, reloader: Reloader) -> Verbs:
     """The verbs, by name."""
-    examining = asyncio.Lock()  # two that look for a device at once would be in each other's way
+    each = _Verbs(running, reloader)
+    return {
+        "status": each.status,
+        "reload": each.reload,
+        "unit": each.unit,
+        "request": each.request,
+        "doctor": each.doctor,
+        "trace": each.trace,
+        "why": each.why,
+        "bench": each.bench,
+        "times": each.times,
+        "scan": each.scan,
+    }
 
-    async def show_status(_request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+
+class _Verbs:
+    """What each verb of a running gateway answers."""
+
+    def __init__(self, running: Running, reloader: Reloader) -> None:
+        self._running = running
+        self._reloader = reloader
+        self._examining = asyncio.Lock()  # two that look for a device at once would be in each other's way
+
+    async def status(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        running = self._running
         return {"status": status(running.gateway, asyncio.get_running_loop().time(), running.recent)}
 
-    async def reload(_request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-        outcome = await asyncio.shield(reloader.order())
+    async def reload(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        outcome = await asyncio.shield(self._reloader.order())
         return {"ok": not (outcome.problems or outcome.defect), **asdict(outcome)}
 
-    async def request(request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
-        return await ask(running.gateway, request, is_there)
+    async def request(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        return await ask(self._running.gateway, request, is_there)
 
-    async def unit(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-        return {"unit": picture(running.gateway, request.get("unit"))}
+    async def unit(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        return {"unit": picture(self._running.gateway, request.get("unit"))}
 
-    async def doctor(request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
-        async with examining:
-            return await examine(running, request, is_there)
+    async def doctor(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        async with self._examining:
+            return await examine(self._running, request, is_there)
 
-    async def trace(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-        answer = page(running.gateway, request, _clock())
-        return {**answer, "lines": lines(running.gateway)} if request.get("lines") else answer
+    async def trace(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        answer = page(self._running.gateway, request, _clock())
+        return {**answer, "lines": lines(self._running.gateway)} if request.get("lines") else answer
 
-    async def why(request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-        return stories(running.gateway, request, _clock())
+    async def why(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        return stories(self._running.gateway, request, _clock())
 
-    async def measure(request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
-        return {"bench": await bench(running.gateway, request, is_there)}
+    async def bench(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        return {"bench": await bench(self._running.gateway, request, is_there)}
 
-    return {
-        "status": show_status,
-        "reload": reload,
-        "unit": unit,
-        "request": request,
-        "doctor": doctor,
-        "trace": trace,
-        "why": why,
-        "bench": measure,
-    }
+    async def times(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        return {"times": measured(self._running.gateway, request.get("unit"))}
+
+    async def scan(self, request: Mapping[str, Any], _is_there: IsThere) -> AsyncGenerator[dict[str, Any], None]:
+        async with aclosing(scan(self._running, request)) as steps:
+            async for step in steps:
+                yield step
 
 
 def _clock() -> Clock:

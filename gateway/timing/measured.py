@@ -6,6 +6,7 @@ from typing import Final
 
 from gateway.timing.characters import LineTiming
 from gateway.timing.histogram import SECONDS, SHARES, Histogram
+from gateway.timing.samples import Samples
 from gateway.timing.usage import Usage
 
 #: `answered_at` before the first response.
@@ -17,17 +18,19 @@ class Times:
 
     `wait` is from a request's arrival until it was sent, `answer` from its last character to the last one of a valid
     response, and `share` that time divided by the limit. `request` is from a request's arrival to its response, for all
-    that were sent. `limit` is that of the last transaction, `answered_at` the time of the last valid response.
-    `latest` is the longest time of a response that came after its limit, 0 if none did.
+    that were sent. `samples` are the last times of normal responses. `limit` is that of the last transaction,
+    `answered_at` the time of the last valid response. `latest` is the longest time of a response that came after its
+    limit, 0 if none did.
     """
 
-    __slots__ = ("answer", "answered_at", "latest", "limit", "request", "share", "wait")
+    __slots__ = ("answer", "answered_at", "latest", "limit", "request", "samples", "share", "wait")
 
     def __init__(self) -> None:
         self.wait = Histogram(SECONDS)
         self.answer = Histogram(SECONDS)
         self.share = Histogram(SHARES)
         self.request = Histogram(SECONDS)
+        self.samples = Samples()
         self.limit = 0.0
         self.latest = 0.0
         self.answered_at = NEVER

@@ -220,6 +220,19 @@ def test_a_unit_close_to_its_limit_gets_the_line_to_edit() -> None:
     assert "2 responses came after its limit: raise its timeout" in notes(state="fine", times=slow, counts=late)
 
 
+def test_a_limit_that_is_far_too_long_is_told_once_it_has_cost_the_line_something() -> None:
+    quick = TimesStatus(0.4, 2.0, 12.3, 20.0, 0.01, 0.03, 1005.0)
+    counts = Counts(sent=400, ok=399, timeout=1, responses=399)
+    assert notes(state="fine", times=quick, counts=counts) == (
+        "unit 41, silo: each request without a response stops its line for 1 s, which is 50 times what it needs: "
+        "modbus-gateway calibrate silo finds a shorter limit"
+    )
+    assert notes(state="fine", times=quick, counts=replace(counts, ok=400, timeout=0)) == ""
+    assert notes(state="fine", times=quick, counts=replace(counts, responses=99)) == ""
+    assert notes(state="fine", times=replace(quick, limit_ms=400.0), counts=counts) == ""
+    assert notes(state="fine", times=replace(quick, limit_share_p99=0.06), counts=counts) == ""
+
+
 def test_a_unit_that_fails_says_what_to_check() -> None:
     assert "bad_frame, 2 in a row: check baud rate" in notes(state="failing", failures=2, last_error="bad_frame")
     lossy = Counts(sent=100, ok=90, timeout=10, responses=90)

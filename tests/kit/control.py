@@ -27,7 +27,9 @@ class FakeDaemon:
         self.image = Image(settings)
         self.asked: list[str] = []
         self.silent: dict[str, str] = {}
-        self._picture = UnitPicture(41, "silo-1", "device", "weigher", functions, PROFILE.limits, 3400.0, (*points,))
+        self._picture = UnitPicture(
+            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, (*points,)
+        )
         self._answer = b""
 
     def __call__(self, control: str | None) -> Self:

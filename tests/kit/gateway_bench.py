@@ -5,11 +5,12 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from gateway.config.load import parse
-from gateway.config.plan import resolve
+from gateway.config.plan import DEFAULT_FORMATS, resolve
 from gateway.events import Event
 from gateway.images.store import Store
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
+from gateway.ports.lazy_timer import LazyTimer
 from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.service.build import Gateway, build
@@ -17,6 +18,8 @@ from gateway.service.recent import Recent
 from gateway.service.running import Running
 from gateway.service.state import Memory
 from gateway.service.supervisor import keep_lines_open
+from gateway.simulator.device import Device, Mode
+from gateway.simulator.paced_line import PacedLine
 from kit.device import SimulatedLine
 
 #: How long a test waits for a response, in virtual seconds.
@@ -110,6 +113,7 @@ class GatewayBench:
         loop = asyncio.get_running_loop()
         store = None if state is None else Store(state, self.events.append)
         self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append, store)
+        self.running: Running | None = None
         self.recent = Recent(self.gateway, loop.time())
 
     def client(self, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0) -> Client:
@@ -125,6 +129,28 @@ class GatewayBench:
                 loop.call_later(delay, line.deliver, response)
 
         line.on_write = answer
+
+    def attach_at_pace(self, port: str, *devices: Device, mode: Mode = "rtu") -> None:
+        """Let the program's own simulated devices answer on the line at `port`, each character in its time."""
+        memory = self.lines[port]
+        line = PacedLine(mode, DEFAULT_FORMATS[mode], devices)
+        loop = asyncio.get_running_loop()
+
+        def wake() -> None:
+            data = line.tick(loop.time())
+            if data:
+                memory.deliver(data)
+            deadline = line.deadline()
+            if deadline is not None:
+                timer.set(deadline)
+
+        def written(data: bytes) -> None:
+            wake()
+            line.written(data, loop.time(), memory.baud or self.opened[port].baud)
+            timer.set(line.deadline())
+
+        timer = LazyTimer(loop, wake)
+        memory.on_write = written
 
     def _open(self, settings: SerialSettings) -> OpenPort:
         latency = 0.005 if settings.latency is None else settings.latency

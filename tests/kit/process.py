@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, Self
@@ -19,6 +21,17 @@ COMMAND = [sys.executable, "-P", "-m", "gateway.cli.main"]
 def command(*words: str) -> subprocess.CompletedProcess[str]:
     """Run `modbus-gateway WORDS` to its end."""
     return subprocess.run([*COMMAND, *words], capture_output=True, text=True, timeout=PATIENCE, check=False)
+
+
+@contextmanager
+def simulated(port: Path, *words: str) -> Iterator[None]:
+    """`modbus-gateway simulate` on a port."""
+    with subprocess.Popen([*COMMAND, "simulate", *words, "--port", str(port)], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        try:
+            yield
+        finally:
+            process.kill()
 
 
 class GatewayProcess:

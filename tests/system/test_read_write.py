@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from kit.free_port import free_port
-from kit.process import COMMAND, PATIENCE, GatewayProcess, command
+from kit.process import COMMAND, PATIENCE, GatewayProcess, command, simulated
 
 CONFIG = """
 [[listen]]
@@ -45,17 +45,6 @@ device = ModbusDeviceContext(
 context = ModbusServerContext(devices={3: device}, single=False)
 asyncio.run(StartAsyncTcpServer(context, address=("127.0.0.1", int(sys.argv[1]))))
 """
-
-
-@contextmanager
-def simulated(port: Path, *words: str) -> Iterator[None]:
-    """`modbus-gateway simulate` on a port."""
-    with subprocess.Popen([*COMMAND, "simulate", *words, "--port", str(port)], stdout=subprocess.PIPE) as process:
-        process.stdout.readline()
-        try:
-            yield
-        finally:
-            process.kill()
 
 
 @contextmanager

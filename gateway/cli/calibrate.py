@@ -1,0 +1,289 @@
+"""`calibrate`: how long a device really needs, as a timing table for the config."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from itertools import groupby
+from math import ceil
+from pathlib import Path
+from typing import Any, Final
+
+from gateway.cli.active_calibration import ask_actively, parse_registers
+from gateway.cli.columns import align
+from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.measured_profile import profile_text
+from gateway.cli.unit import DaemonUnit
+from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
+from gateway.config.duration import parse_duration, show_duration
+from gateway.errors import DaemonError, GatewayError
+from gateway.timing.fit import Fit, fit
+
+#: How often the daemon is asked for new times, in seconds, and how many are kept for one row here.
+_STEP: Final = 1.0
+_KEPT: Final = 2000
+
+_EXAMPLES: Final = """\
+examples:
+  modbus-gateway calibrate press                     from the traffic since the start
+  modbus-gateway calibrate press --for 10min         from the traffic of the next ten minutes
+  modbus-gateway calibrate press --active            read several sizes of its tables
+  modbus-gateway calibrate axis-1 --active --write 10-40 --write-profile axis.toml
+
+Nothing is written to the device unless --write names holding registers: they are
+read, and the same values are written back.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The response times of one function with so many items, in seconds, and what the limit is now."""
+
+    function: int
+    items: int
+    times: tuple[float, ...]
+    limit_ms: float
+    allowed_ms: float
+
+    def quantile(self, share: float) -> float:
+        """The time that this share of the responses did not exceed."""
+        ordered = sorted(self.times)
+        return ordered[min(ceil(share * len(ordered)), len(ordered)) - 1]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `calibrate`."""
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    add = parser.add_argument
+    add("device", help="name or unit ID of a device on a line")
+    add(
+        "--for",
+        dest="seconds",
+        type=parsed_by(parse_duration),
+        metavar="TIME",
+        help="measure for so long, such as 10min",
+    )
+    add("--active", action="store_true", help="read several sizes of each table (10 rounds, or as long as --for says)")
+    add(
+        "--write", type=parsed_by(parse_registers), metavar="ADDRESS", help="with --active: also write back 10 or 10-40"
+    )
+    add("--write-profile", type=Path, metavar="FILE", help="write a profile with these times to a new file")
+    add("--json", action="store_true", help="print JSON instead of tables")
+    add_control_argument(parser)
+    let_options_stand_anywhere(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print; 1 when nothing was measured.
+
+    Raises:
+        GatewayError: the device cannot be asked for, or the file cannot be written.
+    """
+    try:
+        return _run(args)
+    except WrongUsageError as wrong:
+        return tell_wrong_usage(wrong)
+
+
+def _run(args: argparse.Namespace) -> int:
+    if args.write and not args.active:
+        raise WrongUsageError("--write is for --active", "add --active, or leave out --write")
+    with Conversation(args.control) as daemon:
+        unit = DaemonUnit(daemon, args.device)
+        source = Source(daemon, unit.number)
+        if args.active or args.seconds is not None:
+            source.forget()
+        if args.active:
+            for trouble in ask_actively(unit, args.write, args.seconds):
+                source.look()
+                if trouble:
+                    print(trouble, file=sys.stderr)
+        elif args.seconds is not None:
+            _wait(source, args.seconds)
+        source.look()
+    rows = source.rows()
+    if not rows:
+        advice = "--for 10min waits for traffic, --active reads it"
+        print(f"{source.about['name']}: no normal response since then; {advice}", file=sys.stderr)
+        return PROBLEM_FOUND
+    table = Calibration(source.about, rows)
+    if args.write_profile:
+        _write_new(args.write_profile, _profile(table))
+    print(json.dumps(table.picture(), indent=2) if args.json else table.text())
+    return FINE
+
+
+class Source:
+    """The times that the daemon keeps, gathered: it keeps the last ones only. `about` says what they are of."""
+
+    def __init__(self, daemon: Conversation, unit: int) -> None:
+        self.about: Mapping[str, Any] = {}
+        self._daemon = daemon
+        self._unit = unit
+        self._counts: dict[tuple[int, int], int] = {}
+        self._times: dict[tuple[int, int], list[float]] = {}
+        self._limits: dict[tuple[int, int], tuple[float, float]] = {}
+        self.look()
+
+    def look(self) -> None:
+        """Take what is new."""
+        self.about = self._daemon.ask("times", unit=self._unit).get("times", {})
+        if "rows" not in self.about:
+            raise DaemonError("the daemon's answer has no times in it")
+        for row in self.about["rows"]:
+            key = row["function"], row["items"]
+            new = row["count"] - self._counts.get(key, 0)
+            if new > 0:
+                times = self._times.setdefault(key, [])
+                times += [each / 1000 for each in row["times_ms"][-new:]]
+                del times[:-_KEPT]
+            self._counts[key] = row["count"]
+            self._limits[key] = row["limit_ms"], row["allowed_ms"]
+
+    def forget(self) -> None:
+        """Only what comes from now on counts."""
+        self._times.clear()
+
+    @property
+    def count(self) -> int:
+        """How many times there are."""
+        return sum(map(len, self._times.values()))
+
+    def rows(self) -> list[Row]:
+        """The times by function and number of items."""
+        return [Row(*key, tuple(times), *self._limits[key]) for key, times in sorted(self._times.items()) if times]
+
+
+class Calibration:
+    """The lines through the times of a device, and what follows from them for its timing table."""
+
+    def __init__(self, about: Mapping[str, Any], rows: list[Row]) -> None:
+        self.about = about
+        self.rows = rows
+        self.fits: dict[int, Fit] = {}
+        self.timing: list[tuple[int, int, float]] = []
+        for function, of_function in groupby(rows, lambda row: row.function):
+            sizes = {row.items: row.times for row in of_function}
+            self.fits[function] = line = fit(sizes)
+            ends = dict.fromkeys((min(sizes), max(sizes)))
+            self.timing += [(function, items, line.time(items)) for items in ends]
+
+    @property
+    def margin(self) -> float:
+        """What the table is to be multiplied with: as now, or more where 99 of 100 responses need it."""
+        needed = [row.quantile(0.99) / max(self._fitted(row), 0.001) for row in self.rows]
+        return max(float(self.about["margin"]), ceil(10 * max(needed)) / 10)
+
+    @property
+    def timing_text(self) -> str:
+        """The table as a key of a profile."""
+        rows = [
+            f'  {{ fc = {function}, items = {items}, time = "{_duration(seconds)}" }},'
+            for function, items, seconds in self.timing
+        ]
+        return "\n".join(["timing = [", *rows, "]"])
+
+    def text(self) -> str:
+        """All of it for a reader."""
+        about = self.about
+        count = sum(len(row.times) for row in self.rows)
+        where = f"{about['mode']} {about['baud']} {about['format']}"
+        parts = [
+            f"{about['name']} (unit {about['unit']}), profile {about['profile']}, {where}: {count} responses",
+            align([_HEADINGS, *map(self._cells, self.rows)]),
+            f"For the profile, with margin = {self.margin:g}:\n\n{self.timing_text}",
+            *self._notes(),
+        ]
+        return "\n\n".join(parts)
+
+    def picture(self) -> dict[str, Any]:
+        """All of it for a program."""
+        keys = ("unit", "name", "profile", "mode", "baud", "format")
+        rows = [
+            {
+                "function": row.function,
+                "items": row.items,
+                "count": len(row.times),
+                "p50_ms": _ms(row.quantile(0.5)),
+                "p99_ms": _ms(row.quantile(0.99)),
+                "max_ms": _ms(max(row.times)),
+                "fit_ms": _ms(self._fitted(row)),
+                "allowed_ms": row.allowed_ms,
+                "limit_ms": row.limit_ms,
+            }
+            for row in self.rows
+        ]
+        timing = [{"fc": function, "items": items, "time_ms": _ms(time)} for function, items, time in self.timing]
+        return {**{key: self.about[key] for key in keys}, "rows": rows, "timing": timing, "margin": self.margin}
+
+    def _fitted(self, row: Row) -> float:
+        return self.fits[row.function].time(row.items)
+
+    def _cells(self, row: Row) -> tuple[str, ...]:
+        times = (row.quantile(0.5), row.quantile(0.99), max(row.times), self._fitted(row), row.limit_ms / 1000)
+        return (str(row.function), str(row.items), str(len(row.times)), *(show_duration(each) for each in times))
+
+    def _notes(self) -> Iterator[str]:
+        single = [function for function in self.fits if [each[0] for each in self.timing].count(function) == 1]
+        several = [function for function in single if function not in _ONE_ITEM]
+        if several:
+            functions = ", ".join(map(str, several))
+            yield f"Only one number of items was seen with function {functions}: --active measures others."
+        if self.margin > self.about["margin"]:
+            yield "Some responses take much longer than others: hence the margin."
+
+
+_HEADINGS: Final = ("FUNCTION", "ITEMS", "RESPONSES", "P50", "P99", "MAX", "FIT", "LIMIT NOW")
+#: Functions whose requests have one item always.
+_ONE_ITEM: Final = frozenset({5, 6, 22})
+
+
+def _wait(source: Source, seconds: float) -> None:
+    """Gather times for so long, and show how many there are on a terminal."""
+    end = time.monotonic() + seconds
+    shown = sys.stderr.isatty()
+    while (left := end - time.monotonic()) > 0:
+        if shown:
+            text = f"\r{source.count} responses, {show_duration(max(1, round(left)))} left    "
+            print(text, end="", file=sys.stderr, flush=True)
+        time.sleep(min(_STEP, left))
+        source.look()
+    if shown:
+        print("\r" + " " * 40 + "\r", end="", file=sys.stderr, flush=True)
+
+
+def _profile(table: Calibration) -> str:
+    about, count = table.about, sum(len(row.times) for row in table.rows)
+    where = f"{about['mode']} {about['baud']} {about['format']}"
+    today = datetime.now().astimezone().date()
+    origin = f"Measured by modbus-gateway calibrate {about['name']}, {today}: {count} responses, {where}."
+    return profile_text(about["profile"], table.timing_text, table.margin, origin)
+
+
+def _write_new(file: Path, text: str) -> None:
+    """Write a file that is not there yet.
+
+    Raises:
+        GatewayError: it is there, or cannot be written.
+    """
+    try:
+        with file.open("x", encoding="utf-8") as new:
+            new.write(text)
+    except OSError as error:
+        raise GatewayError(f"{file}: {error.strerror}") from error
+
+
+def _ms(seconds: float) -> float:
+    return round(seconds * 1000, 2)
+
+
+def _duration(seconds: float) -> str:
+    """Rounded up to three figures: a limit may be longer than the device needs, not shorter."""
+    milliseconds = max(seconds * 1000, 1.0)
+    step = 0.01 if milliseconds < 10 else 0.1 if milliseconds < 100 else 1.0
+    return show_duration(ceil(round(milliseconds / step, 6)) * step / 1000)

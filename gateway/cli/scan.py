@@ -1,0 +1,181 @@
+"""`scan`: which units answer on a line, by asking each number once."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from time import monotonic
+from typing import Any, Final
+
+from gateway.cli.columns import align
+from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
+from gateway.config.duration import parse_duration, show_duration
+from gateway.config.problem import WrongValue
+from gateway.config.unitset import parse_units
+from gateway.errors import DaemonError
+from gateway.ports.exact_loop import run_exactly
+
+#: The time limit of a question, in seconds, when nobody says otherwise.
+_USUAL_LIMIT: Final = 0.3
+#: A daemon without idle time on the line says so within a minute.
+_LONGEST_SILENCE: Final = 70.0
+
+_EXAMPLES: Final = """\
+examples:
+  modbus-gateway scan hall-a                 all numbers that line hall-a does not have
+  modbus-gateway scan hall-a 1-32
+  modbus-gateway scan --port /dev/ttyUSB0 --baud 9600
+  modbus-gateway scan 1-10 --port /dev/ttyUSB0 --all-speeds
+
+Through the gateway it asks in the idle time of the line; its clients are at most
+one question later. With --port no gateway may have the port open.
+"""
+
+_Row = Mapping[str, Any]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `scan`."""
+    parser.usage = (
+        "modbus-gateway scan LINE [UNITS] [options]\n       modbus-gateway scan [UNITS] --port PORT [options]"
+    )
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    add = parser.add_argument
+    add("words", nargs="*", metavar="LINE [UNITS]", help="which line of the config; which units, such as 1-32 or 1,5,0")
+    add("--all-speeds", action="store_true", help="try all usual rates; the line must not be in use")
+    add("--timeout", type=parsed_by(parse_duration), default=_USUAL_LIMIT, metavar="TIME", help="default 300ms")
+    add("--json", action="store_true", help="print JSON instead of a table")
+    add_control_argument(parser)
+    direct = parser.add_argument_group("without a daemon")
+    add = direct.add_argument
+    add("--port", metavar="PORT", help="scan this serial port: /dev/ttyUSB0, or rtu+tcp://host:port")
+    add("--baud", type=_baud, default=19200, metavar="N", help="its rate (default 19200)")
+    add("--format", metavar="F", help="its character format (default 8E1, ASCII 7E1)")
+    add("--mode", choices=("rtu", "ascii"), help="what is spoken there (default rtu)")
+    let_options_stand_anywhere(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Scan and print who was found; 1 when nobody was, or two devices have one address.
+
+    Raises:
+        GatewayError: the line cannot be scanned.
+    """
+    try:
+        return _show(args)
+    except WrongUsageError as wrong:
+        return tell_wrong_usage(wrong)
+
+
+def _show(args: argparse.Namespace) -> int:
+    with ExitStack() as parts:
+        tell = parts.enter_context(_progress())
+        if args.port:
+            from gateway.cli.direct_scan import scan_port  # noqa: PLC0415 - only here the parts of a gateway are needed
+
+            answer = run_exactly(scan_port(args, _units(args.words), tell))
+        else:
+            answer = _ask_daemon(args, parts, tell)
+    found: Sequence[_Row] = answer["found"]
+    if args.json:
+        print(json.dumps(answer, indent=2))
+    else:
+        print(_as_text(found, answer["asked"], several_rates=args.all_speeds))
+    return FINE if found and all(row["result"] != "garbled" for row in found) else PROBLEM_FOUND
+
+
+def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: "_Progress") -> dict[str, Any]:
+    if not args.words or len(args.words) > 2:
+        raise WrongUsageError("which line?", "modbus-gateway scan LINE [UNITS], or --port for a port without a gateway")
+    line, *units = args.words
+    daemon = parts.enter_context(Conversation(args.control))
+    wanted = _units(units)
+    daemon.wait_for(_LONGEST_SILENCE)
+    answer = daemon.ask("scan", line=line, units=wanted, limit_s=args.timeout, all_speeds=args.all_speeds)
+    while "found" not in answer:
+        if "progress" not in answer:
+            raise DaemonError("the daemon's answer is none to a scan")
+        tell.show(answer["progress"])
+        answer = daemon.next_answer()
+    return {"asked": answer["asked"], "found": answer["found"]}
+
+
+def _units(words: Sequence[str]) -> list[str] | None:
+    """The unit set that the words name; None for all.
+
+    Raises:
+        WrongUsageError: they name none.
+    """
+    units = [part.strip() for word in words for part in word.split(",")]
+    try:
+        return [str(unit) for unit in parse_units(units, first=0)] if units else None
+    except WrongValue as wrong:
+        raise WrongUsageError(str(wrong), wrong.remedy or "write units such as 1-32 or 1,5") from wrong
+
+
+class _Progress:
+    """One line on a terminal that is written again and again; nothing where there is no terminal."""
+
+    def __init__(self) -> None:
+        self._is_shown = sys.stderr.isatty()
+        self._width = 0
+        self._next = 0.0
+
+    def show(self, progress: _Row) -> None:
+        """Show how far a scan is."""
+        if not self._is_shown or monotonic() < self._next:
+            return
+        self._next = monotonic() + 0.1
+        found = ", ".join(map(str, progress["found"])) or "nobody yet"
+        left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
+        text = f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"[:78]
+        print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
+        self._width = len(text)
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self._width:
+            print("\r" + " " * self._width + "\r", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _progress() -> Iterator[_Progress]:
+    progress = _Progress()
+    try:
+        yield progress
+    finally:
+        progress.clear()
+
+
+def _as_text(found: Sequence[_Row], asked: int, *, several_rates: bool) -> str:
+    silent = asked - len({row["unit"] for row in found})
+    parts = []
+    if found:
+        headings = ("UNIT", "RESULT", "ANSWER", "PROFILE", *(("BAUD",) if several_rates else ()))
+        parts.append(align([headings, *(_cells(row, several_rates=several_rates) for row in found)]))
+    parts.append(f"{silent} of {asked} units did not answer.")
+    garbled = [str(row["unit"]) for row in found if row["result"] == "garbled"]
+    if garbled:
+        parts.append(f"Garbled ({', '.join(garbled)}): two devices may have this address, or rate or format are wrong.")
+    if not found:
+        parts.append("Are wiring, rate, format and mode right? --all-speeds tries other rates.")
+    return "\n\n".join(parts)
+
+
+def _cells(row: _Row, *, several_rates: bool) -> tuple[str, ...]:
+    result = f"exception {row['code']:02X}" if row["result"] == "exception" else str(row["result"])
+    if row["answers_from"] is not None:
+        result += f" as {row['answers_from']}"
+    answer = "-" if row["answer_ms"] is None else f"{row['answer_ms']:.1f} ms"
+    rate = (str(row["baud"]),) if several_rates else ()
+    return (str(row["unit"]), result, answer, row["profile"] or "-", *rate)
+
+
+def _baud(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f'"{text}" is no rate; write a number such as 9600')
+    return int(text)

@@ -1,0 +1,109 @@
+"""Scans of the lines of the running gateway: which may be asked for, and what is left out."""
+
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import aclosing
+from typing import Any, Final
+
+from gateway.config.problem import WrongValue, did_you_mean
+from gateway.config.unitset import parse_units, show_units
+from gateway.errors import PortError, WrongQuestion
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, FunctionCode
+from gateway.ports.port import SerialSettings
+from gateway.service.build import Gateway
+from gateway.service.parts import GatewayLine
+from gateway.service.running import Running
+from gateway.service.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
+
+#: The longest time limit that may be asked for, in seconds: for so long nobody else is asked.
+LONGEST_LIMIT: Final = 10.0
+
+
+async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[dict[str, Any], None]:
+    """Scan the `line`: the `units`, all numbers by default, that the config does not name. Tells its progress.
+
+    An answer has `limit_s` seconds before it is late. With `all_speeds` the line is scanned at all usual rates; it must
+    not be in use.
+
+    Raises:
+        WrongQuestion: that cannot be asked, or the line cannot.
+    """
+    line = _find(running.gateway, request.get("line"))
+    units = _units(line, request.get("units"))
+    limit, all_speeds = _limit(request.get("limit_s", USUAL_LIMIT)), request.get("all_speeds") is True
+    _check_rights(running.gateway)
+    if line.is_scanned:
+        raise WrongQuestion(f"a scan of {line.name} goes on already")
+    if all_speeds:
+        _check_is_free(running, line, "--all-speeds changes its rate")
+        if not isinstance(line.plan.port, SerialSettings):
+            raise WrongQuestion(f"the rate of {line.name} is set in its device server")
+    elif BROADCAST_UNIT in (*units, *(device.unit for device in line.devices.values())):
+        _check_is_free(running, line, "after each question at address 0, or beside it, a late answer is waited for")
+    line.is_scanned = True
+    try:
+        async with aclosing(_steps(running, line, units, limit, all_speeds=all_speeds)) as steps:
+            async for step in steps:
+                if line not in running.gateway.lines:
+                    raise WrongQuestion(f"a reload has changed {line.name}: scan it again")
+                yield {"progress": step} if isinstance(step, Progress) else {"found": step, "asked": len(units)}
+    except PortError as error:
+        raise WrongQuestion(str(error)) from error
+    finally:
+        line.is_scanned = False
+
+
+async def _steps(running: Running, line: GatewayLine, units: list[int], limit: float, *, all_speeds: bool) -> Steps:
+    if not all_speeds:
+        async with aclosing(Scan(line, units, limit).run()) as steps:
+            async for step in steps:
+                yield step
+        return
+    async with (
+        running.port_lent(line),
+        aclosing(scan_speeds(line.at_rate, units, limit)) as steps,
+    ):
+        line.reconnector.error = PortError("its port is lent to a scan at all speeds")
+        async for step in steps:
+            yield step
+
+
+def _find(gateway: Gateway, name: object) -> GatewayLine:
+    line = next((each for each in gateway.lines if each.name == name), None)
+    if line is not None:
+        return line
+    if any(name == server.name for server in gateway.servers):
+        raise WrongQuestion(f"on {name} the gateway is a server: an outside client asks there")
+    remedy = did_you_mean(str(name), [each.name for each in gateway.lines])
+    raise WrongQuestion(f'there is no line "{name}"' + (f"; {remedy}" if remedy else ""))
+
+
+def _units(line: GatewayLine, wanted: object) -> list[int]:
+    """The numbers to ask: those of the unit set that are not configured, nor in use where units pass through."""
+    try:
+        units = parse_units(f"{FIRST_UNIT}-{LAST_UNIT}" if wanted is None else wanted, first=BROADCAST_UNIT)
+    except WrongValue as wrong:
+        raise WrongQuestion(f"{wrong}" + (f"; {wrong.remedy}" if wrong.remedy else "")) from wrong
+    known = [device for device in line.devices.values() if device.counts or not line.plan.passes_through]
+    taken = {device.unit for device in known} | {device.settings.unit for device in known}
+    asked = [unit for unit in units if unit not in taken]
+    if not asked:
+        raise WrongQuestion(f"{show_units(units)} of {line.name}: configured or in use already; status shows how it is")
+    return asked
+
+
+def _limit(value: object) -> float:
+    if isinstance(value, int | float) and 0 < value <= LONGEST_LIMIT:
+        return float(value)
+    raise WrongQuestion(f"the time limit of a question must be more than 0 and at most {LONGEST_LIMIT:g} s")
+
+
+def _check_rights(gateway: Gateway) -> None:
+    """Who scans must be allowed to read every unit: which number is whose is what a scan is to find out."""
+    rights = gateway.control.rights[""]
+    if not all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, LAST_UNIT + 1)):
+        raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
+
+
+def _check_is_free(running: Running, line: GatewayLine, why: str) -> None:
+    if running.recent.was_asked(line):
+        raise WrongQuestion(f"{line.name} is in use: {why}, so no client may have asked in the last minute")

@@ -1,0 +1,243 @@
+"""The question of a scan waits for a line's idle time, and nobody waits for more than one of them."""
+
+import pytest
+
+from gateway.events import BadFrame, LateResponse, RequestTimeout, UnitResting
+from gateway.lines.breaker import Breaker
+from gateway.lines.counts import UnitCounts
+from gateway.lines.idle import OTHERS
+from gateway.lines.transaction import ScanTransaction, Transaction
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import parse_request
+from gateway.timing.budget import AnswerTime
+from gateway.timing.table import TimingTable
+from kit.asker import Asker
+from kit.line_bench import LIMIT, READ, REQUEST_TIME, Bench, frame, is_empty
+
+QUESTION = "03 00 00 00 01"
+ANSWER = "03 02 00 07"
+
+
+class Unit:
+    """Whom a scan asks. `heard` are its responses, None where there was none."""
+
+    is_urgent = False
+    source = ""
+    answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=0.2)
+
+    def __init__(self, unit: int) -> None:
+        self.unit = unit
+        self.name = f"unit {unit}"
+        self.breaker = Breaker()
+        self.counts = UnitCounts()
+        self.heard: list[Frame | None] = []
+
+    def finished(self, transaction: Transaction, response: Frame | None) -> None:
+        self.heard.append(response)
+
+
+class Scanning(Bench):
+    """A line, and somebody who scans it."""
+
+    def scan(self, unit: int = 9, *, awaits_second: bool = True) -> tuple[ScanTransaction, Asker]:
+        asker = Asker("control")
+        request = asker.ask(QUESTION, unit=unit, now=self.now)
+        question = ScanTransaction(request, parse_request(request.pdu), Unit(unit), awaits_second=awaits_second)
+        self.line.ask_when_idle(question, self.now)
+        return question, asker
+
+
+def test_on_an_idle_line_it_goes_at_once_and_is_answered() -> None:
+    bench = Scanning()
+    _, asker = bench.scan()
+    assert bench.written == [frame(9, QUESTION)]
+    bench.pass_time(0.01)
+    bench.respond(ANSWER, unit=9)
+    assert asker.answers == ["03 02 00 07"]
+
+
+def test_who_waits_goes_first_and_it_goes_when_nobody_does() -> None:
+    bench = Scanning()
+    bench.ask(unit=1)
+    bench.ask(unit=2)
+    bench.scan()
+    for unit in (1, 2):
+        bench.pass_time(0.01)
+        bench.respond(unit=unit)
+    bench.pass_time(0.01)
+    assert bench.written == [frame(1, READ), frame(2, READ), frame(9, QUESTION)]
+
+
+def test_it_takes_no_place_in_the_queue() -> None:
+    bench = Scanning(queue=1)
+    bench.ask(unit=1)
+    bench.scan()
+    bench.ask(unit=2)
+    assert (bench.line.waiting, bench.client.answers) == (1, [])
+
+
+def test_silence_is_neither_told_nor_counted_and_no_unit_rests() -> None:
+    bench = Scanning()
+    for _ in range(4):
+        question, asker = bench.scan(unit=9)
+        bench.pass_time(2.0)
+        assert asker.answers == ["83 0B"]
+        assert question.device.breaker.failures == 0
+    assert bench.told(RequestTimeout) == bench.told(UnitResting) == []
+    assert is_empty(bench.line)
+
+
+def test_rubbish_is_a_broken_response_and_the_frame_of_another_unit_is_none() -> None:
+    bench = Scanning()
+    question, _ = bench.scan(unit=9)
+    bench.hear("09 03 FF 12")
+    bench.pass_time(1.0)
+    assert question.requests[0].error.result == "bad_frame"
+    question, _ = bench.scan(unit=10)
+    bench.respond(ANSWER, unit=4)
+    bench.pass_time(1.0)
+    assert question.requests[0].error.result == "timeout"
+    assert bench.told(BadFrame) == []
+
+
+def test_other_units_are_asked_while_its_late_window_is_open_and_the_same_function_too() -> None:
+    bench = Scanning()
+    bench.scan(unit=9)
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
+    bench.ask(unit=1)
+    assert bench.written == [frame(9, QUESTION), frame(1, READ)]
+    bench.pass_time(0.01)
+    bench.respond(unit=1)
+    assert bench.client.answers == ["03 02 01 10"]
+
+
+def test_its_late_answer_is_heard_and_nobody_elses() -> None:
+    bench = Scanning()
+    question, _ = bench.scan(unit=9)
+    heard = question.device.heard
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
+    bench.ask(unit=1)
+    bench.pass_time(0.01)
+    bench.respond(ANSWER, unit=9)
+    bench.pass_time(0.01)
+    bench.respond(unit=1)
+    assert [each and each.unit for each in heard] == [None, 9]
+    assert bench.told(LateResponse) == []
+    assert bench.client.answers == ["03 02 01 10"]
+
+
+@pytest.mark.parametrize("awaits_second", [True, False])
+def test_a_second_answer_is_heard_behind_the_first(awaits_second: bool) -> None:
+    bench = Scanning()
+    question, _ = bench.scan(unit=9, awaits_second=awaits_second)
+    heard = question.device.heard
+    for _ in range(2):
+        bench.pass_time(0.01)
+        bench.respond(ANSWER, unit=9)
+    assert len(heard) == 1 + awaits_second
+
+
+def test_a_unit_in_its_late_window_is_not_asked_again_before_that_ends() -> None:
+    bench = Scanning()
+    question, _ = bench.scan(unit=9)
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
+    bench.scan(unit=9)
+    end = bench.line.window_end(question)
+    bench.pass_time(end - bench.now - 0.001)
+    assert len(bench.written) == 1
+    bench.pass_time(0.002)
+    assert len(bench.written) == 2
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_on_a_line_that_is_never_free_it_has_its_turn_and_nobody_waits_for_two(count: int) -> None:
+    """Clients ask again as soon as they have a response; a scan does the same."""
+    bench = Scanning()
+    clients = {unit: Asker(f"10.0.0.{unit}:1") for unit in range(1, count + 1)}
+    for unit, client in clients.items():
+        bench.ask(unit=unit, client=client)
+    scanned, sent, worst = 100, 0, 0
+    waited = dict.fromkeys(clients, 0)
+    bench.scan(unit=scanned)
+    while scanned < 110:
+        bench.pass_time(0.01)
+        assert sent < len(bench.written)
+        unit, sent = int(bench.written[sent][:2], 16), sent + 1
+        if unit in clients:
+            worst = max(worst, waited[unit])
+            waited[unit] = 0
+            bench.respond(unit=unit)
+            bench.ask(unit=unit, client=clients[unit])
+        else:
+            waited = {each: scans + 1 for each, scans in waited.items()}
+            scanned += 1
+            bench.pass_time(REQUEST_TIME + LIMIT - 0.01)
+            bench.scan(unit=scanned)
+    assert worst == 1
+    assert min(len(client.answers) for client in clients.values()) >= 9 * OTHERS // count - 3
+
+
+def test_a_read_that_is_to_be_repeated_goes_before_it() -> None:
+    bench = Scanning(retries=1)
+    bench.scan(unit=8)
+    bench.pass_time(2.0)
+    bench.ask(unit=1)
+    bench.scan(unit=9)
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
+    other = Asker("10.0.0.7:1")
+    for _ in range(2 * OTHERS):
+        bench.ask(unit=2, client=other)
+        bench.pass_time(0.001)
+        bench.respond(unit=2)
+        bench.ask(unit=2, client=other)
+        bench.pass_time(0.004)
+        bench.respond(unit=2)
+    assert frame(9, QUESTION) not in bench.written
+    bench.pass_time(2.0)
+    mine = [adu for adu in bench.written if adu != frame(2, READ)]
+    assert mine == [frame(8, QUESTION), frame(1, READ), frame(1, READ), frame(9, QUESTION)]
+
+
+def test_a_late_answer_ends_what_it_waits_for() -> None:
+    bench = Scanning()
+    bench.scan(unit=9, awaits_second=False)
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
+    bench.scan(unit=9)
+    bench.pass_time(0.01)
+    bench.respond(ANSWER, unit=9)
+    bench.pass_time(0.01)
+    assert len(bench.written) == 2
+
+
+def test_it_is_never_repeated() -> None:
+    bench = Scanning(retries=3)
+    bench.scan(unit=9)
+    bench.pass_time(5.0)
+    assert len(bench.written) == 1
+
+
+def test_it_fails_with_its_line() -> None:
+    bench = Scanning()
+    bench.ask(unit=1)
+    _, waiting = bench.scan()
+    bench.unplug()
+    assert waiting.answers == ["83 0A"]
+    _, refused = bench.scan()
+    assert refused.answers == ["83 0A"]
+
+
+def test_a_second_question_takes_the_place_of_one_that_waits() -> None:
+    bench = Scanning()
+    bench.ask(unit=1)
+    first, _ = bench.scan(unit=9)
+    bench.scan(unit=10)
+    assert first.requests[0].error.result == "unwanted"
+
+
+def test_a_lone_device_is_asked_at_address_0_and_answers_from_its_own() -> None:
+    bench = Scanning()
+    question, asker = bench.scan(unit=0)
+    bench.pass_time(0.01)
+    bench.respond(ANSWER, unit=5)
+    assert asker.answers == ["03 02 00 07"]
+    assert question.answers_from is None

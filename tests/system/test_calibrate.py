@@ -1,0 +1,70 @@
+"""`calibrate` as a process, on a simulated Mint controller that responds as its table says."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pymodbus.client import ModbusTcpClient
+
+from kit.process import PATIENCE, GatewayProcess, command, simulated
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[line]]
+name = "motion"
+port = "{port}"
+mode = "ascii"
+devices = [{{ unit = 2, name = "axis-1" }}]
+
+[control]
+socket = "{control}"
+"""
+#: Milliseconds for 99 registers, and what slow machines may make of that.
+TABLE = 420
+BOUNDS = (0.9 * TABLE, 1.25 * TABLE)
+
+
+@contextmanager
+def reading(port: int) -> Iterator[None]:
+    """A client that reads one register and 99 of them, in turns."""
+    end = threading.Event()
+
+    def read() -> None:
+        client = ModbusTcpClient("127.0.0.1", port=port, timeout=PATIENCE)
+        client.connect()
+        while not end.is_set():
+            for count in (1, 99):
+                client.read_holding_registers(1, count=count, device_id=2)
+        client.close()
+
+    thread = threading.Thread(target=read, name="client")
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()
+
+
+def time_of_99(*words: str) -> float:
+    """Milliseconds for 99 registers."""
+    done = command("calibrate", "axis-1", "--json", *words)
+    assert done.returncode == 0, done.stderr
+    (time,) = [row["time_ms"] for row in json.loads(done.stdout)["timing"] if (row["fc"], row["items"]) == (3, 99)]
+    return time
+
+
+def test_a_mint_controller_actively_and_passively(tmp_path: Path) -> None:
+    control, port = str(tmp_path / "control.sock"), tmp_path / "motion"
+    at = ("--control", control)
+    with simulated(port, "mint:2"), GatewayProcess(tmp_path, CONFIG.format(port=port, control=control)) as gateway:
+        assert BOUNDS[0] < time_of_99("--active", "--for", "5s", *at) < BOUNDS[1]
+        with reading(gateway.port):
+            assert BOUNDS[0] < time_of_99("--for", "5s", *at) < BOUNDS[1]
+        shown = command("calibrate", "axis-1", *at)
+        assert "FUNCTION  ITEMS  RESPONSES" in shown.stdout
+        assert "timing = [" in shown.stdout

@@ -1,0 +1,140 @@
+"""`scan` as a process: through a daemon beside its clients, and on a port without one."""
+
+import asyncio
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event, Thread
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+
+from gateway.simulator.generic import Generic
+from gateway.simulator.line import SimulatedLine
+from kit.process import COMMAND, PATIENCE, GatewayProcess, command, simulated
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[line]]
+name = "hall"
+port = "{port}"
+devices = [{{ unit = 1, as = 41, profile = "weigher" }}, {{ unit = 6, profile = "v80" }}]
+
+[control]
+socket = "{control}"
+"""
+#: One question that nobody answers: its limit, its time on the line, and what slow machines add to it.
+QUESTION = 0.3 + 0.02
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[Path]:
+    path = tmp_path / "hall"
+    with simulated(path, "weigher:1,3", "v80:6"):
+        yield path
+
+
+def found(*words: str) -> dict[int, str]:
+    """The units and their profiles."""
+    done = command("scan", *words, "--json")
+    assert done.returncode == 0, done.stderr
+    return {row["unit"]: row["profile"] for row in json.loads(done.stdout)["found"]}
+
+
+class Asking(Thread):
+    """A client that asks unit 6 as fast as it can. `waits` are how long its answers took, in seconds."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__(name="client")
+        self.waits: list[float] = []
+        self.failed = 0
+        self._port = port
+        self._end = Event()
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self.join()
+
+    def run(self) -> None:
+        client = ModbusTcpClient("127.0.0.1", port=self._port, timeout=PATIENCE)
+        client.connect()
+        while not self._end.is_set():
+            begin = time.monotonic()
+            self.failed += client.read_holding_registers(0, count=2, device_id=6).isError()
+            self.waits.append(time.monotonic() - begin)
+        client.close()
+
+
+def p99(waits: list[float]) -> float:
+    return sorted(waits)[len(waits) * 99 // 100]
+
+
+def test_through_the_daemon_beside_clients_at_full_rate(tmp_path: Path, port: Path) -> None:
+    control = str(tmp_path / "control.sock")
+    with GatewayProcess(tmp_path, CONFIG.format(port=port, control=control)) as gateway:
+        assert found("hall", "1-8", "--control", control) == {3: "weigher"}
+        with Asking(gateway.port) as first, Asking(gateway.port) as second:
+            time.sleep(3)
+            before = [*first.waits, *second.waits]
+            first.waits.clear()
+            second.waits.clear()
+            assert found("hall", "2-8", "--control", control) == {3: "weigher"}
+            beside = [*first.waits, *second.waits]
+        assert first.failed + second.failed == 0
+        assert p99(beside) < p99(before) + QUESTION + 0.1
+        assert not {"request_timeout", "unit_resting", "bad_frame"} & {event["event"] for event in gateway.log}
+        assert command("read", "41", "--control", control).returncode == 0
+
+
+def test_it_ends_when_its_command_is_ended(tmp_path: Path, port: Path) -> None:
+    control = str(tmp_path / "control.sock")
+    with GatewayProcess(tmp_path, CONFIG.format(port=port, control=control)):
+        scan = subprocess.Popen([*COMMAND, "scan", "hall", "--control", control], stdout=subprocess.PIPE)
+        while "goes on already" not in command("scan", "hall", "20", "--control", control).stderr:
+            assert scan.poll() is None
+        scan.send_signal(signal.SIGINT)
+        assert scan.wait(PATIENCE) == 130
+        scan.stdout.close()
+        end = time.monotonic() + PATIENCE
+        while command("scan", "hall", "20", "--control", control).stdout == "":
+            assert time.monotonic() < end
+
+
+def test_on_a_port_without_a_daemon(port: Path) -> None:
+    at = ("--port", str(port))
+    assert found("1-8", *at) == {1: "weigher", 3: "weigher", 6: "v80"}
+    shown = command("scan", "3-4", *at)
+    assert shown.stdout.splitlines()[0].split() == ["UNIT", "RESULT", "ANSWER", "PROFILE"]
+    assert shown.stdout.splitlines()[-1] == "1 of 2 units did not answer."
+    nobody = command("scan", "20", *at)
+    assert (nobody.returncode, "\x1b" in nobody.stdout) == (1, False)
+    missing = command("scan", "--port", "/dev/not-here")
+    assert (missing.returncode, missing.stdout) == (1, "")
+    assert "/dev/not-here" in missing.stderr
+    assert command("scan").returncode == command("scan", "300", *at).returncode == 2
+
+
+def test_all_speeds_on_a_port(tmp_path: Path) -> None:
+    path = tmp_path / "hall"
+    with simulated(path, "weigher:3", "--baud", "14400"):
+        done = command("scan", "3", "--all-speeds", "--timeout", "100ms", "--port", str(path))
+        assert done.stdout.splitlines()[1].split()[::5] == ["3", "14400"], done.stderr
+
+
+async def test_two_devices_on_one_address_without_a_daemon(tmp_path: Path) -> None:
+    async with SimulatedLine(tmp_path / "hall", [Generic(9), Generic(9), Generic(10)]):
+        words = [*COMMAND, "scan", "8-10", "--port", str(tmp_path / "hall"), "--json"]
+        scan = await asyncio.create_subprocess_exec(*words, stdout=asyncio.subprocess.PIPE)
+        said, _ = await scan.communicate()
+        assert scan.returncode == 1
+        rows = {row["unit"]: row["result"] for row in json.loads(said)["found"]}
+        assert rows == {9: "garbled", 10: "answers"}
