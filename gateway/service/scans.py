@@ -10,6 +10,7 @@ from gateway.errors import PortError, WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, FunctionCode
 from gateway.ports.port import SerialSettings
 from gateway.service.build import Gateway
+from gateway.service.control import IsThere
 from gateway.service.parts import GatewayLine
 from gateway.service.running import Running
 from gateway.service.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
@@ -18,7 +19,9 @@ from gateway.service.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
 LONGEST_LIMIT: Final = 10.0
 
 
-async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[dict[str, Any], None]:
+async def scan(
+    running: Running, request: Mapping[str, Any], _is_there: IsThere | None = None
+) -> AsyncGenerator[dict[str, Any], None]:
     """Scan the `line`: the `units`, all numbers by default, that the config does not name. Tells its progress.
 
     An answer has `limit_s` seconds before it is late. With `all_speeds` the line is scanned at all usual rates; it must
