@@ -142,8 +142,8 @@ def test_a_listener_that_changes_keeps_its_address(tmp_path: Path, config: str) 
     ("line", "answer"),
     [
         (b"hello\n", "this is not JSON"),
-        (b"[]\n", '"verb" must be one of status, reload, unit, request'),
-        (b'{"verb": ["status"]}\n', '"verb" must be one of status, reload, unit, request'),
+        (b"[]\n", '"verb" must be one of status, reload, unit, request, doctor, trace, why, times, scan'),
+        (b'{"verb": ["status"]}\n', '"verb" must be one of status, reload, unit, request, doctor, trace, why, times, scan'),
     ],
 )
 def test_nonsense_gets_an_answer(tmp_path: Path, config: str, line: bytes, answer: str) -> None:
