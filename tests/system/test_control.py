@@ -138,12 +138,15 @@ def test_a_listener_that_changes_keeps_its_address(tmp_path: Path, config: str) 
             assert asked(again) == RIGHT
 
 
+VERBS = '"verb" must be one of status, reload, unit, request, doctor, trace, why, times, scan'
+
+
 @pytest.mark.parametrize(
     ("line", "answer"),
     [
         (b"hello\n", "this is not JSON"),
-        (b"[]\n", '"verb" must be one of status, reload, unit, request, doctor, trace, why, times, scan'),
-        (b'{"verb": ["status"]}\n', '"verb" must be one of status, reload, unit, request, doctor, trace, why, times, scan'),
+        (b"[]\n", VERBS),
+        (b'{"verb": ["status"]}\n', VERBS),
     ],
 )
 def test_nonsense_gets_an_answer(tmp_path: Path, config: str, line: bytes, answer: str) -> None:
