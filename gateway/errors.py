@@ -28,6 +28,7 @@ GatewayError
 │   └── PortClosed               it was closed by its user
 ├── ListenError                  a listener cannot use its address
 ├── StateError                   a file in the state directory cannot be read
+├── UsersError                   the file with the users of the web page cannot be used
 ├── WrongQuestion                what was asked for at the control socket cannot be
 └── DaemonError                  the running gateway cannot be reached
 
@@ -211,6 +212,10 @@ class ListenError(GatewayError):
 
 class StateError(GatewayError):
     """A file in the state directory cannot be read; the message names it, and what to do."""
+
+
+class UsersError(GatewayError):
+    """The file with the users of the web page cannot be used; the message names it, and what to do."""
 
 
 class WrongQuestion(GatewayError):

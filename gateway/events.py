@@ -106,17 +106,42 @@ class ControlClosed(Event):
 
 @dataclass(frozen=True)
 class WebUp(Event):
-    """Metrics can be read over HTTP."""
+    """The web page, the API and metrics can be reached over HTTP."""
 
     address: str
 
 
 @dataclass(frozen=True)
 class WebClosed(Event):
-    """Metrics cannot be read over HTTP. All else works."""
+    """Nothing can be reached over HTTP. All else works."""
 
     level = Level.WARNING
     address: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class WebLogin(Event):
+    """Somebody has logged in at the web page."""
+
+    client: str
+    user: str
+
+
+@dataclass(frozen=True)
+class WebLoginFailed(Event):
+    """Somebody has sent a wrong password to the web page; `user` is empty if there is no such user."""
+
+    level = Level.WARNING
+    client: str
+    user: str
+
+
+@dataclass(frozen=True)
+class WebUsersRejected(Event):
+    """The file with the users cannot be used as it is now; those that were in it before stay."""
+
+    level = Level.WARNING
     reason: str
 
 

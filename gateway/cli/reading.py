@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from gateway.cli.unit import Unit
-from gateway.cli.values import Failure, Outcome, Reading
+from gateway.cli.values import Failure, Outcome
 from gateway.errors import ExceptionCode
 from gateway.profiles.batches import Batch, batches
 from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
 from gateway.registers.items import items_read, read_request
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.

@@ -16,6 +16,7 @@ from gateway.config.plan import Plan, resolve
 from gateway.errors import ListenError, StateError
 from gateway.images.store import Store
 from gateway.listeners.sockets import OpenSockets
+from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
 from gateway.ports.exact_loop import run_exactly
@@ -59,11 +60,13 @@ def run(args: argparse.Namespace) -> int:
         return PROBLEM_FOUND
     plan = resolve(loaded.config)
     try:
-        with open_log(plan.log.level, plan.log.format) as emit:
+        with open_log(plan.log.level, plan.log.format) as log:
+            fan_out = FanOut(log)
+            emit = fan_out.emit
             emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
             warn(loaded.problems, emit)
             control = args.control or plan.control or control_path(file)
-            _serve(plan, file, Path(control), emit)
+            _serve(plan, file, Path(control), fan_out)
     except (ListenError, StateError) as error:
         _tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise
@@ -77,7 +80,8 @@ def _tell_journal(rejected: events.ConfigRejected) -> None:
             emit(rejected)
 
 
-def _serve(plan: Plan, file: Path, control: Path, emit: events.Emit) -> None:
+def _serve(plan: Plan, file: Path, control: Path, fan_out: FanOut) -> None:
+    emit = fan_out.emit
     folder = state_folder()
     with (
         closing(StateFile(folder, emit)) as memory,
@@ -86,7 +90,7 @@ def _serve(plan: Plan, file: Path, control: Path, emit: events.Emit) -> None:
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        run_exactly(_run(plan, file, control, _State(memory, store, left_behind), emit))
+        run_exactly(_run(plan, file, control, _State(memory, store, left_behind), fan_out))
 
 
 class _State(NamedTuple):
@@ -97,7 +101,8 @@ class _State(NamedTuple):
     left_behind: LeftBehind
 
 
-async def _run(plan: Plan, file: Path, control: Path, state: _State, emit: events.Emit) -> None:
+async def _run(plan: Plan, file: Path, control: Path, state: _State, fan_out: FanOut) -> None:
+    emit = fan_out.emit
     loop = asyncio.get_running_loop()
 
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
@@ -113,7 +118,10 @@ async def _run(plan: Plan, file: Path, control: Path, state: _State, emit: event
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
-    async with control_open(control, verbs(running, reloader), emit), web_pages(plan.web, running):
+    async with (
+        control_open(control, verbs(running, reloader), emit),
+        web_pages(plan.web, running, reloader, fan_out),
+    ):
         garbage.settle()
         await serve(running, stop, systemd, reloader)
 

@@ -1,7 +1,6 @@
 """Values of a unit as a table or as JSON."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -10,34 +9,12 @@ from gateway.cli.columns import align
 from gateway.cli.unit import Answer, Unit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.profiles.point import Point
-from gateway.registers.datatypes import Value
+from gateway.profiles.reading import Reading
 from gateway.registers.items import has_bits
 from gateway.registers.reference import reference
 
 #: The text of an empty cell.
 _NOTHING: Final = "-"
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A point and the items that were read or written; `before` are those before a write."""
-
-    point: Point
-    items: bytes
-    before: bytes | None = None
-
-    @property
-    def value(self) -> Value:
-        """The value of the items."""
-        return self.point.value(self.items)
-
-    @property
-    def registers(self) -> list[int]:
-        """The registers as numbers; coils and inputs have none."""
-        if has_bits(self.point.area):
-            return []
-        return [int.from_bytes(self.items[at : at + 2], "big") for at in range(0, len(self.items), 2)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +65,7 @@ def picture(unit: Unit, area: Area | None, outcome: Outcome) -> dict[str, Any]:
         result["name"] = unit.name
     if area is not None:
         result["area"] = area
-    result["values"] = [_as_json(each, with_area=area is None) for each in outcome.readings]
+    result["values"] = [each.as_json(with_area=area is None) for each in outcome.readings]
     result["elapsed_ms"] = round(sum(answer.elapsed_ms for answer in outcome.answers), 1)
     if outcome.failures:
         result["errors"] = [
@@ -131,28 +108,6 @@ def _cells(reading: Reading) -> dict[str, str]:
         "REFERENCE": reference(point.area, point.address),
         "HEX": " ".join(f"{register:04X}" for register in reading.registers) or _NOTHING,
     }
-
-
-def _as_json(reading: Reading, *, with_area: bool) -> dict[str, Any]:
-    point = reading.point
-    named = {"point": point.name} if point.name else {}
-    unit = {"unit": point.unit} if point.unit else {}
-    before = {} if reading.before is None else {"old": _finite(point.value(reading.before))}
-    return {
-        **named,
-        **({"area": point.area} if with_area else {}),
-        "address": point.address,
-        "reference": reference(point.area, point.address),
-        "value": _finite(reading.value),
-        **before,
-        **unit,
-        "registers": reading.registers,
-    }
-
-
-def _finite(value: Value) -> Value | None:
-    """JSON has no infinity and no not-a-number."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _called(unit: Unit) -> str:

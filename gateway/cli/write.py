@@ -11,11 +11,12 @@ from gateway.cli.on_unit import run_on_unit
 from gateway.cli.reading import read_points
 from gateway.cli.unit import Unit, add_unit_arguments
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere
-from gateway.cli.values import Failure, Outcome, Reading, as_json, frames_as_json, frames_as_text, picture, table
+from gateway.cli.values import Failure, Outcome, as_json, frames_as_json, frames_as_text, picture, table
 from gateway.cli.words import Assignment, Command, find_assignments
 from gateway.errors import ExceptionCode
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
+from gateway.profiles.reading import Reading
 from gateway.registers.items import WRITERS, has_bits, write_request
 
 _EXAMPLES: Final = """\

@@ -6,7 +6,7 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from gateway.config.address import Address
-from gateway.config.check_access import CONTROL, check_access
+from gateway.config.check_access import RESERVED, check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_load import check_load
@@ -21,6 +21,7 @@ from gateway.config.check_units import (
     client_lines,
 )
 from gateway.config.check_upstreams import check_upstreams
+from gateway.config.check_web import check_web
 from gateway.config.not_yet import check_built, unbuilt_tables
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
 from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
@@ -78,7 +79,7 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
         yield from _check_format(line)
         yield from _check_role(line)
     yield from _check_control(config)
-    yield from _check_web(config)
+    yield from check_web(config)
     yield from _check_profiles(config, failed)
     yield from check_points(config, failed)
     yield from _check_spoken(config)
@@ -105,8 +106,9 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
     listeners: tuple[Listen | Line, ...] = (*config.listen, *servers)
     kept_open: tuple[Line | Upstream, ...] = (*config.line, *config.upstream)
     for listener in listeners:
-        if listener.name == CONTROL:
-            yield error((*listener.path, "name"), f'"{CONTROL}" is what [[access]] calls the control socket')
+        if listener.name in RESERVED:
+            what = f'"{listener.name}" is what [[access]] calls {RESERVED[listener.name]}'
+            yield error((*listener.path, "name"), what)
     for called in (listeners, kept_open):
         yield from _find_repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
     yield from _find_repeated("name", ((image.label, image) for image in config.image))
@@ -213,13 +215,6 @@ def _check_role(line: Line) -> Iterator[Problem]:
         yield error(
             (*line.path, "serves"), "serves is missing", "name the units that the gateway answers for: serves = [41]"
         )
-
-
-def _check_web(config: Config) -> Iterator[Problem]:
-    web = config.web
-    if web is not None and not web.bind.is_loopback and web.token is None:
-        remedy = 'give it token = { file = "/etc/modbus-gateway/metrics.token" }, or bind = "http://127.0.0.1:8502"'
-        yield error((*web.path, "bind"), "other machines can reach it, so it needs a token", remedy)
 
 
 def _check_control(config: Config) -> Iterator[Problem]:

@@ -12,8 +12,10 @@ from gateway.config.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.routing.access import LOOPBACK, Network
 
-#: What [[access]] calls the control socket.
+#: What [[access]] calls the control socket, and the web page with its API.
 CONTROL: Final = "control"
+WEB: Final = "web"
+RESERVED: Final = {CONTROL: "the control socket", WEB: "the web page and its API"}
 
 _FIRST_RIGHT: Final = (
     'allow = ["read", "write"]. Then add a last row allow = ["read"]: clients that match no row are refused'
@@ -81,7 +83,7 @@ def _check_content(row: Access) -> Iterator[Problem]:
 
 def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
     cables = [*(line.label for line in config.line if line.role == "server"), CONTROL]
-    known = [*(listen.label for listen in _listeners(config)), *cables]
+    known = [*(listen.label for listen in _listeners(config)), *cables, WEB]
     for index, name in enumerate(row.listen or ()):
         path = (*row.path, "listen", index)
         if name not in known:

@@ -7,7 +7,20 @@ from typing import Final, Literal
 from gateway.config.address import Address
 from gateway.config.points import points_of
 from gateway.config.ranges import join_ranges
-from gateway.config.schema import DEFAULT_RING, Access, Config, Device, Image, Line, Listen, Log, ProfileTable, Upstream
+from gateway.config.schema import (
+    DEFAULT_RING,
+    Access,
+    Config,
+    Device,
+    Image,
+    Line,
+    Listen,
+    Log,
+    ProfileTable,
+    Upstream,
+    Web,
+)
+from gateway.config.secret_file import SecretFile
 from gateway.devices.device import DeviceSettings
 from gateway.images import self_map
 from gateway.images.image import ImageSettings
@@ -20,7 +33,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, Fu
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range, covers
-from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
+from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Network, Right, Row, right_to
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import Point as TimingPoint
@@ -122,11 +135,19 @@ class LogSettings:
 
 @dataclass(frozen=True, slots=True)
 class WebPlan:
-    """Where the gateway answers over HTTP, by which names, and the file with the token that is needed there."""
+    """Where the gateway answers over HTTP, by which names, and the files that say who is let in.
+
+    Requests of a `proxy` name their user themselves. Operators may `write` if that is set.
+    """
 
     bind: Address
     hosts: tuple[str, ...]
     token: str | None
+    users: str | None = None
+    certificate: SecretFile | None = None
+    key: SecretFile | None = None
+    proxy: tuple[Network, ...] = ()
+    write: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +198,7 @@ def resolve(config: Config) -> Plan:
         points={unit: points for unit, points in _points(config, images, mirrors) if points},
         control=None if config.control is None else config.control.socket,
         ring=config.trace.ring,
-        web=None if config.web is None else WebPlan(config.web.bind, config.web.hosts, config.web.token),
+        web=None if config.web is None else _web(config.web),
     )
     return plan if config.own is None else replace(plan, points={**plan.points, config.own.unit: _own_points(plan)})
 
@@ -444,6 +465,19 @@ def _right(row: Access) -> Right:
     if row.functions is not None:
         return right_to(row.functions)
     return NOTHING.union(*(_RIGHTS[name] for name in row.allow or ()))
+
+
+def _web(web: Web) -> WebPlan:
+    return WebPlan(
+        bind=web.bind,
+        hosts=web.hosts,
+        token=web.token,
+        users=web.users,
+        certificate=web.certificate,
+        key=web.key,
+        proxy=web.proxy or (),
+        write=web.write,
+    )
 
 
 def _log(log: Log) -> LogSettings:

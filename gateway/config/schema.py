@@ -12,6 +12,7 @@ from gateway.config.values import (
     AnswerDuration,
     ClientUnit,
     ClientUnits,
+    CredentialFile,
     Duration,
     DurationOrAuto,
     DurationOrOffOrAuto,
@@ -522,9 +523,9 @@ class Access(Table):
     )
     listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
         None,
-        description="Names of listeners, server lines, or `control`. Default: all. A server line keeps all rights "
-        "until a row names it. UDP clients can write only through a row that names their listener. A row names either "
-        "listeners for one line, or others.",
+        description="Names of listeners, server lines, `control` or `web`. Default: all. A server line, the control "
+        "socket and the web page keep their rights until a row names them. UDP clients can write only through a row "
+        "that names their listener. A row names either listeners for one line, or others.",
     )
     role: str | None = Field(None, description="The role in the certificate of a TLS client.")
     units: UnitsOrAll = Field(
@@ -543,16 +544,38 @@ class Access(Table):
 
 
 class Web(Table):
-    """Metrics for Prometheus, health and readiness over HTTP; without this table there are none."""
+    """The web page, the HTTP API, and metrics for Prometheus; without this table there are none. See [web](web.md)."""
 
-    bind: WebAddress = Field(description="Where to listen.")
+    bind: WebAddress = Field(
+        description="Where to listen: `http://` or `https://`. Clients on this machine read without a password; if "
+        "other machines can connect, `users`, `token` or `proxy` must be given."
+    )
+    certificate: CredentialFile | None = Field(
+        None, description="With `https://`: the file with the certificate and its chain (PEM)."
+    )
+    key: CredentialFile | None = Field(
+        None,
+        description="With `https://`: the file with the private key (PEM); only its owner and group may read it.",
+    )
+    users: SocketPath | None = Field(
+        None,
+        description="The file with the users, made by `modbus-gateway user`. Changes apply within 5 s.",
+    )
+    proxy: Networks | None = Field(
+        None,
+        description="Addresses of reverse proxies that ask for the password: the header `X-Forwarded-User` of their "
+        "requests names the user, whose role is that in `users`, otherwise viewer.",
+    )
     hosts: Annotated[tuple[Name, ...], ListOf] = Field(
         (), description="Names by which it may be called, beside its addresses and `localhost`."
     )
     token: TokenFile | None = Field(
         None,
-        description="The file with the token that a scraper has to send (`Authorization: Bearer ...`). It must be "
-        "given if `bind` can be reached from other machines. `/healthz` and `/readyz` need none.",
+        description="The file with the token that programs send for `/metrics` and reads of the API "
+        "(`Authorization: Bearer ...`). If it is given, `/metrics` needs it or a login also from this machine.",
+    )
+    write: bool = Field(
+        False, description="Whether users with the role `operator` may write coils and registers through it."
     )
 
 

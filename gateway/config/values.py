@@ -20,6 +20,7 @@ from gateway.config.duration import (
 )
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.ranges import parse_ranges
+from gateway.config.secret_file import SecretFile
 from gateway.config.size import parse_size_or_zero, show_size
 from gateway.config.unitset import CLIENT_UNITS, NO_CLIENT_UNIT, parse_client_units, parse_units
 from gateway.modbus.codes import Area
@@ -32,6 +33,8 @@ DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": 
 
 _LONGEST_NAME: Final = 64
 _IPV4_MAPPED: Final = IPv6Network("::ffff:0:0/96")
+#: A file in the folder of systemd's credentials, and nowhere else.
+_CREDENTIAL = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")
 _FUNCTION = re.compile(r"[0-9]{1,9}")
 _WHOLE_NUMBER = re.compile(r"-?[0-9]{1,20}")
 #: With a star, which stands for a number.
@@ -114,6 +117,20 @@ def parse_token_file(value: object) -> str:
         case {"file": str(path), **others} if path and not others:
             return check_path(path)
     raise WrongValue("names no file", 'write { file = "/etc/modbus-gateway/metrics.token" }')
+
+
+def parse_file(value: object) -> SecretFile:
+    """A path, or the name of a credential that systemd hands to the service.
+
+    Raises:
+        WrongValue: `value` is neither.
+    """
+    match value:
+        case str(path) if path:
+            return SecretFile(check_path(path))
+        case {"credential": str(name), **others} if _CREDENTIAL.fullmatch(name) and not others:
+            return SecretFile(name, is_credential=True)
+    raise WrongValue("names no file", 'write "/etc/modbus-gateway/server.key", or { credential = "server.key" }')
 
 
 def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
@@ -353,8 +370,9 @@ ListenAddress = Annotated[
     Kind("address"),
 ]
 ServerAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
+CredentialFile = Annotated[SecretFile, PlainValidator(parse_file), Kind("path or `{ credential = ... }`")]
 TokenFile = Annotated[str, PlainValidator(parse_token_file), Kind('table such as `{ file = "metrics.token" }`')]
-WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http",))), Kind("address")]
+WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http", "https"))), Kind("address")]
 Size = Annotated[int, PlainValidator(parse_size_or_zero), Kind('size such as `"4 MiB"`', _size_in_quotes)]
 
 #: A TOML list; what stands in it stays as strict as it is.

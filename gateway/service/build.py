@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from gateway.config.check_access import CONTROL
+from gateway.config.check_access import CONTROL, WEB
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
@@ -65,6 +65,8 @@ class Gateway:
     devices: tuple[dict[int, Device], ...]
     #: The router of the control socket: it has all rights until a row names it.
     control: Router
+    #: The way of requests over HTTP: it too has all rights until a row names it. What a user may is seen to before.
+    web: Router
     ways: tuple[Way, ...]
     ring: Ring
     plan: Plan
@@ -138,12 +140,14 @@ def build(
         for one, units, recipient in zip(plan.lines, on_lines, on_line, strict=True)
     }
     control = running.control if running else Router(EntryPoint(CONTROL, "local"), loop.time, emit, ring=ring)
+    web = running.web if running else Router(EntryPoint(WEB, "local"), loop.time, emit, ring=ring)
     ways = (
         Way(control, everyone.routes, everyone.known_as),
+        Way(web, everyone.routes, everyone.known_as),
         *(_way(one, alone[one.settings.line] if one.settings.line else everyone, ring) for one in listeners),
         *(Way(one.router, _served(everyone, one.plan, ring), everyone.known_as) for one in servers),
     )
-    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, control, ways, ring, plan)
+    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, control, web, ways, ring, plan)
 
 
 class _Old:

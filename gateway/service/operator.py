@@ -1,4 +1,4 @@
-"""Requests and unit descriptions for the control socket; its client name is `control`."""
+"""What an operator asks of units, at the control socket or over HTTP: requests, and what a unit is."""
 
 import asyncio
 from collections.abc import Callable, Iterator, Mapping
@@ -15,6 +15,7 @@ from gateway.modbus.functions import only_reads
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
+from gateway.routing.router import Router
 from gateway.service.build import Gateway
 from gateway.service.frames import frames_of
 from gateway.service.parts import GatewayLine, GatewayUpstream
@@ -41,11 +42,10 @@ class UnitPicture:
 class Question:
     """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
 
-    client = CONTROL
-    host = ""
-
-    def __init__(self, is_there: Callable[[], bool]) -> None:
-        """`is_there` says whether the client is still connected."""
+    def __init__(self, is_there: Callable[[], bool], client: str = CONTROL, host: str = "") -> None:
+        """`is_there` tells whether whoever asks, as the `client` at the address `host`, is still connected."""
+        self.client = client
+        self.host = host
         self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
             asyncio.get_running_loop().create_future()
         )
@@ -61,6 +61,14 @@ class Question:
             self.outcome.set_result((request.error, pdu))
 
 
+class Done(NamedTuple):
+    """What became of a request: its response, how long that took, and the error if it is the gateway's exception."""
+
+    pdu: bytes | None
+    elapsed_ms: float
+    error: RequestError | None
+
+
 async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[[], bool]) -> dict[str, Any]:
     """Send a request like one of any client, with rights, queue and limits: `unit` (number or name) and `pdu` (hex).
 
@@ -71,17 +79,24 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
         WrongQuestion: there is no such unit, or `pdu` is not a PDU.
     """
     unit, pdu = find_unit(gateway.plan, question.get("unit")), _pdu(question.get("pdu"))
-    origin, now = Question(is_there), asyncio.get_running_loop().time
-    started = now()
-    gateway.control.submit(Request(unit, pdu, origin, started), started)
-    error, response = await origin.outcome
+    started = asyncio.get_running_loop().time()
+    done = await send(gateway.control, unit, pdu, Question(is_there))
     answer = {
         "unit": unit,
-        "pdu": None if response is None else response.hex(" ").upper(),
-        "elapsed_ms": round((now() - started) * 1000, 1),
+        "pdu": None if done.pdu is None else done.pdu.hex(" ").upper(),
+        "elapsed_ms": done.elapsed_ms,
     }
-    answer |= frames_of(gateway, origin.client, pdu, started)
-    return answer if error is None else {**answer, "result": error.result, "reason": str(error)}
+    answer |= frames_of(gateway, CONTROL, pdu, started)
+    return answer if done.error is None else {**answer, "result": done.error.result, "reason": str(done.error)}
+
+
+async def send(router: Router, unit: int, pdu: bytes, question: Question) -> Done:
+    """Send a request through `router`, and wait for what becomes of it."""
+    now = asyncio.get_running_loop().time
+    started = now()
+    router.submit(Request(unit, pdu, question, started), started)
+    error, response = await question.outcome
+    return Done(response, round((now() - started) * 1000, 1), error)
 
 
 def picture(gateway: Gateway, wanted: object) -> UnitPicture:
@@ -94,20 +109,13 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
     found = next((each for each in _units(gateway.plan) if each.unit == unit), None)
     if found is None:
         raise WrongQuestion(f"there is no unit {unit}; modbus-gateway check lists the units")
-    functions = found.profile.functions
-    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    longest = {unit: wait for part in parts for unit, wait in part.longest_wait.items()}
-    return UnitPicture(
-        unit=unit,
-        name=found.name,
-        kind=found.kind,
-        profile=found.profile.name,
-        functions=None if functions is None else tuple(sorted(functions)),
-        limits=found.profile.limits,
-        areas={str(area): ranges for area, ranges in found.profile.areas.items()},
-        longest_wait_ms=round(longest.get(unit, 0.0) * 1000, 1),
-        points=gateway.plan.points.get(unit, ()),
-    )
+    return _picture(found, gateway, _longest_waits(gateway))
+
+
+def pictures(gateway: Gateway) -> tuple[UnitPicture, ...]:
+    """Every unit, by its number."""
+    longest = _longest_waits(gateway)
+    return tuple(_picture(each, gateway, longest) for each in sorted(_units(gateway.plan), key=lambda one: one.unit))
 
 
 def find_unit(plan: Plan, wanted: object) -> int:
@@ -151,6 +159,27 @@ def _units(plan: Plan) -> Iterator[_Unit]:
 
 def _kind(image: ImageSettings) -> str:
     return "gateway" if image.shows_gateway else "image"
+
+
+def _longest_waits(gateway: Gateway) -> Mapping[int, float]:
+    """The longest wait for each unit that is not in the gateway, in seconds."""
+    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    return {unit: wait for part in parts for unit, wait in part.longest_wait.items()}
+
+
+def _picture(found: _Unit, gateway: Gateway, longest: Mapping[int, float]) -> UnitPicture:
+    functions = found.profile.functions
+    return UnitPicture(
+        unit=found.unit,
+        name=found.name,
+        kind=found.kind,
+        profile=found.profile.name,
+        functions=None if functions is None else tuple(sorted(functions)),
+        limits=found.profile.limits,
+        areas={str(area): ranges for area, ranges in found.profile.areas.items()},
+        longest_wait_ms=round(longest.get(found.unit, 0.0) * 1000, 1),
+        points=gateway.plan.points.get(found.unit, ()),
+    )
 
 
 def _pdu(text: object) -> bytes:

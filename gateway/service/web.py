@@ -1,42 +1,66 @@
 """`[web]`: metrics and health over HTTP. Its libraries are loaded only if configured."""
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AbstractContextManager, AsyncExitStack, asynccontextmanager
+from dataclasses import asdict
 from errno import EINVAL
 from importlib import import_module
 from pathlib import Path
+from typing import Any, Final
 
 from gateway import events
 from gateway.config.plan import WebPlan
+from gateway.errors import UsersError
+from gateway.modbus.pdu import exception_response
+from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
+from gateway.service import status as told
+from gateway.service.operator import Question, UnitPicture, picture, pictures, send
+from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
+from gateway.service.secret_files import path_of, refuse_if_exposed
+from gateway.web.answers import Answer, Asker
 
 #: The package's extra with the libraries.
 _MISSING = "{} is not installed: pip install 'mbgw[web]'"
+#: How old the status may be that is told, in seconds: any number of readers costs no more than one.
+_STATUS_KEPT: Final = 1.0
 
 
 @asynccontextmanager
-async def web_pages(plan: WebPlan | None, running: Running) -> AsyncIterator[None]:
-    """Serve HTTP inside the context if configured. A failure to do so is only logged."""
+async def web_pages(plan: WebPlan | None, running: Running, reloader: Reloader, fan_out: FanOut) -> AsyncIterator[None]:
+    """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more."""
     async with AsyncExitStack() as stack:
         if plan is not None:
             try:
-                await stack.enter_async_context(_open(plan, running))
+                await stack.enter_async_context(_open(plan, running, reloader, fan_out))
             except ModuleNotFoundError as error:
                 running.emit(events.WebClosed(str(plan.bind), _MISSING.format(error.name)))
             except OSError as error:
                 running.emit(
                     events.WebClosed(str(plan.bind), f"{error.filename or ''} {error.strerror or error}".strip())
                 )
+            except UsersError as error:
+                running.emit(events.WebClosed(str(plan.bind), str(error)))
         yield
 
 
 @asynccontextmanager
-async def _open(plan: WebPlan, running: Running) -> AsyncIterator[None]:
+async def _open(plan: WebPlan, running: Running, reloader: Reloader, fan_out: FanOut) -> AsyncIterator[None]:
     server = import_module("gateway.web.server")
-    settings = server.WebSettings(plan.bind.host, plan.bind.port, plan.hosts, _token(plan))
-    async with server.web_open(settings, _Answers(running)) as address:
+    settings = server.WebSettings(
+        host=plan.bind.host,
+        port=plan.bind.port,
+        hosts=plan.hosts,
+        token=_token(plan),
+        users=_users(plan),
+        certificate=None if plan.certificate is None else path_of(plan.certificate),
+        key=_key(plan),
+        proxy=plan.proxy,
+        write=plan.write,
+    )
+    async with server.web_open(settings, _Answers(running, reloader, fan_out)) as address:
         running.emit(events.WebUp(address))
         yield
 
@@ -55,15 +79,47 @@ def _token(plan: WebPlan) -> str:
     return token
 
 
-class _Answers:
-    """See gateway.web.server."""
+def _key(plan: WebPlan) -> Path | None:
+    """The file with the private key.
 
-    def __init__(self, running: Running) -> None:
+    Raises:
+        OSError: others may read it, or there is none.
+    """
+    if plan.key is None:
+        return None
+    path = path_of(plan.key)
+    refuse_if_exposed(path)
+    return path
+
+
+def _users(plan: WebPlan) -> Path | None:
+    return None if plan.users is None else Path(plan.users)
+
+
+class _Answers:
+    """See gateway.web.answers."""
+
+    types: Final[Mapping[str, type]] = {
+        "Status": told.Status,
+        "Line": told.LineStatus,
+        "Server": told.ServerStatus,
+        "Upstream": told.UpstreamStatus,
+        "UnitStatus": told.UnitStatus,
+        "Image": told.ImageStatus,
+        "Mirror": told.MirrorStatus,
+        "Unit": UnitPicture,
+        "Reload": Outcome,
+    }
+
+    def __init__(self, running: Running, reloader: Reloader, fan_out: FanOut) -> None:
         self._running = running
+        self._reloader = reloader
+        self._fan_out = fan_out
         self._read = import_module("gateway.service.metrics").read
         metrics = import_module("gateway.observe.metrics")
         self._exposition = metrics.exposition
         self.content_type: str = metrics.CONTENT_TYPE
+        self._status: Mapping[str, Any] = {}
 
     async def metrics(self) -> bytes:
         """Read the counters at once and format them in a thread, so that lines do not wait for that."""
@@ -73,8 +129,16 @@ class _Answers:
         return text
 
     def failed(self, error: Exception) -> None:
-        """See gateway.web.server."""
         self._running.emit(events.PartFailed.of("web", error))
+
+    def logged_in(self, client: str, user: str) -> None:
+        self._running.emit(events.WebLogin(client, user))
+
+    def login_failed(self, client: str, user: str) -> None:
+        self._running.emit(events.WebLoginFailed(client, user))
+
+    def users_rejected(self, reason: str) -> None:
+        self._running.emit(events.WebUsersRejected(reason))
 
     def trouble(self) -> str:
         """Why the gateway is not ready: it is while clients can connect and a line is up or an image exists."""
@@ -90,3 +154,31 @@ class _Answers:
             if gateway.images or any(reconnector.is_open for reconnector in reconnectors)
             else "no line is up, and there is no image"
         )
+
+    def status(self) -> Mapping[str, Any]:
+        """That of now, or of less than a second ago."""
+        now = asyncio.get_running_loop().time()
+        if not self._status or now - self._status["at"] >= _STATUS_KEPT:
+            self._status = asdict(told.status(self._running.gateway, now, self._running.recent))
+        return self._status
+
+    def units(self) -> Sequence[UnitPicture]:
+        return pictures(self._running.gateway)
+
+    def unit(self, wanted: int | str) -> UnitPicture:
+        return picture(self._running.gateway, wanted)
+
+    async def ask(self, unit: int, pdu: bytes, asker: Asker) -> Answer:
+        """By the way of `[[access]] listen = ["web"]`."""
+        question = Question(asker.is_there, asker.client, asker.host)
+        done = await send(self._running.gateway.web, unit, pdu, question)
+        response = exception_response(pdu[0], 0) if done.pdu is None else done.pdu
+        if done.error is None:
+            return Answer(response, done.elapsed_ms)
+        return Answer(response, done.elapsed_ms, done.error.result, str(done.error))
+
+    async def reload(self) -> Mapping[str, Any]:
+        return asdict(await asyncio.shield(self._reloader.order()))
+
+    def events(self) -> AbstractContextManager[Follower]:
+        return self._fan_out.following()

@@ -1,1 +1,1 @@
-"""The gateway over HTTP. Loaded only if the config has `[web]`."""
+"""The gateway over HTTP: pages, API, metrics. Loaded only if the config has `[web]`; `users` also by its command."""

@@ -1,61 +1,41 @@
-"""The HTTP server: health, readiness and metrics, read-only.
-
-A malicious web page can make a browser send requests here under a host name of its own that resolves to this address
-(DNS rebinding). So a request is answered only if its Host is an address, `localhost`, or one of the `hosts`.
-"""
+"""The HTTP server: pages, API, health, readiness and metrics."""
 
 import asyncio
-import hmac
-import json
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable
+import ssl
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
-from http import HTTPStatus
-from ipaddress import ip_address
-from typing import Final, Protocol, cast
-from urllib.parse import urlsplit
+from functools import partial
+from typing import Final, cast
+from weakref import WeakSet
 
 from aiohttp import web
-from aiohttp.typedefs import Middleware
 
-#: Concurrent connections; more are closed at once.
-MOST_CONNECTIONS: Final = 32
-#: How long a connection may be idle between two requests, and how long stopping waits for requests, in seconds.
+from gateway.web.answers import Answers
+from gateway.web.api import Api
+from gateway.web.assets import Assets
+from gateway.web.guard import Guard, Need
+from gateway.web.pages import Pages
+from gateway.web.problems import Handler, problems
+from gateway.web.sessions import Sessions
+from gateway.web.settings import HEADERS, WebSettings
+from gateway.web.streams import Streams
+from gateway.web.user_table import UserTable
+
+#: Connections at a time; more are closed at once.
+MOST_CONNECTIONS: Final = 128
+#: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
 IDLE: Final = 75.0
 _SHUTDOWN: Final = 1.0
+#: How long a connection may take for its first request, and for its TLS handshake, in seconds.
+FIRST_REQUEST_WITHIN: Final = 20.0
+_HANDSHAKE: Final = 5.0
+#: The largest request body, in bytes: 1968 coils as JSON.
+_LARGEST_BODY: Final = 32 * 1024
 
 #: The logger for aiohttp's complaints about clients that do not send HTTP: not shown.
 _SILENT: Final = logging.getLogger(__name__)
 _SILENT.disabled = True
-
-_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-
-
-@dataclass(frozen=True, slots=True)
-class WebSettings:
-    """Where the server listens, and who has access: with a `token`, metrics are only for clients that send it."""
-
-    host: str
-    port: int
-    hosts: tuple[str, ...] = ()
-    token: str = ""
-
-
-class Answers(Protocol):
-    """The server's view of the gateway."""
-
-    #: The type of `metrics`, for the response.
-    content_type: str
-
-    async def metrics(self) -> bytes:
-        """The metrics, as text."""
-
-    def trouble(self) -> str:
-        """Why the gateway is not ready; empty if it is."""
-
-    def failed(self, error: Exception) -> None:
-        """An unexpected error ended a request."""
 
 
 @asynccontextmanager
@@ -63,107 +43,145 @@ async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str
     """Run the server inside the context; yields its address.
 
     Raises:
-        OSError: the address cannot be used.
+        OSError: the address, the certificate or the file with the users cannot be used.
+        UsersError: a line of that file is none of a user.
     """
-    app = web.Application(middlewares=[_problems(answers), _guard(settings)], client_max_size=1024)
-    app.router.add_get("/healthz", _healthz)
-    app.router.add_get("/readyz", _readyz(answers))
-    app.router.add_get("/metrics", _metrics(answers))
-    runner = web.AppRunner(app, access_log=None, logger=_SILENT, keepalive_timeout=IDLE, shutdown_timeout=_SHUTDOWN)
-    await runner.setup()
-    server = None
-    try:
-        server = await asyncio.get_running_loop().create_server(_bounded(runner), settings.host, settings.port)
+    tls = _tls(settings)
+    async with serving(settings, answers) as connected:
+        server = await asyncio.get_running_loop().create_server(
+            connected,
+            settings.host,
+            settings.port,
+            ssl=tls,
+            ssl_handshake_timeout=None if tls is None else _HANDSHAKE,
+        )
         host, port = server.sockets[0].getsockname()[:2]
-        yield f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
-    finally:
-        if server is not None:
+        try:
+            yield f"http{'' if tls is None else 's'}://{f'[{host}]' if ':' in host else host}:{port}"
+        finally:
             server.close()
-        await runner.cleanup()
 
 
-class _TooMany(asyncio.Protocol):
-    """A connection beyond the limit: closed at once."""
+@asynccontextmanager
+async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Callable[[], asyncio.Protocol]]:
+    """In its context connections are served; what makes the protocol of each of them."""
+    table = UserTable(settings.users, answers.users_rejected)
+    async with table.kept_up_to_date():
+        streams, connections = Streams(), _Connections()
+        runner = web.AppRunner(
+            _application(settings, answers, table, streams, connections),
+            access_log=None,
+            logger=_SILENT,
+            keepalive_timeout=IDLE,
+            shutdown_timeout=_SHUTDOWN,
+        )
+        await runner.setup()
+        try:
+            yield connections.bounded(runner)
+        finally:
+            streams.end()
+            await runner.cleanup()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        transport.close()
+
+def _application(
+    settings: WebSettings, answers: Answers, table: UserTable, streams: Streams, connections: "_Connections"
+) -> web.Application:
+    sessions = Sessions()
+    guard = Guard(settings, table, sessions)
+    api = Api(answers, guard, streams, may_write=settings.write)
+    pages = Pages(settings, answers, guard, table, sessions, Assets())
+    routes = [*_of_machines(answers), *api.routes(), *pages.routes()]
+    needs: dict[object, Need] = {handler: need for _, _, handler, need in routes}
+    app = web.Application(
+        middlewares=[connections.middleware, problems(answers), guard.middleware(needs)], client_max_size=_LARGEST_BODY
+    )
+    for method, path, handler, _ in routes:
+        if method == "GET":
+            app.router.add_get(path, handler, allow_head=path != "/api/v1/events")
+        else:
+            app.router.add_route(method, path, handler)
+    app.on_response_prepare.append(_add_headers)
+    return app
 
 
-def _bounded(runner: web.AppRunner) -> Callable[[], asyncio.Protocol]:
-    server = cast("web.Server", runner.server)
-    return lambda: server() if len(server.connections) < MOST_CONNECTIONS else _TooMany()
+def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:
+    """What programs ask without an API."""
+    one_at_a_time = asyncio.Lock()
 
+    async def healthz(_request: web.Request) -> web.Response:
+        return web.Response(text="ok\n")
 
-async def _healthz(_request: web.Request) -> web.Response:
-    return web.Response(text="ok\n")
-
-
-def _readyz(answers: Answers) -> _Handler:
     async def readyz(_request: web.Request) -> web.Response:
         trouble = answers.trouble()
         if trouble:
             raise web.HTTPServiceUnavailable(text=trouble)
         return web.Response(text="ready\n")
 
-    return readyz
-
-
-def _metrics(answers: Answers) -> _Handler:
-    one_at_a_time = asyncio.Lock()
-
     async def metrics(_request: web.Request) -> web.Response:
         async with one_at_a_time:
             body = await answers.metrics()
         return web.Response(body=body, headers={"Content-Type": answers.content_type, "Cache-Control": "no-store"})
 
-    return metrics
+    return [
+        ("GET", "/healthz", healthz, "nothing"),
+        ("GET", "/readyz", readyz, "nothing"),
+        ("GET", "/metrics", metrics, "metrics"),
+    ]
 
 
-def _guard(settings: WebSettings) -> Middleware:
-    """Reject requests for other hosts, and those without a token where one is needed."""
-    known = {"localhost", *(host.lower() for host in settings.hosts)}
-    expected = f"Bearer {settings.token}".encode()
+async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)
+
+
+def _tls(settings: WebSettings) -> ssl.SSLContext | None:
+    """What https:// needs; None for http://.
+
+    Raises:
+        OSError: certificate and key cannot be read, or do not fit together.
+    """
+    if settings.certificate is None:
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    # Without a password, OpenSSL would ask for that of an encrypted key on the terminal.
+    context.load_cert_chain(settings.certificate, settings.key, password=lambda: "")
+    return context
+
+
+class _TooMany(asyncio.Protocol):
+    """A connection for which there is no room."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        cast("asyncio.Transport", transport).abort()
+
+
+class _Connections:
+    """The connections: a bounded number, and each of them asks something soon."""
+
+    def __init__(self) -> None:
+        self._served: WeakSet[asyncio.BaseTransport] = WeakSet()
+
+    def bounded(self, runner: web.AppRunner) -> Callable[[], asyncio.Protocol]:
+        """Makes the protocols of new connections."""
+        server = cast("web.Server", runner.server)
+        loop = asyncio.get_running_loop()
+
+        def connected() -> asyncio.Protocol:
+            if len(server.connections) >= MOST_CONNECTIONS:
+                return _TooMany()
+            protocol = server()
+            loop.call_later(FIRST_REQUEST_WITHIN, partial(self._close_if_silent, protocol))
+            return protocol
+
+        return connected
 
     @web.middleware
-    async def guard(request: web.Request, handler: _Handler) -> web.StreamResponse:
-        if not _is_ours(request.host, known):
-            raise web.HTTPMisdirectedRequest(text="this host is not among the hosts of [web]")
-        if settings.token and request.path not in {"/healthz", "/readyz"}:
-            given = request.headers.get("Authorization", "").encode(errors="surrogateescape")
-            if not hmac.compare_digest(given, expected):
-                raise web.HTTPUnauthorized(headers={"WWW-Authenticate": "Bearer"}, text="the token is needed")
+    async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Notes who has asked something."""
+        if request.transport is not None:
+            self._served.add(request.transport)
         return await handler(request)
 
-    return guard
-
-
-def _is_ours(host: str, known: set[str]) -> bool:
-    try:
-        name = urlsplit(f"//{host}").hostname or ""
-        return name in known or bool(ip_address(name))
-    except ValueError:
-        return False
-
-
-def _problems(answers: Answers) -> Middleware:
-    """Errors as problem details (RFC 9457)."""
-
-    @web.middleware
-    async def problems(request: web.Request, handler: _Handler) -> web.StreamResponse:
-        try:
-            return await handler(request)
-        except web.HTTPError as error:
-            return _problem(error)
-        except Exception as error:  # noqa: BLE001 - the error boundary of a request
-            answers.failed(error)
-            return _problem(web.HTTPInternalServerError(text="a defect in the gateway; its log says more"))
-
-    return problems
-
-
-def _problem(error: web.HTTPError) -> web.Response:
-    title = HTTPStatus(error.status).phrase
-    detail = error.text if error.text and not error.text.startswith(str(error.status)) else title
-    body = json.dumps({"type": "about:blank", "title": title, "status": error.status, "detail": detail})
-    headers = {name: error.headers[name] for name in ("Allow", "WWW-Authenticate") if name in error.headers}
-    return web.Response(text=body, status=error.status, headers=headers, content_type="application/problem+json")
+    def _close_if_silent(self, protocol: web.RequestHandler) -> None:
+        if protocol.transport is not None and protocol.transport not in self._served:
+            protocol.transport.abort()

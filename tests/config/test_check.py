@@ -672,10 +672,10 @@ def test_metrics_for_this_machine_need_no_token(bind):
 
 
 @pytest.mark.parametrize("bind", ["http://0.0.0.0:8502", "http://[::]:8502", "http://gw.plant:8502"])
-def test_metrics_that_other_machines_can_read_need_a_token(bind):
+def test_what_other_machines_can_reach_needs_users_or_a_token(bind):
     text = f'{LINE}[web]\nbind = "{bind}"\n'
     (problem,) = problems(text, built=False)
-    assert problem.startswith("error: web.bind: other machines can reach it, so it needs a token")
+    assert problem.startswith("error: web.bind: other machines can reach it, so it needs users, or a token")
     assert problems(f'{text}token = {{ file = "t" }}\n', built=False) == []
 
 

@@ -1,0 +1,111 @@
+"""What the server asks of the gateway behind it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from gateway.profiles.point import Point
+
+
+class Unit(Protocol):
+    """A unit that clients can ask. `functions` None means all; a dataclass."""
+
+    @property
+    def unit(self) -> int:
+        """The number that clients use."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+
+    @property
+    def functions(self) -> tuple[int, ...] | None:
+        """The functions that it knows; None for all."""
+
+    @property
+    def limits(self) -> Mapping[int, int]:
+        """The most items of a function."""
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """What its registers mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A response PDU, and how long it took. `result` and `reason` are those of an exception of the gateway's own."""
+
+    pdu: bytes
+    elapsed_ms: float
+    result: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Asker:
+    """Whoever asks: as `client` in the log, from the address `host`. `is_there` tells whether he still waits."""
+
+    client: str
+    host: str
+    is_there: Callable[[], bool]
+
+
+class EventSource(Protocol):
+    """The events for one reader."""
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether there were more events than can wait, so the reader is to be dropped."""
+
+    async def next(self, patience: float) -> Sequence[str]:
+        """The events that wait, as JSON; none if none has come within `patience` seconds."""
+
+
+class Answers(Protocol):
+    """What the server tells of the gateway, and what it passes on to it."""
+
+    #: The type of `metrics`, for the response.
+    content_type: str
+    #: What the API tells, by the names that its document has for it: dataclasses.
+    types: Mapping[str, type]
+
+    async def metrics(self) -> bytes:
+        """The metrics, as text."""
+
+    def trouble(self) -> str:
+        """Why the gateway is not ready; empty if it is."""
+
+    def failed(self, error: Exception) -> None:
+        """An error that nobody foresaw has ended a request."""
+
+    def logged_in(self, client: str, user: str) -> None:
+        """Somebody has logged in."""
+
+    def login_failed(self, client: str, user: str) -> None:
+        """Somebody has sent a wrong password; `user` is empty if nobody is called so."""
+
+    def users_rejected(self, reason: str) -> None:
+        """The file with the users has changed and cannot be used."""
+
+    def status(self) -> Mapping[str, Any]:
+        """How the gateway is doing: of the last second, as JSON has it."""
+
+    def units(self) -> Sequence[Unit]:
+        """Every unit."""
+
+    def unit(self, wanted: int | str) -> Unit:
+        """The unit of a number or a name.
+
+        Raises:
+            WrongQuestion: there is none.
+        """
+
+    async def ask(self, unit: int, pdu: bytes, asker: Asker) -> Answer:
+        """Send a request to a unit, as any client's: with its rights, queue and limits."""
+
+    async def reload(self) -> Mapping[str, Any]:
+        """Read the config again; the outcome has `problems` if the file was rejected, or a `defect`."""
+
+    def events(self) -> AbstractContextManager[EventSource]:
+        """In its context events come."""

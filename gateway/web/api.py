@@ -1,0 +1,263 @@
+"""The HTTP API below /api/v1: what it answers, as its document (`openapi.py`) says."""
+
+import asyncio
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
+from typing import Any, Final, NoReturn
+
+from aiohttp import web
+
+from gateway.errors import WrongQuestion
+from gateway.modbus.codes import Area
+from gateway.profiles.point import Point
+from gateway.web.answers import Answers, Asker, Unit
+from gateway.web.guard import VISITOR, Guard, Need, Visitor
+from gateway.web.openapi import document
+from gateway.web.problems import Handler, ProblemError
+from gateway.web.streams import Streams
+from gateway.web.values import Ask, Outcome, point_named, read, values_at, write
+
+_SPAN: Final = r"{span:\d{1,5}(?:-\d{1,5})?}"
+_AREA: Final = f"{{area:{'|'.join(Area)}}}"
+_NUMBER: Final = re.compile(r"\d{1,3}")
+#: A reload takes no longer than this, in seconds.
+_RELOAD_TIME: Final = 45.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Bare:
+    """A unit that is not configured: it is asked all the same, and the answer is 0A."""
+
+    unit: int
+    name: str = ""
+    functions: tuple[int, ...] | None = None
+    points: tuple[Point, ...] = ()
+
+    @property
+    def limits(self) -> Mapping[int, int]:
+        return {}
+
+
+class Api:
+    """The handlers. Values are written only if `may_write`."""
+
+    def __init__(self, answers: Answers, guard: Guard, streams: Streams, *, may_write: bool) -> None:
+        self._answers = answers
+        self._guard = guard
+        self._streams = streams
+        self._may_write = may_write
+        self._document = document(answers.types)
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs. What the trace tells finds its place here too."""
+        units = "/api/v1/units/{unit}"
+        return [
+            ("GET", "/api/v1/openapi.json", self.openapi, "reading"),
+            ("GET", "/api/v1/session", self.session, "reading"),
+            ("GET", "/api/v1/status", self.status, "reading"),
+            ("GET", "/api/v1/lines", self.lines, "reading"),
+            ("GET", "/api/v1/lines/{name}", self.line, "reading"),
+            ("GET", "/api/v1/units", self.units, "reading"),
+            ("GET", units, self.unit, "reading"),
+            ("GET", f"{units}/points", self.read_points, "reading"),
+            ("GET", f"{units}/points/{{name}}", self.read_point, "reading"),
+            ("GET", f"{units}/{_AREA}/{_SPAN}", self.read_values, "reading"),
+            ("PUT", f"{units}/points", self.write_points, "operator"),
+            ("PUT", f"{units}/points/{{name}}", self.write_point, "operator"),
+            ("PUT", f"{units}/{_AREA}/{_SPAN}", self.write_values, "operator"),
+            ("GET", "/api/v1/events", self.events, "reading"),
+            ("POST", "/api/v1/reload", self.reload, "operator"),
+        ]
+
+    async def openapi(self, _request: web.Request) -> web.Response:
+        """The document of this API."""
+        return _json(self._document)
+
+    async def session(self, request: web.Request) -> web.Response:
+        """Who has logged in, what he may do, and the token that he has to send for it."""
+        return _json(session_as_json(request[VISITOR], may_write=self._may_write))
+
+    async def status(self, _request: web.Request) -> web.Response:
+        """How the gateway is doing."""
+        return _json(self._answers.status())
+
+    async def lines(self, _request: web.Request) -> web.Response:
+        """The lines, those where we are the server, and other servers."""
+        status = self._answers.status()
+        return _json({kind: status[kind] for kind in ("lines", "servers", "upstreams")})
+
+    async def line(self, request: web.Request) -> web.Response:
+        """One of them."""
+        status, name = self._answers.status(), request.match_info["name"]
+        for kind in ("lines", "servers", "upstreams"):
+            for each in status[kind]:
+                if each["name"] == name:
+                    return _json(each)
+        raise ProblemError(404, f"there is no line {name}")
+
+    async def units(self, _request: web.Request) -> web.Response:
+        """Every unit, without its points."""
+        return _json({"units": [_without_points(each) for each in self._answers.units()]})
+
+    async def unit(self, request: web.Request) -> web.Response:
+        """A unit, with its points and its part of the status."""
+        unit, status = self._answers.unit(_wanted(request)), self._answers.status()
+        groups = (status[kind] for kind in ("units", "images", "mirrors"))
+        found = next((each for group in groups for each in group if each["unit"] == unit.unit), None)
+        return _json({**_as_json(unit), "status": found})
+
+    async def read_values(self, request: web.Request) -> web.Response:
+        """Values by area and addresses."""
+        unit, (area, points) = self._any_unit(request), _place(request)
+        return _json((await read(unit, points, self._ask(unit, request))).as_json(unit, area))
+
+    async def read_points(self, request: web.Request) -> web.Response:
+        """All points of a unit that can be read."""
+        unit = self._answers.unit(_wanted(request))
+        points = [point for point in unit.points if point.write != "only"]
+        outcome = await read(unit, points, self._ask(unit, request)) if points else Outcome()
+        return _json(outcome.as_json(unit, None))
+
+    async def read_point(self, request: web.Request) -> web.Response:
+        """One point."""
+        unit, point = self._point(request)
+        if point.write == "only":
+            raise ProblemError(422, f"{point.name} can be written, but not read")
+        return _json((await read(unit, [point], self._ask(unit, request))).as_json(unit, None))
+
+    async def write_values(self, request: web.Request) -> web.Response:
+        """Write values from an address on."""
+        self._check_writing()
+        unit, (area, points), values = self._any_unit(request), _place(request), await _values(request)
+        if len(points) != len(values):
+            raise ProblemError(400, f"{len(values)} values do not fill {len(points)} places")
+        outcome = await write(unit, points, values, self._ask(unit, request))
+        return _json(outcome.as_json(unit, area))
+
+    async def write_point(self, request: web.Request) -> web.Response:
+        """Write one point."""
+        self._check_writing()
+        (unit, point), values = self._point(request), await _values(request)
+        if len(values) != 1:
+            raise ProblemError(400, f"{point.name} takes one value, not {len(values)}")
+        outcome = await write(unit, [point], values, self._ask(unit, request))
+        return _json(outcome.as_json(unit, None))
+
+    async def write_points(self, request: web.Request) -> web.Response:
+        """Write points that lie side by side, with one request."""
+        self._check_writing()
+        unit, values = self._answers.unit(_wanted(request)), await _values(request)
+        named = [value for value in values if isinstance(value, dict) and set(value) == {"point", "value"}]
+        if not values or len(named) != len(values):
+            raise ProblemError(400, 'each value must be {"point": NAME, "value": VALUE}')
+        points = [point_named(unit, str(value["point"])) for value in named]
+        outcome = await write(unit, points, [value["value"] for value in named], self._ask(unit, request))
+        return _json(outcome.as_json(unit, None))
+
+    async def events(self, request: web.Request) -> web.StreamResponse:
+        """The gateway's events as they come."""
+        with self._answers.events() as source:
+            return await self._streams.serve(request, source, partial(self._guard.is_valid, request[VISITOR]))
+
+    async def reload(self, _request: web.Request) -> web.Response:
+        """Read the config again."""
+        try:
+            async with asyncio.timeout(_RELOAD_TIME):
+                outcome = await self._answers.reload()
+        except TimeoutError:
+            raise ProblemError(503, "the gateway is not ready") from None
+        if outcome["problems"]:
+            raise ProblemError(422, outcome["problems"][0], problems=outcome["problems"])
+        if outcome["defect"]:
+            raise ProblemError(500, outcome["defect"])
+        return _json(outcome)
+
+    def _check_writing(self) -> None:
+        if not self._may_write:
+            raise ProblemError(403, "nothing is written over HTTP without write = true in [web]")
+
+    def _any_unit(self, request: web.Request) -> Unit:
+        wanted = _wanted(request)
+        try:
+            return self._answers.unit(wanted)
+        except WrongQuestion:
+            if not isinstance(wanted, int) or wanted > 255:
+                raise
+            return _Bare(wanted)
+
+    def _point(self, request: web.Request) -> tuple[Unit, Point]:
+        unit = self._answers.unit(_wanted(request))
+        return unit, point_named(unit, request.match_info["name"])
+
+    def _ask(self, unit: Unit, request: web.Request) -> Ask:
+        visitor = request[VISITOR]
+        asker = Asker(visitor.client, visitor.host, partial(_is_there, request))
+        return lambda pdu: self._answers.ask(unit.unit, pdu, asker)
+
+
+def session_as_json(visitor: Visitor, *, may_write: bool) -> dict[str, Any]:
+    """A login for programs."""
+    may_write = may_write and visitor.role == "operator"
+    return {"user": visitor.user, "role": visitor.role, "may_write": may_write, "csrf": visitor.csrf}
+
+
+def _is_there(request: web.Request) -> bool:
+    return request.transport is not None and not request.transport.is_closing()
+
+
+def _wanted(request: web.Request) -> int | str:
+    text = request.match_info["unit"]
+    return int(text) if _NUMBER.fullmatch(text) else text
+
+
+def _place(request: web.Request) -> tuple[Area, list[Point]]:
+    first, _, last = request.match_info["span"].partition("-")
+    area, query = Area(request.match_info["area"]), request.query
+    if unknown := sorted(set(query) - {"type", "swap"}):
+        raise ProblemError(400, f"{unknown[0]}: there are only type and swap")
+    return area, values_at(
+        area, int(first), int(last) if last else None, query.get("type", ""), query.get("swap", "none")
+    )
+
+
+async def _values(request: web.Request) -> list[Any]:
+    """The values in the body of a PUT."""
+    if request.content_type != "application/json":
+        raise ProblemError(415, "the body must be application/json")
+    try:
+        body = json.loads(await request.read(), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError):
+        raise ProblemError(400, "the body is not JSON") from None
+    values = body.get("values") if isinstance(body, dict) and set(body) == {"values"} else None
+    if not isinstance(values, list) or not values:
+        raise ProblemError(400, 'the body must be {"values": [...]}')
+    return values
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(name)
+
+
+def _without_points(unit: Unit) -> dict[str, Any]:
+    told = _as_json(unit)
+    del told["points"]
+    return told
+
+
+def _as_json(unit: Unit) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads(json.dumps(unit, default=_fields))
+    return told
+
+
+def _fields(value: Any) -> dict[str, Any] | str:
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return str(value)
+
+
+def _json(body: object) -> web.Response:
+    text = json.dumps(body, ensure_ascii=False)
+    return web.Response(text=text, content_type="application/json", headers={"Cache-Control": "no-store"})

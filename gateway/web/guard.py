@@ -1,0 +1,199 @@
+"""Who asks, and whether he may: every request passes here first.
+
+A web page that somebody reads elsewhere may make his browser ask here, under a name of its own that leads to this
+address (DNS rebinding), or across sites with the cookie that his browser has. So the Host must be an address,
+`localhost` or one of the `hosts`; what changes something needs a login, an Origin of ours and the token of the session
+that only our own pages know; and what asks a device is not answered to pages of other sites.
+"""
+
+import asyncio
+import hashlib
+import hmac
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError
+from ipaddress import IPv4Address, IPv6Address, ip_address
+from typing import Final, Literal
+from urllib.parse import quote, urlsplit
+
+from aiohttp import web
+from aiohttp.typedefs import Middleware
+
+from gateway.web.problems import Handler, ProblemError
+from gateway.web.sessions import Sessions
+from gateway.web.settings import WebSettings
+from gateway.web.user_table import UserTable
+from gateway.web.users import Role, is_user_name
+
+#: What a request needs: nothing, to be allowed to read, to be logged in, to be an operator.
+Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
+
+#: How long the body of a request may take to arrive, in seconds.
+_BODY_TIME: Final = 10.0
+_UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+#: What only a proxy adds: whoever asks is elsewhere, although the connection comes from this machine.
+_OF_PROXIES: Final = ("X-Forwarded-For", "X-Forwarded-User", "X-Real-IP", "Forwarded")
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """Whoever asks from the address `host`: by name and role if he has logged in.
+
+    `csrf` is what he has to send to change something. `token` is that of his session, if he has one.
+    """
+
+    host: str
+    may_read: bool = False
+    user: str = ""
+    role: Role | None = None
+    csrf: str = ""
+    token: str = ""
+    is_local: bool = False
+
+    @property
+    def client(self) -> str:
+        """What the log calls him: `web:anna@10.2.0.7`."""
+        return f"web:{self.user}@{self.host}" if self.user else f"web@{self.host}"
+
+
+#: Where handlers find the visitor of a request.
+VISITOR: Final = web.RequestKey("visitor", Visitor)
+
+
+class Guard:
+    """Lets in who may come in, by settings, users and sessions."""
+
+    def __init__(self, settings: WebSettings, table: UserTable, sessions: Sessions) -> None:
+        self._settings = settings
+        self._table = table
+        self._sessions = sessions
+        self._known = frozenset({"localhost", *(host.lower() for host in settings.hosts)})
+        self._bearer = f"Bearer {settings.token}".encode()
+        self._secret = secrets.token_bytes(32)
+        self.cookie: Final = "__Host-mbgw" if settings.is_encrypted else "mbgw"
+
+    def middleware(self, needs: Mapping[object, Need]) -> Middleware:
+        """Middleware that refuses whom the `needs` of handlers refuse; a handler that is not there needs `reading`."""
+
+        @web.middleware
+        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            if not _is_ours(request.host, self._known):
+                raise ProblemError(421, "this host is not among the hosts of [web]")
+            if request.match_info.http_exception is not None:
+                return await handler(request)  # there is no such path, or no such method
+            need = needs.get(request.match_info.handler, "reading")
+            visitor = self.visitor(request)
+            request[VISITOR] = visitor
+            if request.method in _UNSAFE:
+                self._check_origin(request)
+                await _take_body(request)
+            self._check(request, visitor, need)
+            if need in ("login", "operator"):
+                await _check_csrf(request, visitor)
+            return await handler(request)
+
+        return guard
+
+    def visitor(self, request: web.Request) -> Visitor:
+        """Whoever asks."""
+        address = _address(request.remote or "")
+        host = str(address or request.remote or "")
+        by_proxy = address is not None and any(address in network for network in self._settings.proxy)
+        name = request.headers.get("X-Forwarded-User", "")
+        if by_proxy and is_user_name(name):
+            known = self._table.users.get(name)
+            return Visitor(host, True, name, known.role if known else "viewer", self._csrf_of(name))
+        token = _cookie(request, self.cookie)
+        session = self._sessions.find(token, self._table.users, asyncio.get_running_loop().time()) if token else None
+        if session is not None:
+            session.used = asyncio.get_running_loop().time()
+            return Visitor(host, True, session.user.name, session.user.role, session.csrf, token)
+        if self._settings.token and self._has_token(request):
+            return Visitor(host, True)
+        is_local = address is not None and address.is_loopback and not by_proxy
+        is_local = is_local and not any(header in request.headers for header in _OF_PROXIES)
+        return Visitor(host, is_local, is_local=is_local)
+
+    def is_valid(self, visitor: Visitor) -> bool:
+        """Whether a visitor with a session still has it."""
+        now = asyncio.get_running_loop().time()
+        return not visitor.token or self._sessions.find(visitor.token, self._table.users, now) is not None
+
+    def _check(self, request: web.Request, visitor: Visitor, need: Need) -> None:
+        if need == "nothing":
+            return
+        if need in ("login", "operator"):
+            if not visitor.user:
+                raise _unauthorized("log in first")
+            if need == "operator" and visitor.role != "operator":
+                raise ProblemError(403, f"{visitor.user} is a {visitor.role}, and this needs the role operator")
+            return
+        if not visitor.may_read or (need == "metrics" and visitor.is_local and self._settings.token):
+            if need == "page":
+                raise web.HTTPSeeOther(f"/login?next={quote(request.path_qs, safe='')}")
+            raise _unauthorized("the token, or a login, is needed")
+        if request.headers.get("Sec-Fetch-Site") == "cross-site" and need == "reading":
+            raise ProblemError(403, "pages of other sites get no answer")
+
+    def _check_origin(self, request: web.Request) -> None:
+        """See that a request that changes something comes from a page of ours."""
+        origin = urlsplit(request.headers.get("Origin", ""))
+        is_same = origin.netloc.lower() == request.host.lower()
+        address = _address(request.remote or "")
+        by_proxy = address is not None and any(address in network for network in self._settings.proxy)
+        if origin.scheme not in ("http", "https") or not (
+            is_same or (by_proxy and origin.hostname in self._known - {"localhost"})
+        ):
+            raise ProblemError(403, "the Origin of a POST or PUT must be that of this page")
+
+    def _has_token(self, request: web.Request) -> bool:
+        given = request.headers.get("Authorization", "").encode(errors="surrogateescape")
+        return hmac.compare_digest(given, self._bearer)
+
+    def _csrf_of(self, name: str) -> str:
+        return hmac.digest(self._secret, name.encode(), hashlib.sha256).hex()
+
+
+async def _take_body(request: web.Request) -> None:
+    try:
+        async with asyncio.timeout(_BODY_TIME):
+            await request.read()
+    except TimeoutError:
+        raise ProblemError(408, f"the request has not arrived within {_BODY_TIME:g} s") from None
+
+
+async def _check_csrf(request: web.Request, visitor: Visitor) -> None:
+    """The token stands in a header, or in the field `csrf` of a form."""
+    given = request.headers.get("X-CSRF-Token", "")
+    if not given and request.content_type == "application/x-www-form-urlencoded":
+        given = str((await request.post()).get("csrf", ""))
+    if not hmac.compare_digest(given.encode(errors="surrogateescape"), visitor.csrf.encode()):
+        raise ProblemError(403, "X-CSRF-Token must be that of the session; GET /api/v1/session tells it")
+
+
+def _unauthorized(detail: str) -> ProblemError:
+    return ProblemError(401, detail, {"WWW-Authenticate": "Bearer"})
+
+
+def _is_ours(host: str, known: frozenset[str]) -> bool:
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        return name in known or bool(ip_address(name))
+    except ValueError:
+        return False
+
+
+def _address(host: str) -> IPv4Address | IPv6Address | None:
+    try:
+        address = ip_address(host.partition("%")[0])
+    except ValueError:
+        return None
+    return (address.ipv4_mapped or address) if isinstance(address, IPv6Address) else address
+
+
+def _cookie(request: web.Request, name: str) -> str:
+    try:
+        return request.cookies.get(name, "")
+    except CookieError:
+        return ""

@@ -1,0 +1,256 @@
+"""The document of the API: OpenAPI 3.1, of which the tests check each word against the answers."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from gateway import __version__
+from gateway.modbus.codes import Area
+from gateway.registers.datatypes import DATA_TYPES, SWAPS
+from gateway.web.schemas import Schema, schemas_of
+
+_WHATS: Final = {
+    400: "What was asked for makes no sense",
+    401: "A login, or the token, is needed",
+    403: "Not allowed; `exception` 1: by [[access]], or the unit has no such function",
+    404: "There is no such unit, line or point",
+    408: "The body took too long",
+    413: "The body is too large",
+    415: "The body is not JSON",
+    422: "`exception` 2 or 3 of the unit, or a value that does not fit; of a reload: the file was rejected",
+    502: "`exception` 10: the unit cannot be reached; or another exception of the unit",
+    503: "`exception` 6: the line is too busy; or too many readers",
+    504: "`exception` 11: no valid response within the time limit",
+}
+_ASKING: Final = (400, 401, 403, 404, 422, 502, 503, 504)
+_WRITING: Final = (*_ASKING, 408, 413, 415)
+
+_VALUE: Final[Schema] = {"type": ["number", "string", "null"]}
+
+
+def document(types: Mapping[str, type]) -> dict[str, Any]:
+    """The document. `types` are the dataclasses of status, with the names `Status`, `Unit` and those of each list."""
+    return {
+        "openapi": "3.1.0",
+        "info": {
+            "title": "modbus-gateway",
+            "version": __version__,
+            "description": "State of the gateway, and values of its units. Addresses are protocol addresses from 0.",
+        },
+        "paths": _paths(),
+        "components": {
+            "schemas": {**schemas_of(types), **_schemas()},
+            "securitySchemes": {
+                "token": {"type": "http", "scheme": "bearer"},
+                "session": {"type": "apiKey", "in": "cookie", "name": "mbgw"},
+            },
+        },
+        "security": [{}, {"token": []}, {"session": []}],
+    }
+
+
+def _paths() -> dict[str, Any]:
+    unit, units = [_in_path("unit", {"type": "string"}, "A unit ID, or a name")], "/api/v1/units/{unit}"
+    point = [*unit, _in_path("name", {"type": "string"}, "The name of a point")]
+    place = [
+        *unit,
+        _in_path("area", {"enum": [str(area) for area in Area]}, "What is addressed"),
+        _in_path("start", _address(), "The first address"),
+        _in_path("end", _address(), "The last address"),
+        _in_query("type", DATA_TYPES, "How values are encoded; default uint16, for bits bit"),
+        _in_query("swap", SWAPS, "The order of words and bytes in them; default none"),
+    ]
+    return {
+        "/api/v1/openapi.json": {"get": _get("This document", {"type": "object"})},
+        "/api/v1/session": {"get": _get("Who has logged in, and the token for X-CSRF-Token", _ref("Session"))},
+        "/api/v1/status": {"get": _get("How the gateway is doing", _ref("Status"))},
+        "/api/v1/lines": {"get": _get("Lines, lines where the gateway is the server, other servers", _lists())},
+        "/api/v1/lines/{name}": {
+            "parameters": [_in_path("name", {"type": "string"}, "Its name")],
+            "get": _get("One of them", {"anyOf": [_ref("Line"), _ref("Server"), _ref("Upstream")]}, (404,)),
+        },
+        "/api/v1/units": {"get": _get("Every unit", _ref("Units"))},
+        units: {"parameters": unit, "get": _get("A unit, its points and its status", _ref("UnitWithStatus"), (404,))},
+        f"{units}/points": {
+            "parameters": unit,
+            "get": _get("All points that can be read", _ref("Values"), _ASKING),
+            "put": _put("Write points that lie side by side, with one request", _ref("NamedValues")),
+        },
+        f"{units}/points/{{name}}": {
+            "parameters": point,
+            "get": _get("One point", _ref("Values"), _ASKING),
+            "put": _put("Write one point", _ref("NewValues")),
+        },
+        f"{units}/{{area}}/{{start}}-{{end}}": {
+            "parameters": place,
+            "get": _get("Values by their addresses", _ref("Values"), _ASKING),
+            "put": _put("Write values, with one request", _ref("NewValues")),
+        },
+        "/api/v1/events": {"get": _events()},
+        "/api/v1/reload": {"post": _reload()},
+    }
+
+
+def _schemas() -> dict[str, Schema]:
+    """What is no dataclass."""
+    values = {"type": "array", "items": _ref("Value")}
+    failures = {"type": "array", "items": _ref("Failure")}
+    status = {"anyOf": [_ref("UnitStatus"), _ref("Image"), _ref("Mirror"), {"type": "null"}]}
+    return {
+        "Problem": _object(
+            {
+                **{name: {"type": "string"} for name in ("type", "title", "detail")},
+                "status": {"type": "integer"},
+                "exception": {"type": "integer", "description": "The exception code of a Modbus response"},
+                "result": {"type": "string", "description": "Why the gateway itself has answered with the exception"},
+                "problems": {"type": "array", "items": {"type": "string"}, "description": "Of a rejected file"},
+            },
+            ("type", "title", "status", "detail"),
+        ),
+        "Session": _object(
+            {
+                "user": {"type": "string", "description": "Empty without a login"},
+                "role": {"enum": ["viewer", "operator", None]},
+                "may_write": {"type": "boolean"},
+                "csrf": {"type": "string"},
+            }
+        ),
+        "Units": _object({"units": {"type": "array", "items": _object(_unit_head())}}),
+        "UnitWithStatus": _object(
+            {**_unit_head(), "points": {"type": "array", "items": _ref("Point")}, "status": status}
+        ),
+        "Value": _object(
+            {
+                "point": {"type": "string"},
+                "area": {"enum": [str(area) for area in Area]},
+                "address": _address(),
+                "reference": {"type": "string", "description": "The number in many manuals: holding 0 is 40001"},
+                "value": _VALUE,
+                "unit": {"type": "string"},
+                "registers": {"type": "array", "items": {"type": "integer", "minimum": 0, "maximum": 65535}},
+            },
+            ("address", "reference", "value", "registers"),
+        ),
+        "Failure": _object(
+            {
+                "area": {"enum": [str(area) for area in Area]},
+                "address": _address(),
+                "count": {"type": "integer"},
+                "exception": {"type": "integer"},
+                "reason": {"type": "string"},
+            }
+        ),
+        "Values": _object(
+            {
+                "unit": {"type": "integer"},
+                "name": {"type": "string"},
+                "area": {"enum": [str(area) for area in Area]},
+                "values": values,
+                "elapsed_ms": {"type": "number"},
+                "errors": failures,
+            },
+            ("unit", "name", "values", "elapsed_ms"),
+        ),
+        "NewValues": _object({"values": {"type": "array", "minItems": 1, "items": _new_value()}}),
+        "NamedValues": _object(
+            {
+                "values": {
+                    "type": "array",
+                    "minItems": 1,
+                    "items": _object({"point": {"type": "string"}, "value": _new_value()}),
+                }
+            }
+        ),
+    }
+
+
+def _unit_head() -> dict[str, Schema]:
+    return {
+        "unit": {"type": "integer"},
+        "name": {"type": "string"},
+        "kind": {"type": "string", "description": "device, upstream, image or mirror"},
+        "profile": {"type": "string"},
+        "functions": {"type": ["array", "null"], "items": {"type": "integer"}},
+        "limits": {"type": "object", "additionalProperties": {"type": "integer"}},
+        "areas": {
+            "type": "object",
+            "description": "First and last address of each range that exists, by area; all if an area is not there",
+            "additionalProperties": {"type": "array", "items": {"type": "array", "items": {"type": "integer"}}},
+        },
+        "longest_wait_ms": {"type": "number"},
+    }
+
+
+def _lists() -> Schema:
+    kinds = {"lines": "Line", "servers": "Server", "upstreams": "Upstream"}
+    return _object({key: {"type": "array", "items": _ref(name)} for key, name in kinds.items()})
+
+
+def _get(summary: str, schema: Schema, problems: Sequence[int] = ()) -> dict[str, Any]:
+    return {"summary": summary, "responses": {**_ok(schema), **_problems({401, 403, *problems})}}
+
+
+def _put(summary: str, schema: Schema) -> dict[str, Any]:
+    return {
+        "summary": summary,
+        "description": "For operators, if `write` is set. Needs the cookie of a login and X-CSRF-Token.",
+        "security": [{"session": []}],
+        "parameters": [_CSRF],
+        "requestBody": {"required": True, "content": {"application/json": {"schema": schema}}},
+        "responses": {**_ok(_ref("Values")), **_problems(_WRITING)},
+    }
+
+
+def _reload() -> dict[str, Any]:
+    return {
+        "summary": "Read the config again",
+        "description": "For operators. Needs the cookie of a login and X-CSRF-Token.",
+        "security": [{"session": []}],
+        "parameters": [_CSRF],
+        "responses": {**_ok(_ref("Reload")), **_problems((401, 403, 408, 413, 422, 503))},
+    }
+
+
+def _events() -> dict[str, Any]:
+    stream = {"description": "An event in JSON on each `data:` line", "content": {"text/event-stream": {}}}
+    return {"summary": "Events as they come", "responses": {"200": stream, **_problems((401, 403, 503))}}
+
+
+_CSRF: Final = {"name": "X-CSRF-Token", "in": "header", "required": True, "schema": {"type": "string"}}
+
+
+def _ok(schema: Schema) -> dict[str, Any]:
+    return {"200": {"description": "It is so", "content": {"application/json": {"schema": schema}}}}
+
+
+def _problems(statuses: Sequence[int] | set[int]) -> dict[str, Any]:
+    content = {"application/problem+json": {"schema": _ref("Problem")}}
+    return {str(status): {"description": _WHATS[status], "content": content} for status in sorted(statuses)}
+
+
+def _object(properties: Mapping[str, Schema], required: Sequence[str] | None = None) -> Schema:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": list(properties if required is None else required),
+        "additionalProperties": False,
+    }
+
+
+def _ref(name: str) -> Schema:
+    return {"$ref": f"#/components/schemas/{name}"}
+
+
+def _address() -> Schema:
+    return {"type": "integer", "minimum": 0, "maximum": 65535}
+
+
+def _new_value() -> Schema:
+    return {"type": ["number", "string", "boolean"]}
+
+
+def _in_path(name: str, schema: Schema, what: str) -> dict[str, Any]:
+    return {"name": name, "in": "path", "required": True, "schema": schema, "description": what}
+
+
+def _in_query(name: str, choices: Sequence[str], what: str) -> dict[str, Any]:
+    return {"name": name, "in": "query", "schema": {"enum": list(choices)}, "description": what}

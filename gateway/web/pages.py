@@ -1,0 +1,177 @@
+"""The pages: made on the server, so that they are there at once and without JavaScript too."""
+
+import asyncio
+from collections.abc import Sequence
+from math import ceil
+from pathlib import Path
+from typing import Any, Final
+
+from aiohttp import web
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from gateway import __version__
+from gateway.listeners.origin import Origins
+from gateway.ports.threads import ThreadPerCall
+from gateway.web.answers import Answers
+from gateway.web.api import session_as_json
+from gateway.web.assets import Assets
+from gateway.web.guard import VISITOR, Guard, Need, Visitor
+from gateway.web.problems import Handler, ProblemError
+from gateway.web.sessions import LONGEST_SESSION, Attempts, Sessions
+from gateway.web.settings import WebSettings
+from gateway.web.user_table import UserTable
+from gateway.web.users import LONGEST_PASSWORD, is_password
+
+FOLDER: Final = Path(__file__).parent / "templates"
+#: Logins that wait at a time: each of them takes some tenths of a second of one processor.
+MOST_LOGINS: Final = 8
+
+
+class Pages:
+    """The handlers of the pages, and of login and logout."""
+
+    def __init__(
+        self,
+        settings: WebSettings,
+        answers: Answers,
+        guard: Guard,
+        table: UserTable,
+        sessions: Sessions,
+        assets: Assets,
+    ) -> None:
+        self._settings = settings
+        self._answers = answers
+        self._guard = guard
+        self._table = table
+        self._sessions = sessions
+        self._assets = assets
+        self._attempts = Attempts()
+        self._origins = Origins()
+        self._logins = 0
+        self._one_at_a_time = asyncio.Lock()
+        self._one_login_at_a_time = asyncio.Lock()
+        self._templates = Environment(
+            loader=FileSystemLoader(FOLDER), autoescape=True, undefined=StrictUndefined, auto_reload=False
+        )
+        self._templates.globals["asset"] = assets.address
+        self._templates.globals["version"] = __version__
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [
+            ("GET", "/", self.overview, "page"),
+            ("GET", "/login", self.login_page, "nothing"),
+            ("POST", "/login", self.login, "nothing"),
+            ("POST", "/logout", self.logout, "login"),
+            ("GET", "/static/{name:.+}", self._assets.serve, "nothing"),
+        ]
+
+    async def overview(self, request: web.Request) -> web.Response:
+        """Lines, units, listeners and clients."""
+        return await self._page("overview.html", request, status=self._answers.status())
+
+    async def login_page(self, request: web.Request) -> web.Response:
+        """The form."""
+        return await self._login_page(request)
+
+    async def login(self, request: web.Request) -> web.Response:
+        """Log in: the fields `user` and `password`. Programs that accept JSON get the session as such."""
+        form, now = await request.post(), asyncio.get_running_loop().time
+        name, password = str(form.get("user", "")), str(form.get("password", ""))
+        visitor = request[VISITOR]
+        address = self._origins.of(visitor.host, now())
+        user = self._table.users.get(name)
+        if wait := self._attempts.wait(address, user, now()):
+            return await self._refused(request, 429, "Too many wrong passwords: try again later.", ceil(wait))
+        if self._logins >= MOST_LOGINS:
+            return await self._refused(request, 503, "Too many logins at once: try again.", 2)
+        self._logins += 1
+        try:
+            async with self._one_login_at_a_time:
+                is_right = await self._is_password(address, name, password)
+        finally:
+            self._logins -= 1
+        user = self._table.users.get(name)
+        if user is None or not is_right:
+            self._attempts.failed(address, user, now())
+            self._answers.login_failed(visitor.client, user.name if user else "")
+            return await self._refused(request, 401, "User or password is wrong.")
+        self._attempts.succeeded(address)
+        self._sessions.close(visitor.token)
+        token, session = self._sessions.open(user, now())
+        self._answers.logged_in(visitor.client, name)
+        known = Visitor(visitor.host, True, name, user.role, session.csrf, token)
+        response = (
+            web.json_response(session_as_json(known, may_write=self._settings.write))
+            if _wants_json(request)
+            else _see_other(_local(str(form.get("next", ""))))
+        )
+        response.set_cookie(
+            self._guard.cookie,
+            token,
+            max_age=int(LONGEST_SESSION),
+            path="/",
+            secure=self._settings.is_encrypted,
+            httponly=True,
+            samesite="Strict",
+        )
+        return response
+
+    async def logout(self, request: web.Request) -> web.Response:
+        """End the session."""
+        visitor = request[VISITOR]
+        self._sessions.close(visitor.token)
+        response = _see_other("/login")
+        response.del_cookie(
+            self._guard.cookie, path="/", secure=self._settings.is_encrypted, httponly=True, samesite="Strict"
+        )
+        return response
+
+    async def _is_password(self, address: str, name: str, password: str) -> bool:
+        """Whether it is right; not even looked at if other attempts have failed while this one waited."""
+        loop = asyncio.get_running_loop()
+        user = self._table.users.get(name)
+        if len(password) > LONGEST_PASSWORD or self._attempts.wait(address, user, loop.time()):
+            return False
+        return await loop.run_in_executor(ThreadPerCall("web login"), is_password, password, user)
+
+    async def _refused(self, request: web.Request, status: int, why: str, wait: int = 0) -> web.Response:
+        headers = {"Retry-After": str(wait)} if wait else {}
+        if _wants_json(request):
+            raise ProblemError(status, why, headers)
+        response = await self._login_page(request, why)
+        response.set_status(status)
+        response.headers.update(headers)
+        return response
+
+    async def _login_page(self, request: web.Request, why: str = "") -> web.Response:
+        target = _local(request.query.get("next", ""))
+        return await self._page(
+            "login.html", request, why=why, target=target, has_users=self._settings.users is not None
+        )
+
+    async def _page(self, template: str, request: web.Request, **content: Any) -> web.Response:
+        """A page, made in a thread: the lines do not wait for it."""
+        text = await self._rendered(template, {"visitor": request[VISITOR], "path": request.path, **content})
+        return web.Response(text=text, content_type="text/html", headers={"Cache-Control": "no-store"})
+
+    async def _rendered(self, template: str, content: dict[str, Any]) -> str:
+        loop = asyncio.get_running_loop()
+        async with self._one_at_a_time:
+            return await loop.run_in_executor(
+                ThreadPerCall("web page"), lambda: self._templates.get_template(template).render(content)
+            )
+
+
+def _wants_json(request: web.Request) -> bool:
+    return "application/json" in request.headers.get("Accept", "")
+
+
+def _see_other(target: str) -> web.Response:
+    return web.Response(status=303, headers={"Location": target})
+
+
+def _local(target: str) -> str:
+    """A path of ours; anything else becomes the first page: no login leads to somebody else."""
+    is_path = target.startswith("/") and not target.startswith(("//", "/\\")) and target.isprintable()
+    return target if is_path and target.isascii() else "/"

@@ -1,0 +1,89 @@
+"""Errors as problem details (RFC 9457), those of Modbus with their exception code."""
+
+import json
+from collections.abc import Awaitable, Callable, Mapping
+from http import HTTPStatus
+from typing import Any, Final
+
+from aiohttp import web
+from aiohttp.typedefs import Middleware
+
+from gateway.errors import ExceptionCode, WrongQuestion
+from gateway.web.answers import Answer, Answers
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+#: The status for each exception; 502 for all others.
+STATUSES: Final[Mapping[int, int]] = {
+    ExceptionCode.ILLEGAL_FUNCTION: 403,
+    ExceptionCode.ILLEGAL_DATA_ADDRESS: 422,
+    ExceptionCode.ILLEGAL_DATA_VALUE: 422,
+    ExceptionCode.SERVER_DEVICE_BUSY: 503,
+    ExceptionCode.GATEWAY_PATH_UNAVAILABLE: 502,
+    ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND: 504,
+}
+_KEPT_HEADERS: Final = ("Allow", "WWW-Authenticate", "Retry-After")
+
+
+class ProblemError(Exception):
+    """Ends a request with a problem; `more` are members beside those of the RFC."""
+
+    def __init__(self, status: int, detail: str, headers: Mapping[str, str] | None = None, **more: Any) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.detail = detail
+        self.headers = headers or {}
+        self.more = more
+
+
+def exception_problem(answer: Answer) -> ProblemError:
+    """The problem that a response with an exception stands for."""
+    code = answer.pdu[1]
+    problem = ProblemError(STATUSES.get(code, 502), complaint(answer), exception=code)
+    if answer.result:
+        problem.more["result"] = answer.result
+    return problem
+
+
+def complaint(answer: Answer) -> str:
+    """What an exception means, in words."""
+    code = answer.pdu[1]
+    known = code in {each.value for each in ExceptionCode}
+    name = ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
+    return f"exception {code:02X}, {name}" + (f": {answer.reason}" if answer.reason else "")
+
+
+def problems(answers: Answers) -> Middleware:
+    """Middleware that makes problems of all errors: the error boundary of a request."""
+
+    @web.middleware
+    async def as_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
+        try:
+            return await handler(request)
+        except ProblemError as problem:
+            return _response(problem)
+        except WrongQuestion as wrong:
+            return _response(ProblemError(404, str(wrong)))
+        except web.HTTPRedirection:
+            raise
+        except web.HTTPError as error:
+            phrase = HTTPStatus(error.status).phrase
+            detail = error.text if error.text and not error.text.startswith(str(error.status)) else phrase
+            headers = {name: error.headers[name] for name in _KEPT_HEADERS if name in error.headers}
+            return _response(ProblemError(error.status, detail, headers))
+        except Exception as error:  # noqa: BLE001 - the error boundary of a request
+            answers.failed(error)
+            return _response(ProblemError(500, "a defect in the gateway; its log says more"))
+
+    return as_problems
+
+
+def _response(problem: ProblemError) -> web.Response:
+    title = HTTPStatus(problem.status).phrase
+    body = {"type": "about:blank", "title": title, "status": problem.status, "detail": problem.detail, **problem.more}
+    return web.Response(
+        text=json.dumps(body),
+        status=problem.status,
+        headers=dict(problem.headers),
+        content_type="application/problem+json",
+    )

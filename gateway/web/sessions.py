@@ -1,0 +1,115 @@
+"""Who is logged in, and who has failed to too often. Both are bounded; time is an argument, in seconds."""
+
+import hashlib
+import secrets
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+from gateway.web.users import User, Users
+
+#: A session ends when nothing was asked for so long, and so long after the login, in seconds.
+IDLE_TIME: Final = 3600.0
+LONGEST_SESSION: Final = 12 * 3600.0
+#: Sessions at a time, of all and of one user; the one that has rested longest makes room.
+MOST_SESSIONS: Final = 256
+MOST_OF_ONE_USER: Final = 16
+
+#: After so many wrong passwords within so many seconds, who has tried must wait until the first of them is that old.
+MOST_FAILURES: Final = 5
+MOST_FAILURES_OF_ONE_USER: Final = 20
+FAILURES_COUNT_FOR: Final = 300.0
+#: Addresses whose failures are remembered at a time.
+MOST_ADDRESSES: Final = 1000
+
+
+@dataclass(slots=True)
+class Session:
+    """A login of `user`. Whoever sends its token must send `csrf` too to change anything."""
+
+    user: User
+    csrf: str
+    began: float
+    used: float
+
+    def is_over(self, now: float) -> bool:
+        """Whether it has ended by itself."""
+        return now - self.used > IDLE_TIME or now - self.began > LONGEST_SESSION
+
+
+class Sessions:
+    """The sessions, by what their tokens hash to: nothing that is kept here lets anybody in."""
+
+    def __init__(self) -> None:
+        self._sessions: dict[bytes, Session] = {}
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    def open(self, user: User, now: float) -> tuple[str, Session]:
+        """A new session, and the token that stands for it."""
+        self._make_room(user, now)
+        token = secrets.token_urlsafe(32)
+        session = self._sessions[_key(token)] = Session(user, secrets.token_urlsafe(32), now, now)
+        return token, session
+
+    def find(self, token: str, users: Users, now: float) -> Session | None:
+        """The session that a token stands for. It has ended if its user has another password now, or is gone."""
+        session = self._sessions.get(_key(token))
+        if session is None:
+            return None
+        if session.is_over(now) or users.get(session.user.name) != session.user:
+            self.close(token)
+            return None
+        return session
+
+    def close(self, token: str) -> None:
+        """End the session."""
+        self._sessions.pop(_key(token), None)
+
+    def _make_room(self, user: User, now: float) -> None:
+        for key in [key for key, session in self._sessions.items() if session.is_over(now)]:
+            del self._sessions[key]
+        own = [key for key, session in self._sessions.items() if session.user.name == user.name]
+        if len(own) >= MOST_OF_ONE_USER:
+            del self._sessions[min(own, key=lambda key: self._sessions[key].used)]
+        elif len(self._sessions) >= MOST_SESSIONS:
+            del self._sessions[min(self._sessions, key=lambda key: self._sessions[key].used)]
+
+
+@dataclass(slots=True)
+class Attempts:
+    """Wrong passwords, by the address that they came from, and by the user that they were for, if there is one."""
+
+    _of_addresses: dict[str, deque[float]] = field(default_factory=dict)
+    _of_users: dict[str, deque[float]] = field(default_factory=dict)
+
+    def wait(self, address: str, user: User | None, now: float) -> float:
+        """How long to wait before the next attempt; 0 if it may be now."""
+        of_user = self._of_users.get(user.name) if user else None
+        return max(
+            _wait(self._of_addresses.get(address), MOST_FAILURES, now),
+            _wait(of_user, MOST_FAILURES_OF_ONE_USER, now),
+        )
+
+    def failed(self, address: str, user: User | None, now: float) -> None:
+        """A wrong password was sent."""
+        if address not in self._of_addresses and len(self._of_addresses) >= MOST_ADDRESSES:
+            del self._of_addresses[min(self._of_addresses, key=lambda one: self._of_addresses[one][-1])]
+        self._of_addresses.setdefault(address, deque(maxlen=MOST_FAILURES)).append(now)
+        if user is not None:
+            self._of_users.setdefault(user.name, deque(maxlen=MOST_FAILURES_OF_ONE_USER)).append(now)
+
+    def succeeded(self, address: str) -> None:
+        """The right one was sent."""
+        self._of_addresses.pop(address, None)
+
+
+def _wait(failures: deque[float] | None, most: int, now: float) -> float:
+    if failures is None or len(failures) < most:
+        return 0.0
+    return max(0.0, failures[0] + FAILURES_COUNT_FOR - now)
+
+
+def _key(token: str) -> bytes:
+    return hashlib.sha256(token.encode(errors="surrogateescape")).digest()

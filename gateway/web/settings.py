@@ -1,0 +1,44 @@
+"""Where the server listens, and who is let in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from ipaddress import IPv4Network, IPv6Network
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class WebSettings:
+    """The settings of the server. Without `users` nobody can log in; with a `certificate` and `key` it is https://.
+
+    `hosts` are names by which it may be called. Programs that send the `token` may read. Requests of a `proxy` name
+    their user in X-Forwarded-User. Operators may `write` if that is set.
+    """
+
+    host: str
+    port: int
+    hosts: tuple[str, ...] = ()
+    token: str = field(default="", repr=False)
+    users: Path | None = None
+    certificate: Path | None = None
+    key: Path | None = None
+    proxy: tuple[IPv4Network | IPv6Network, ...] = ()
+    write: bool = False
+
+    @property
+    def is_encrypted(self) -> bool:
+        """Whether it is https://."""
+        return self.certificate is not None
+
+
+#: On every response. The page loads nothing from elsewhere, runs nothing that stands in it, and is shown in no frame.
+#: (Referrer-Policy: no-referrer would make browsers send `Origin: null` with forms.)
+HEADERS: Mapping[str, str] = {
+    "Content-Security-Policy": (
+        "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'"
+    ),
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "same-origin",
+    "Server": "modbus-gateway",
+    "X-Content-Type-Options": "nosniff",
+}

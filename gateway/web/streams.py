@@ -1,0 +1,105 @@
+"""Server-sent events: a bounded number of readers, and none that costs the lines anything.
+
+Whoever does not read is dropped: once more events wait for him than there is room for, or when he takes nothing for
+some seconds. His browser comes again by itself.
+"""
+
+import asyncio
+import socket
+import struct
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import Final
+
+from aiohttp import web
+
+from gateway.web.answers import EventSource
+from gateway.web.problems import ProblemError
+
+#: Readers at a time; fewer than connections, so that all else finds room.
+MOST_READERS: Final = 64
+#: How long a reader may take nothing, and how often there is a sign of life, in seconds.
+WRITE_TIME: Final = 10.0
+HEARTBEAT: Final = 15.0
+#: What the system keeps for one reader, and what this process does, in bytes.
+_KERNEL_BUFFER: Final = 64 * 1024
+_OWN_BUFFER: Final = 64 * 1024
+
+_HEADERS: Final = {"Content-Type": "text/event-stream", "Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+
+
+class Streams:
+    """The streams that are open."""
+
+    def __init__(self) -> None:
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def __len__(self) -> int:
+        return len(self._tasks)
+
+    async def serve(
+        self, request: web.Request, source: EventSource, is_valid: Callable[[], bool]
+    ) -> web.StreamResponse:
+        """Send events until the reader leaves, is lost, is not `is_valid` any more, or all streams end.
+
+        Raises:
+            ProblemError: there are too many readers.
+        """
+        if len(self._tasks) >= MOST_READERS:
+            raise ProblemError(503, f"{MOST_READERS} others read already", {"Retry-After": "30"})
+        response = web.StreamResponse(headers=_HEADERS)
+        await response.prepare(request)
+        _bound_buffers(request.transport)
+        task = asyncio.create_task(_send(response, source, is_valid), name="web events")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        try:
+            await asyncio.wait({task})
+        finally:
+            task.cancel()
+        with suppress(OSError, TimeoutError, asyncio.CancelledError):
+            task.result()
+            return response
+        _drop(request.transport)
+        return response
+
+    def end(self) -> None:
+        """End all of them."""
+        for task in self._tasks:
+            task.cancel()
+
+
+async def _send(response: web.StreamResponse, source: EventSource, is_valid: Callable[[], bool]) -> None:
+    await _write(response, "retry: 3000\n\n")
+    while is_valid():
+        texts = await source.next(HEARTBEAT)
+        if source.is_lost:
+            raise TimeoutError
+        await _write(response, "".join(_messages(texts)) or ": \n\n")
+
+
+def _messages(texts: Iterable[str]) -> Iterable[str]:
+    return (f"data: {text}\n\n" for text in texts)
+
+
+async def _write(response: web.StreamResponse, text: str) -> None:
+    async with asyncio.timeout(WRITE_TIME):
+        await response.write(text.encode())
+
+
+def _bound_buffers(transport: asyncio.Transport | None) -> None:
+    if transport is not None:
+        transport.set_write_buffer_limits(high=_OWN_BUFFER)
+        _set(transport, socket.SO_SNDBUF, _KERNEL_BUFFER)
+
+
+def _drop(transport: asyncio.Transport | None) -> None:
+    """Close a connection at once: what the system still has for it is not kept until somebody reads it."""
+    if transport is not None:
+        _set(transport, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        transport.abort()
+
+
+def _set(transport: asyncio.Transport, option: int, value: int | bytes) -> None:
+    with suppress(OSError, AttributeError):  # a connection that has gone
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, option, value)

@@ -1,0 +1,201 @@
+"""The file with the users of the web page: a line for each, with the role and what is kept of the password.
+
+anna:operator:$scrypt$ln=14,r=8,p=5$SALT$HASH
+
+The password itself is nowhere. What is kept costs 16 MiB and some tenths of a second for each guess (RFC 7914; the
+numbers are those that OWASP recommends for 16 MiB).
+"""
+
+import binascii
+import fcntl
+import hashlib
+import hmac
+import os
+import re
+import secrets
+import stat
+from base64 import b64decode, b64encode
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, get_args
+
+from gateway.errors import UsersError
+
+Role = Literal["viewer", "operator"]
+ROLES: Final[tuple[Role, ...]] = get_args(Role)
+
+#: The shortest password, in characters, and the longest, in bytes.
+SHORTEST_PASSWORD: Final = 8
+LONGEST_PASSWORD: Final = 1024
+#: The largest file that is read, in bytes.
+MOST_READ: Final = 1024 * 1024
+
+#: log2 of the cost, block size, parallelization. Larger ones in a file are refused: a guess would cost too much here.
+_COST: Final = (14, 8, 5)
+_HIGHEST_COST: Final = (17, 16, 16)
+_MEMORY: Final = 512 * 1024 * 1024
+_SALT: Final = 16
+
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@-]{0,63}")
+_HASH: Final = re.compile(r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-Za-z0-9+/=]+)\$([A-Za-z0-9+/=]+)")
+
+
+@dataclass(frozen=True, slots=True)
+class User:
+    """Somebody who may log in. `hash` is what is kept of the password."""
+
+    name: str
+    role: Role
+    hash: str
+
+    def __repr__(self) -> str:
+        return f"<User {self.name} {self.role}>"
+
+
+Users = Mapping[str, User]
+
+
+def is_user_name(name: str) -> bool:
+    """Whether somebody can be called so: 1 to 64 letters, digits, and . _ @ - behind the first."""
+    return _NAME.fullmatch(name) is not None
+
+
+def password_trouble(password: str) -> str:
+    """Why a password cannot be used; empty if it can."""
+    if len(password) < SHORTEST_PASSWORD:
+        return f"it must have {SHORTEST_PASSWORD} characters at least"
+    if len(password.encode(errors="surrogateescape")) > LONGEST_PASSWORD:
+        return f"it must have {LONGEST_PASSWORD} bytes at most"
+    return ""
+
+
+def hashed(password: str) -> str:
+    """What is kept of a password. It takes some tenths of a second."""
+    salt = secrets.token_bytes(_SALT)
+    log_n, r, p = _COST
+    return f"$scrypt$ln={log_n},r={r},p={p}${_text(salt)}${_text(_scrypt(password, salt, _COST))}"
+
+
+def is_password(password: str, user: User | None) -> bool:
+    """Whether it is the password of `user`. It takes as long for nobody, so it does not tell who exists."""
+    match = _HASH.fullmatch(_NOBODY if user is None else user.hash)
+    assert match is not None  # noqa: S101 - whoever has read the file has seen to that
+    cost = (int(match[1]), int(match[2]), int(match[3]))
+    is_equal = hmac.compare_digest(_scrypt(password, b64decode(match[4]), cost), b64decode(match[5]))
+    return is_equal and user is not None
+
+
+def read_users(path: Path) -> Users:
+    """The users in a file, by name.
+
+    Raises:
+        OSError: it cannot be read.
+        UsersError: a line of it is none of a user.
+    """
+    with path.open("rb") as file:
+        return parse_users(file.read(MOST_READ).decode("utf-8", "replace"), str(path))
+
+
+def parse_users(text: str, file: str) -> Users:
+    """The users in `text`, which stands in `file`. Empty lines, and those that begin with #, mean nothing.
+
+    Raises:
+        UsersError: a line is none of a user, or a name is there twice. It does not repeat what is in the line.
+    """
+    users: dict[str, User] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        name, _, rest = line.partition(":")
+        role, _, hash_ = rest.partition(":")
+        known = next((each for each in ROLES if each == role), None)
+        if not is_user_name(name) or known is None or not _is_hash(hash_):
+            raise UsersError(f"{file}:{number}: this is no user; lines are made by modbus-gateway user add")
+        if name in users:
+            raise UsersError(f"{file}:{number}: {name} is there twice")
+        users[name] = User(name, known, hash_)
+    return users
+
+
+@contextmanager
+def changing_users(path: Path) -> Iterator[dict[str, User]]:
+    """In its context the users of a file, to be changed; at its end the file is replaced as a whole.
+
+    A new file is for its owner only: that is whoever owns the folder. Others that change it meanwhile wait.
+
+    Raises:
+        OSError: it cannot be read or written.
+        UsersError: a line of it is none of a user.
+    """
+    path = Path(os.path.realpath(path))
+    with _locked(path.parent):
+        try:
+            users = dict(read_users(path))
+        except FileNotFoundError:
+            users = {}
+        before = dict(users)
+        yield users
+        if users != before:
+            _replace(path, "".join(f"{each.name}:{each.role}:{each.hash}\n" for each in users.values()))
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _replace(path: Path, text: str) -> None:
+    """Put a new file in the place of the old one, with its owner and rights; a power cut leaves one of the two."""
+    try:
+        old, mode = path.stat(), stat.S_IMODE(path.stat().st_mode) & ~stat.S_IRWXO & ~stat.S_IWGRP
+    except FileNotFoundError:
+        old, mode = path.parent.stat(), 0o600
+    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            if os.geteuid() == 0:
+                os.fchown(file.fileno(), old.st_uid, old.st_gid)
+            os.fchmod(file.fileno(), mode)
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError:
+        with suppress(OSError):
+            new.unlink()
+        raise
+
+
+def _is_hash(text: str) -> bool:
+    match = _HASH.fullmatch(text)
+    if match is None:
+        return False
+    cost = (int(match[1]), int(match[2]), int(match[3]))
+    try:
+        salt, key = b64decode(match[4], validate=True), b64decode(match[5], validate=True)
+    except binascii.Error:
+        return False
+    is_bearable = all(1 <= one <= most for one, most in zip(cost, _HIGHEST_COST, strict=True))
+    return is_bearable and bool(salt) and len(key) == 32
+
+
+def _scrypt(password: str, salt: bytes, cost: tuple[int, int, int]) -> bytes:
+    log_n, r, p = cost
+    data = password.encode(errors="surrogateescape")
+    return hashlib.scrypt(data, salt=salt, n=2**log_n, r=r, p=p, maxmem=_MEMORY, dklen=32)
+
+
+def _text(data: bytes) -> str:
+    return b64encode(data).decode()
+
+
+#: What is compared with if there is no such user: it costs the same.
+_NOBODY: Final = "$scrypt$ln={},r={},p={}${}${}".format(*_COST, _text(bytes(_SALT)), _text(bytes(32)))

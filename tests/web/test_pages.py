@@ -1,0 +1,137 @@
+"""The pages as the server makes them: complete without JavaScript, and without a word of others in their markup."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from kit.browser import web_bench
+
+CONFIG = """
+[[line]]
+name = "hall <script>"
+port = "/dev/hall"
+devices = [{ unit = 1, as = 41, name = "silo & co", profile = "weigher" }]
+
+[[line]]
+name = "panel"
+port = "/dev/panel"
+role = "server"
+serves = [41]
+
+[[image]]
+unit = 200
+name = "shift"
+holding = 1
+
+[[image]]
+unit = 241
+of = "silo & co"
+read = [{ holding = "0-1", every = "1 s" }]
+
+[[upstream]]
+name = "plant"
+to = "tcp://10.1.0.5"
+units = [{ as = 37, unit = 1 }]
+"""
+
+
+class Markup(HTMLParser):
+    """What a page is made of."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.texts: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.texts.append(data.strip())
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    async with web_bench(CONFIG, tmp_path) as bench:
+        yield bench
+
+
+async def test_the_first_page_shows_all_parts(bench):
+    bench.inner.client()
+    texts = Markup((await bench.browser().get("/")).text).texts
+    for each in (
+        "hall <script>",
+        "silo & co",
+        "panel",
+        "plant",
+        "shift",
+        "mirror of silo & co",
+        "default",
+        "RTU 19200 8E1",
+    ):
+        assert each in texts
+
+
+async def test_nothing_of_the_config_becomes_markup(bench):
+    page = await bench.browser().get("/")
+    assert "hall &lt;script&gt;" in page.text
+    assert "<script>" not in page.text
+
+
+@pytest.mark.parametrize("path", ["/", "/login"])
+async def test_a_page_has_no_inline_script_or_style_and_nothing_from_elsewhere(bench, path):
+    browser = bench.browser()
+    await browser.log_in("anna")
+    markup = Markup((await browser.get(path)).text)
+    for tag, attributes in markup.tags:
+        assert tag != "style"
+        assert tag != "script" or "src" in attributes
+        assert not any(name.startswith("on") or name == "style" for name in attributes)
+        for name in ("src", "href", "action"):
+            assert attributes.get(name, "/").startswith(("/", "#"))
+            assert not attributes.get(name, "/").startswith("//")
+
+
+async def test_a_page_names_who_has_logged_in(bench):
+    browser = bench.browser()
+    assert "Log in" in (await browser.get("/")).text
+    await browser.log_in("anna")
+    text = (await browser.get("/")).text
+    assert "anna (operator)" in text
+    assert f'name="csrf" value="{browser.csrf}"' in text
+
+
+async def test_a_user_name_that_is_markup_stays_text(bench):
+    page = await bench.browser("10.0.0.9").get('/login?next=/"><script>alert(1)</script>')
+    assert "<script>alert" not in page.text
+
+
+async def test_without_users_the_login_says_so(tmp_path):
+    async with web_bench(CONFIG, tmp_path, users=None, token="t") as bench:
+        page = await bench.browser("10.0.0.9").get("/login")
+        assert "Nobody can log in" in page.text
+        assert (await bench.browser().post("/login", {"user": "anna", "password": "correct horse"})).status == 401
+
+
+async def test_files_are_kept_for_ever_under_the_name_of_their_version(bench):
+    browser = bench.browser("10.0.0.9")
+    addresses = re.findall(r'"(/static/[^"]+)"', (await browser.get("/login")).text)
+    assert len(addresses) == 3
+    for address in addresses:
+        page = await browser.get(address)
+        assert page.status == 200
+        assert "immutable" in page.headers["Cache-Control"]
+        plain = await browser.get(address.partition("?")[0])
+        assert (plain.text, plain.headers["Cache-Control"]) == (page.text, "no-cache")
+        assert (await browser.get(address, If_None_Match=page.headers["ETag"])).status == 304
+
+
+async def test_modules_have_their_type(bench):
+    assert (await bench.browser().get("/static/page.js")).headers["Content-Type"].startswith("text/javascript")
+
+
+@pytest.mark.parametrize("path", ["/static/../pages.py", "/static/%2e%2e/pages.py", "/static/x", "/static//etc/passwd"])
+async def test_no_other_file_is_given_away(bench, path):
+    assert (await bench.browser().get(path)).status == 404
