@@ -119,7 +119,7 @@ class _Answers:
         metrics = import_module("gateway.observe.metrics")
         self._exposition = metrics.exposition
         self.content_type: str = metrics.CONTENT_TYPE
-        self._status: Mapping[str, Any] = {}
+        self._status: told.Status | None = None
 
     async def metrics(self) -> bytes:
         """Read the counters at once and format them in a thread, so that lines do not wait for that."""
@@ -155,11 +155,11 @@ class _Answers:
             else "no line is up, and there is no image"
         )
 
-    def status(self) -> Mapping[str, Any]:
+    def status(self) -> told.Status:
         """That of now, or of less than a second ago."""
         now = asyncio.get_running_loop().time()
-        if not self._status or now - self._status["at"] >= _STATUS_KEPT:
-            self._status = asdict(told.status(self._running.gateway, now, self._running.recent))
+        if self._status is None or now - self._status.at >= _STATUS_KEPT:
+            self._status = told.status(self._running.gateway, now, self._running.recent)
         return self._status
 
     def units(self) -> Sequence[UnitPicture]:

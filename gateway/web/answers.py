@@ -32,6 +32,34 @@ class Unit(Protocol):
         """What its registers mean."""
 
 
+class Status(Protocol):
+    """How the gateway is doing: a dataclass, of which the document has the schema."""
+
+    @property
+    def lines(self) -> Sequence[Any]:
+        """The lines."""
+
+    @property
+    def servers(self) -> Sequence[Any]:
+        """The lines where an outside client asks us."""
+
+    @property
+    def upstreams(self) -> Sequence[Any]:
+        """Other servers."""
+
+    @property
+    def units(self) -> Sequence[Any]:
+        """The units on lines and behind other servers."""
+
+    @property
+    def images(self) -> Sequence[Any]:
+        """The images."""
+
+    @property
+    def mirrors(self) -> Sequence[Any]:
+        """The mirrors."""
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
     """A response PDU, and how long it took. `result` and `reason` are those of an exception of the gateway's own."""
@@ -88,8 +116,8 @@ class Answers(Protocol):
     def users_rejected(self, reason: str) -> None:
         """The file with the users has changed and cannot be used."""
 
-    def status(self) -> Mapping[str, Any]:
-        """How the gateway is doing: of the last second, as JSON has it."""
+    def status(self) -> Status:
+        """How the gateway is doing: the same object for a second."""
 
     def units(self) -> Sequence[Unit]:
         """Every unit."""

@@ -4,7 +4,7 @@ import asyncio
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, Final, NoReturn
 
@@ -12,8 +12,9 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import Area
+from gateway.ports.threads import ThreadPerCall
 from gateway.profiles.point import Point
-from gateway.web.answers import Answers, Asker, Unit
+from gateway.web.answers import Answers, Asker, Status, Unit
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
 from gateway.web.openapi import document
 from gateway.web.problems import Handler, ProblemError
@@ -50,6 +51,10 @@ class Api:
         self._streams = streams
         self._may_write = may_write
         self._document = document(answers.types)
+        #: The status that was written last, and its text.
+        self._written: Status | None = None
+        self._text = ""
+        self._one_at_a_time = asyncio.Lock()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
         """Method, path, handler, and what it needs. What the trace tells finds its place here too."""
@@ -81,21 +86,26 @@ class Api:
         return _json(session_as_json(request[VISITOR], may_write=self._may_write))
 
     async def status(self, _request: web.Request) -> web.Response:
-        """How the gateway is doing."""
-        return _json(self._answers.status())
+        """How the gateway is doing: written once for all who ask within a second, in a thread."""
+        async with self._one_at_a_time:
+            status = self._answers.status()
+            if status is not self._written:
+                loop = asyncio.get_running_loop()
+                self._text = await loop.run_in_executor(ThreadPerCall("web status"), _text, status)
+                self._written = status
+        return _json_response(self._text)
 
     async def lines(self, _request: web.Request) -> web.Response:
         """The lines, those where we are the server, and other servers."""
         status = self._answers.status()
-        return _json({kind: status[kind] for kind in ("lines", "servers", "upstreams")})
+        return _json({"lines": status.lines, "servers": status.servers, "upstreams": status.upstreams})
 
     async def line(self, request: web.Request) -> web.Response:
         """One of them."""
         status, name = self._answers.status(), request.match_info["name"]
-        for kind in ("lines", "servers", "upstreams"):
-            for each in status[kind]:
-                if each["name"] == name:
-                    return _json(each)
+        for each in (*status.lines, *status.servers, *status.upstreams):
+            if each.name == name:
+                return _json(each)
         raise ProblemError(404, f"there is no line {name}")
 
     async def units(self, _request: web.Request) -> web.Response:
@@ -105,9 +115,9 @@ class Api:
     async def unit(self, request: web.Request) -> web.Response:
         """A unit, with its points and its part of the status."""
         unit, status = self._answers.unit(_wanted(request)), self._answers.status()
-        groups = (status[kind] for kind in ("units", "images", "mirrors"))
-        found = next((each for group in groups for each in group if each["unit"] == unit.unit), None)
-        return _json({**_as_json(unit), "status": found})
+        parts = (*status.units, *status.images, *status.mirrors)
+        found = next((each for each in parts if each.unit == unit.unit), None)
+        return _json({**_fields(unit), "status": found})
 
     async def read_values(self, request: web.Request) -> web.Response:
         """Values by area and addresses."""
@@ -242,22 +252,23 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _without_points(unit: Unit) -> dict[str, Any]:
-    told = _as_json(unit)
+    told = _fields(unit)
     del told["points"]
     return told
 
 
-def _as_json(unit: Unit) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads(json.dumps(unit, default=_fields))
-    return told
+def _fields(value: Any) -> dict[str, Any]:
+    """A dataclass as its fields: what they hold comes here in its turn, without the copies of `asdict`."""
+    return {field.name: getattr(value, field.name) for field in fields(value)}
 
 
-def _fields(value: Any) -> dict[str, Any] | str:
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
-    return str(value)
+def _text(body: object) -> str:
+    return json.dumps(body, default=_fields, ensure_ascii=False)
 
 
 def _json(body: object) -> web.Response:
-    text = json.dumps(body, ensure_ascii=False)
+    return _json_response(_text(body))
+
+
+def _json_response(text: str) -> web.Response:
     return web.Response(text=text, content_type="application/json", headers={"Cache-Control": "no-store"})

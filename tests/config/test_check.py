@@ -679,6 +679,46 @@ def test_what_other_machines_can_reach_needs_users_or_a_token(bind):
     assert problems(f'{text}token = {{ file = "t" }}\n', built=False) == []
 
 
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (
+            'bind = "https://127.0.0.1:1"',
+            ["error: web.bind: https:// needs certificate", "error: web.bind: https:// needs key"],
+        ),
+        ('bind = "https://127.0.0.1:1"\nkey = "k"', ["error: web.bind: https:// needs certificate"]),
+        ('bind = "http://127.0.0.1:1"\nkey = "k"', ["error: web.key: only https:// has use for it"]),
+        ('bind = "https://0.0.0.0:1"\nkey = { credential = "k" }\ncertificate = "c"\nusers = "u"', []),
+        ('bind = "http://0.0.0.0:1"\nusers = "u"', ["warning: web.bind: passwords come in plain text"]),
+        ('bind = "http://0.0.0.0:1"\nusers = "u"\nproxy = ["10.0.0.2"]', []),
+        ('bind = "http://0.0.0.0:1"\nproxy = ["10.0.0.2"]', []),
+        ('bind = "http://127.0.0.1:1"\nwrite = true', ["error: web.write: nobody can log in, so nobody can write"]),
+        ('bind = "http://127.0.0.1:1"\nwrite = true\nusers = "u"', []),
+    ],
+)
+def test_what_the_web_page_needs(keys, said):
+    found = problems(f"{LINE}[web]\n{keys}\n", built=False)
+    assert len(found) == len(said)
+    assert all(problem.startswith(start) for problem, start in zip(sorted(found), sorted(said), strict=True))
+
+
+@pytest.mark.parametrize("key", ["{ credential = '../key' }", "{ credential = '' }", "''", "{ file = 'k' }", "7"])
+def test_what_names_no_key_is_an_error(key):
+    (problem,) = problems(f"{LINE}[web]\nbind = 'https://127.0.0.1:1'\ncertificate = 'c'\nkey = {key}\n", built=False)
+    assert "web.key: names no file" in problem
+
+
+@pytest.mark.parametrize("name", ["web", "control"])
+def test_names_that_access_has_for_others_are_taken(name):
+    found = problems(f'{LINE}[[listen]]\nname = "{name}"\nbind = "tcp://127.0.0.1:5020"\n', built=False)
+    assert any(f'listen[0].name: "{name}" is what [[access]] calls' in problem for problem in found)
+
+
+def test_a_row_of_access_may_name_the_web_page_and_networks():
+    row = '[[access]]\nlisten = ["web"]\nfrom = ["10.0.0.0/24"]\nallow = ["read"]\n'
+    assert problems(LINE + row, built=False) == []
+
+
 # Not built yet
 
 
