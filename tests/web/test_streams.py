@@ -81,6 +81,16 @@ async def test_a_reader_that_is_too_slow_for_so_many_events_is_dropped(bench):
     assert not bench.fan_out._followers
 
 
+async def test_a_reader_that_lost_events_is_dropped_even_if_it_reads_again(bench):
+    wire = bench.browser().open(EVENTS, room=2000)
+    await asyncio.sleep(1)
+    await emit(bench, MOST_WAITING + 50, every=0.02)
+    wire.protocol.resume_writing()
+    await asyncio.sleep(0.1)
+    await emit(bench, 1)
+    assert wire.closed.is_set()
+
+
 async def test_of_many_events_in_a_second_the_first_are_told_and_the_others_counted():
     left = []
     fan_out = FanOut(left.append)
