@@ -18,6 +18,7 @@ complete -c modbus-gateway -f -n __fish_use_subcommand -a ports -d "list the ser
 complete -c modbus-gateway -f -n __fish_use_subcommand -a simulate -d "run simulated devices on a virtual serial port"
 complete -c modbus-gateway -f -n __fish_use_subcommand -a import -d "turn the config of another program into one for the gateway"
 complete -c modbus-gateway -f -n __fish_use_subcommand -a completion -d "print a script that completes commands in a shell"
+complete -c modbus-gateway -f -n __fish_use_subcommand -a user -d "say who may log in at the web page"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from demo' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from demo' -l once -d "exit after the script, with status 0 if every response was correct"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from run' -s h -l help -d "show this help message and exit"
@@ -122,3 +123,5 @@ complete -c modbus-gateway -n '__fish_seen_subcommand_from import' -a "mbusd mod
 complete -c modbus-gateway -n '__fish_seen_subcommand_from import' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from completion' -a "bash zsh fish"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from completion' -s h -l help -d "show this help message and exit"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from user' -a "add remove password list"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from user' -s h -l help -d "show this help message and exit"

@@ -48,6 +48,10 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("import mbusd /etc/mbusd/*.conf", "a config for all ports that mbusd serves"),
         ("import modbus-proxy modbus-proxy.yml", "a config with the same devices"),
     ),
+    "user": (
+        ("user add anna --role operator", "a user of the web page; asks for the password"),
+        ("user list", "who may log in"),
+    ),
     "completion": (("completion bash > ~/.local/share/bash-completion/completions/modbus-gateway", "for one user"),),
 }
 
