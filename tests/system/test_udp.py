@@ -15,7 +15,7 @@ from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
-from gateway.routing.access import Door
+from gateway.routing.access import EntryPoint
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE
 from kit.router import router
@@ -92,7 +92,7 @@ class Bench:
         self.plant = Plant()
         self.events: list[Event] = []
         routes = dict.fromkeys((PROMPT, PATIENT, DEFECTIVE), self.plant)
-        made = router(routes, self.events.append, door=Door("field", "datagram"))
+        made = router(routes, self.events.append, entry=EntryPoint("field", "datagram"))
         self.listener = UdpListener(settings, made, self.events.append)
         self.clients: list[Client] = []
 
