@@ -285,6 +285,8 @@ class FaultyLine:
     def _half_late(self, exchange: _Exchange) -> list[Answer]:
         data = self._answer(exchange)
         at = self._dice.randrange(1, len(data))
+        while self._misleads(exchange, data[:at], data):
+            at = self._dice.randrange(1, len(data))
         return [Answer(self._arrival(exchange, data), data[:at]), Answer(self._after_the_limit(exchange), data[at:])]
 
     # --- too often, and of others ---
@@ -444,7 +446,11 @@ class FaultyLine:
             if data[at : at + 2] == bytes((exchange.unit, function))
         ]
         whole = right.rstrip(b"\0")  # NUL bytes behind a frame leave its CRC right: that is not left out
-        return any(len(frame) > 3 and frame.rstrip(b"\0") != whole and crc_fits(frame) for frame in frames)
+        shorter = whole if size is None and whole != right else None  # but that is: its NUL bytes are missing
+        return any(
+            len(frame) > 3 and (frame == shorter or frame.rstrip(b"\0") != whole) and crc_fits(frame)
+            for frame in frames
+        )
 
     def _holes(self, exchange: _Exchange) -> list[Answer]:
         data = self._answer(exchange)
