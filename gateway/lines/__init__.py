@@ -1,1 +1,1 @@
-"""The transaction machine of a line: what is asked next, what comes back, and whose it is."""
+"""A line: which request is sent next, and which received frame is its response."""

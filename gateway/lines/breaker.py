@@ -1,9 +1,9 @@
 """Back-off of units that do not respond, so that they take little of their line's time.
 
-After three failures in a row a unit rests: its requests get 0B at once, from the end of the last failure's late window
-on. The next request after that is the probe; the gateway sends none of its own. If it fails too, the next rest is twice
-as long. A rest lasts at least nine time limits, so that an unresponsive unit uses at most a tenth of the line, unless
-a shorter maximum is configured. Any valid response of the unit ends the back-off, even a late or an unexpected one.
+After three failures in a row a unit rests: its requests get 0B at once. The rest counts from the end of the last late
+window. The next request after it is the probe; the gateway sends none of its own. If it fails too, the next rest is
+twice as long. A rest lasts at least nine time limits, so that an unresponsive unit uses at most a tenth of the line,
+unless a shorter maximum is configured. Any valid response ends the back-off, even a late or an unexpected one.
 """
 
 from typing import Final

@@ -6,8 +6,11 @@
 | idle      | a request can be sent                   | awaiting  | it is written                                     |
 | idle      | a broadcast can be sent                 | idle      | it is written; the turnaround silence begins      |
 | awaiting  | the response                            | idle      | the client gets it                                |
-| awaiting  | the limit, a damaged/ambiguous response | idle      | 0B, or a read waits for its repeat; a late window |
-| awaiting  | the same, if it can be sent at once     | repeating |                                                   |
+| awaiting  | the limit, an ambiguous response        | idle      | a late window opens; 0B, or at the limit a read   |
+|           |                                         |           | waits for its repeat                              |
+| awaiting  | a damaged response: no late window      | idle      | 0B                                                |
+| awaiting  | a damaged one, or damaged bytes at the  | repeating |                                                   |
+|           | limit, to a read that may be repeated   |           |                                                   |
 | repeating | the line is quiet                       | awaiting  | the request is written again                      |
 | repeating | bytes come: they may be the response    | idle      | 0B                                                |
 | idle      | `renew`: a new connection is needed     | renewing  | waiting requests go on waiting                    |

@@ -62,7 +62,7 @@ class _Row:
         return None
 
     def holds_back(self, transaction: Transaction) -> bool:
-        """Whether `transaction`, which waits here, must not overtake an earlier one."""
+        """Whether an earlier one here goes before `transaction`, which waits here or is to be added."""
         before = takewhile(lambda each: each is not transaction, self.waiting)
         return any(older.device is transaction.device or older.is_broadcast for older in before)
 

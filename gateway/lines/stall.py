@@ -2,8 +2,8 @@
 
 A device server may hold a request that timed out for as long as it likes. If an equal request follows, the unit answers
 both, and the first response is taken for the second one. A connection keeps its order, so a response shows that all
-earlier requests have left the server. If a late window ends without any response to a later request, the line opens
-a new connection, on which no response of the old one can come (ADR 5).
+earlier requests have left the server. If a late window ends without a response to its request or to a later one, the
+line opens a new connection, on which no response of the old one can come (ADR 5).
 """
 
 from collections.abc import Callable

@@ -53,7 +53,7 @@ class Row:
 
 LOOPBACK: Final = (ip_network("127.0.0.0/8"), ip_network("::1"))
 
-#: The default table: local clients can read and write, remote clients can only read.
+#: The default table: clients on this machine can read and write, all others only read.
 DEFAULT_ROWS: Final = (Row(EVERYTHING, networks=LOOPBACK), Row(READING))
 
 
@@ -92,7 +92,7 @@ class Rights(dict[str, tuple[Right, ...]]):
 
     def __init__(self, rows: Iterable[Row], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
         super().__init__()
-        self._door = entry
+        self._entry = entry
         self._known_as = known_as
         self._rows = tuple(_rows_at(entry, tuple(rows)))
         self._named: set[str] = set()
@@ -113,7 +113,7 @@ class Rights(dict[str, tuple[Right, ...]]):
         rows = tuple(row for row in self._rows if row.applies_to(address))
         if any(row.networks is not None and row.right for row in rows):
             self._named.add(host)
-        rights = self[host] = _by_unit(rows, self._known_as, self._door.unit0)
+        rights = self[host] = _by_unit(rows, self._known_as, self._entry.unit0)
         return rights
 
 
