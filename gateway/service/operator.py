@@ -62,9 +62,10 @@ class Question:
 
 
 class Done(NamedTuple):
-    """What became of a request: its response, how long that took, and the error if it is the gateway's exception."""
+    """What became of a request: its response, its start, how long it took, and the gateway's error if there is one."""
 
     pdu: bytes | None
+    started: float
     elapsed_ms: float
     error: RequestError | None
 
@@ -79,14 +80,13 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
         WrongQuestion: there is no such unit, or `pdu` is not a PDU.
     """
     unit, pdu = find_unit(gateway.plan, question.get("unit")), _pdu(question.get("pdu"))
-    started = asyncio.get_running_loop().time()
     done = await send(gateway.control, unit, pdu, Question(is_there))
     answer = {
         "unit": unit,
         "pdu": None if done.pdu is None else done.pdu.hex(" ").upper(),
         "elapsed_ms": done.elapsed_ms,
     }
-    answer |= frames_of(gateway, CONTROL, pdu, started)
+    answer |= frames_of(gateway, CONTROL, pdu, done.started)
     return answer if done.error is None else {**answer, "result": done.error.result, "reason": str(done.error)}
 
 
@@ -96,7 +96,7 @@ async def send(router: Router, unit: int, pdu: bytes, question: Question) -> Don
     started = now()
     router.submit(Request(unit, pdu, question, started), started)
     error, response = await question.outcome
-    return Done(response, round((now() - started) * 1000, 1), error)
+    return Done(response, started, round((now() - started) * 1000, 1), error)
 
 
 def picture(gateway: Gateway, wanted: object) -> UnitPicture:
