@@ -64,7 +64,7 @@ def _with_remedy(error: PortError, port: str) -> PortError:
 
 async def _steps(line: GatewayLine, units: list[int], args: argparse.Namespace) -> Steps:
     if args.all_speeds:
-        async with aclosing(scan_speeds(line.at_rate, units, args.timeout)) as steps:
+        async with aclosing(scan_speeds(line.at_speed, units, args.timeout)) as steps:
             async for step in steps:
                 yield step
         return

@@ -70,6 +70,11 @@ class LineDriver:
             self._boundary.port.change_baud(baud)
 
     @property
+    def is_virtual(self) -> bool:
+        """Whether the port is open, and a virtual one."""
+        return self._boundary.port is not None and self._boundary.port.virtual
+
+    @property
     def is_renewing(self) -> bool:
         """Whether the line has closed its connection and waits for a new one."""
         return self.line.is_renewing

@@ -91,7 +91,8 @@ class LateWindows:
 
     def end_of(self, transaction: Transaction, now: float) -> float:
         """When the window of a transaction ends that fails at `now`; it begins at its limit at the earliest."""
-        return max(now, transaction.fails_at) + self.length(transaction.limit, transaction.device.answer_time)
+        ends_at = max(now, transaction.fails_at) + self.length(transaction.limit, transaction.device.answer_time)
+        return max(ends_at, transaction.ends_at + transaction.patience)
 
     def open(self, request: SentRequest, expected: Expected, ends_at: float, owed: int = 1) -> None:
         """Until `ends_at`, `owed` responses to `request` may come that look like `expected`."""

@@ -106,6 +106,11 @@ class Transaction:
         return False
 
     @property
+    def patience(self) -> float:
+        """How long after the request its late window lasts at least, in seconds."""
+        return 0.0
+
+    @property
     def fails_at(self) -> float:
         """When its time limit ends."""
         return self.ends_at + self.limit
@@ -179,18 +184,31 @@ class ScanTransaction(Transaction):
     """A question to a unit that may not be there: silence is an answer too, neither logged nor held against anybody.
 
     At address 0 it asks a lone device, which answers from its own address. With `awaits_second` another answer may
-    follow the first one: two devices may have the same address.
+    follow the first one: two devices may have the same address. A client that asks the same unit may allow it more
+    time than the scan does: for so long, `patience`, a late answer may come.
     """
 
-    __slots__ = ()
+    __slots__ = ("_patience",)
 
     is_scan = True
 
     def __init__(
-        self, request: Request, asked: RequestPdu, device: Destination, *, awaits_second: bool = False
+        self,
+        request: Request,
+        asked: RequestPdu,
+        device: Destination,
+        *,
+        awaits_second: bool = False,
+        patience: float = 0.0,
     ) -> None:
         super().__init__(request, asked, device)
         self.outstanding = 1 if awaits_second else 0
+        self._patience = patience
+
+    @property
+    def patience(self) -> float:
+        """See Transaction."""
+        return self._patience
 
     @property
     def answers_from(self) -> int | None:

@@ -78,6 +78,11 @@ class Reconnector:
             await asyncio.sleep(self._pause)
             self._pause = min(max(2 * self._pause, FIRST_PAUSE), LONGEST_PAUSE)
 
+    def begin_anew(self) -> None:
+        """Before `run` is called again: as before the first attempt."""
+        self.error = None
+        self.tried.clear()
+
     def failed(self, error: PortError) -> None:
         """The port could not be opened. Each reason is logged once until the port is open again."""
         self.error = error

@@ -93,7 +93,7 @@ async def bench(gateway: Gateway, question: Mapping[str, Any], is_there: Callabl
         raise WrongQuestion(f"no unit of {line.name} can be read by its number; name one of them")
     result = BenchResult(line.name, tuple(_picture(line.plan, one) for one in planned))
     now = asyncio.get_running_loop().time
-    began, sent_before, busy_before = now(), _sent(line), line.driver.line.phases(now()).busy
+    began, sent_before, busy_before = now(), line.sent, line.driver.line.phases(now()).busy
     reads = cycle([_Read(one.device.known_as, read_request(one.span)) for one in planned])
     async with asyncio.TaskGroup() as group:
         for number in range(READS_AHEAD):
@@ -102,7 +102,7 @@ async def bench(gateway: Gateway, question: Mapping[str, Any], is_there: Callabl
     elapsed = now() - began
     own = result.answered + result.exceptions
     result.seconds = round(elapsed, 3)
-    result.others = max(0, _sent(line) - sent_before - own - result.failed)
+    result.others = max(0, line.sent - sent_before - own - result.failed)
     result.busy_share = round(min(1.0, (line.driver.line.phases(now()).busy - busy_before) / elapsed), 3)
     result.measured_per_second = round(own / elapsed, 3)
     return result
@@ -189,7 +189,3 @@ def _picture(line: LinePlan, one: _Planned) -> BenchRead:
     return BenchRead(
         one.device.known_as, one.device.name, span.area, span.start, span.count, round(1000 * time, 3), has_time
     )
-
-
-def _sent(line: GatewayLine) -> int:
-    return sum(counts.sent for unit in line.counts for counts in unit.values())

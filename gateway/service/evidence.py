@@ -26,7 +26,7 @@ def line_evidence(line: GatewayLine, now: float, recent: Recent, found: Search |
         is_serial=isinstance(plan.port, SerialSettings),
         echo=machine.settings.echo,
         busy_share=None if rate is None else rate.busy,
-        sent=sum(counts.sent for unit in line.counts for counts in unit.values()),
+        sent=line.sent,
         copies=overheard.copies,
         others=overheard.requests,
         errors=line.driver.errors,

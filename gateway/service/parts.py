@@ -22,6 +22,7 @@ from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 from gateway.service import remembered
 from gateway.service.state import Memory
+from gateway.timing.characters import CharacterFormat
 from gateway.trace.ring import Ring
 from gateway.upstreams.driver import UpstreamDriver
 from gateway.upstreams.upstream import Upstream
@@ -39,6 +40,7 @@ class GatewayLine:
         self.plan = plan
         #: Whether a scan goes on.
         self.is_scanned = False
+        self._least_patience = 0.0
         self._loop = loop
         self._memory = memory
         self._emit = emit
@@ -58,14 +60,17 @@ class GatewayLine:
         self.longest_wait: dict[int, float] = {}
         self.adopt(plan, self.devices_of(plan))
 
-    def at_rate(self, baud: int) -> "GatewayLine":
-        """A line of its own on the same port, at another rate and without devices, that remembers nothing."""
+    def at_speed(self, baud: int, format_: CharacterFormat | None = None) -> "GatewayLine":
+        """A line of its own on the same port, at another rate or format and without devices, that remembers nothing."""
         plan, port = self.plan, self.plan.port
+        format_ = format_ or plan.line.timing.format
         if isinstance(port, SerialSettings):
-            port = replace(port, baud=baud)
-        line = replace(plan.line, timing=replace(plan.line.timing, baud=baud))
+            port = replace(port, baud=baud, format=format_)
+        line = replace(plan.line, timing=replace(plan.line.timing, baud=baud, format=format_))
         plan = replace(plan, port=port, line=line, devices=(), passes_through=False)
-        return GatewayLine(plan, self._loop, self.opener, Memory(), discard_event, Ring())
+        there = GatewayLine(plan, self._loop, self.opener, Memory(), discard_event, Ring())
+        there._least_patience = self.patience
+        return there
 
     def means(self, plan: LinePlan) -> bool:
         """Whether `plan` is for the same line. The passed-through units may differ."""
@@ -77,12 +82,18 @@ class GatewayLine:
         return (self.every_device.counts, *(device.counts for device in self.devices.values()))
 
     @property
+    def sent(self) -> int:
+        """How many frames were sent to its units, and as broadcasts."""
+        return sum(counts.sent for unit in self.counts for counts in unit.values())
+
+    @property
     def patience(self) -> float:
         """For how many seconds after a request its response may arrive, late ones included."""
         line = self.plan.line
         limit = max(self.longest_wait.values(), default=line.max_wait) - line.max_wait
         slowest = max((device.answer_time.slowest for device in self.plan.devices), default=0.0)
-        return limit + (max(2 * limit, slowest) if line.late_window is None else line.late_window)
+        late = max(2 * limit, slowest) if line.late_window is None else line.late_window
+        return max(limit + late, self._least_patience)
 
     def overdue(self, now: float) -> list[Overdue]:
         """Late responses that may still arrive on the port."""

@@ -62,7 +62,7 @@ class Recent:
         first = next((each for each in self._samples if line in each.busy), None)
         if first is None or now - first.at < 1.0:
             return None
-        busy, sent = _busy(line, now) - first.busy[line], _sent(line) - first.sent[line]
+        busy, sent = _busy(line, now) - first.busy[line], line.sent - first.sent[line]
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
 
     def users(self, line: GatewayLine, now: float) -> list[LineUser]:
@@ -82,7 +82,7 @@ class Recent:
     def was_asked(self, line: GatewayLine) -> bool:
         """Whether anything was asked of its units in the last minute; since it is there, if it is new."""
         first = next((each.sent[line] for each in self._samples if line in each.sent), 0)
-        return line.driver.line.waiting > 0 or line.driver.line.is_busy or _sent(line) > first
+        return line.driver.line.waiting > 0 or line.driver.line.is_busy or line.sent > first
 
     @property
     def loop_lag(self) -> float:
@@ -96,14 +96,10 @@ def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
         now,
         lag,
         {line: _busy(line, now) for line in lines},
-        {line: _sent(line) for line in lines},
+        {line: line.sent for line in lines},
         {line: line.driver.line.spent.usage.take() for line in lines},
     )
 
 
 def _busy(line: GatewayLine, now: float) -> float:
     return line.driver.line.phases(now).busy
-
-
-def _sent(line: GatewayLine) -> int:
-    return sum(counts.sent for unit in line.counts for counts in unit.values())

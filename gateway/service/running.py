@@ -6,7 +6,8 @@ from contextlib import asynccontextmanager, suppress
 from typing import Final
 
 from gateway import events
-from gateway.errors import ListenError, PortError
+from gateway.errors import ListenError, PortError, WrongQuestion
+from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.ports.reconnector import Reconnector
@@ -51,6 +52,7 @@ class Running:
         self._sockets = sockets or OpenSockets()
         self._left_behind = left_behind or LeftBehind()
         self._tasks: dict[Part, asyncio.Task[None]] = {}
+        self._lent: set[GatewayLine] = set()
         self._is_ending = False
         #: Listeners that were removed from the config and still have clients.
         self._going: list[Listener] = []
@@ -73,7 +75,7 @@ class Running:
             yield
         finally:
             self._is_ending = True
-            await self._end(list(self._tasks))
+            await self._end([*self._tasks, *(line for line in self._lent if line in self.gateway.lines)])
             for mirror in self.gateway.mirrors:
                 mirror.close()
 
@@ -104,18 +106,47 @@ class Running:
         """Whether the line is still part of the gateway, and the gateway does not stop."""
         return not self._is_ending and line in self.gateway.lines
 
+    def is_lent(self, line: GatewayLine) -> bool:
+        """Whether the port of a line is lent."""
+        return line in self._lent
+
     @asynccontextmanager
-    async def port_lent(self, line: GatewayLine) -> AsyncIterator[None]:
-        """Close the port of `line` for the context, where it may be opened otherwise; requests to the line get 0A."""
+    async def port_lent(self, line: GatewayLine, to: str) -> AsyncIterator[list[Line]]:
+        """Close the port of `line` for the context, where it may be opened otherwise; requests to the line get 0A.
+
+        `to` says what for. Every Line that uses the port meanwhile belongs in the list that the context is given: who
+        has the port afterwards knows which of their responses may still come (docs/adr/0005-late-answers.md).
+
+        Raises:
+            WrongQuestion: it is lent already.
+        """
+        if line in self._lent:
+            raise WrongQuestion(f"the port of {line.name} is lent already: {line.reconnector.error}")
+        self._lent.add(line)
+        borrowers: list[Line] = []
         task = self._tasks.pop(line, None)
-        if task is not None:
-            task.cancel()
-            await asyncio.wait((task,), timeout=CLOSING_TIME)
         try:
-            yield
+            if task is not None:
+                task.cancel()
+                await asyncio.wait((task,), timeout=CLOSING_TIME)
+            line.reconnector.failed(PortError(f"its port is lent to {to}"))
+            yield borrowers
         finally:
+            self._lent.remove(line)
+            self._take_back(line, borrowers)
             if task is not None and self.keeps(line):
+                line.reconnector.begin_anew()
                 self._tasks[line] = asyncio.create_task(_keep(line, self.emit), name=f"line:{line.name}")
+
+    def _take_back(self, line: GatewayLine, borrowers: Iterable[Line]) -> None:
+        """Tell the lines on a port that was lent, or the next process, which responses may still come there."""
+        now, place = asyncio.get_running_loop().time(), place_of(line.plan.port)
+        overdue = [each for borrower in borrowers for each in borrower.overdue(now, line.patience)]
+        heirs = [each for each in self.gateway.lines if place_of(each.plan.port) == place]
+        for heir in heirs:
+            heir.driver.line.await_overdue(overdue)
+        if overdue and (self._is_ending or not heirs):
+            self._left_behind.leave(place, [*self._left_behind.at(place, now), *overdue], now)
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
         """Take no more clients and requests, and let those in progress finish, unless that becomes urgent.

@@ -43,8 +43,8 @@ from gateway.timing.table import TimingTable
 USUAL_LIMIT: Final = 0.3
 #: How long a question may wait for idle time, in seconds. A busy line has some for it every few seconds.
 PATIENCE: Final = 60.0
-#: The rates that are tried with all speeds, the usual ones first.
-SPEEDS: Final = (19200, 9600, 38400, 115200, 57600, 4800, 2400, 1200, 14400)
+#: The usual rates, the most usual ones first.
+RATES: Final = (9600, 19200, 38400, 115200, 57600, 4800, 2400, 1200, 14400)
 #: How often the progress is told at most, in seconds.
 PACE: Final = 0.25
 #: How often a unit is asked that was not understood.
@@ -122,18 +122,15 @@ _COILS: Final = FunctionCode.READ_COILS
 _HOLDING: Final = FunctionCode.READ_HOLDING_REGISTERS
 _INPUT: Final = FunctionCode.READ_INPUT_REGISTERS
 
-_V80: Final = [
+_V80: Final = (
     Sign(_question(_COILS, 0, 1024), _answers),
     Sign(_question(_COILS, 0, 1025), _refuses(ExceptionCode.ILLEGAL_DATA_VALUE)),
-]
+)
 #: What the documents say of each kind, as far as reading can tell: see the sources in profiles/*.toml.
 SIGNS: Final[Mapping[Mode, Mapping[str, Sequence[Sign]]]] = {
     "rtu": {
         "weigher": [Sign(QUESTION_AT_ZERO, _is_own_address), Sign(_question(_HOLDING, 0x20, 2), _is_rate)],
-        "v80": [
-            Sign(_question(_COILS, 0, 1024), _answers),
-            Sign(_question(_COILS, 0, 1025), _refuses(ExceptionCode.ILLEGAL_DATA_VALUE)),
-        ],
+        "v80": _V80,
     },
     "ascii": {
         "mint": [
@@ -141,10 +138,7 @@ SIGNS: Final[Mapping[Mode, Mapping[str, Sequence[Sign]]]] = {
             Sign(_question(_HOLDING, 1), _answers),
             Sign(_question(_INPUT, 1), _refuses(ExceptionCode.ILLEGAL_FUNCTION)),
         ],
-        "v80": [
-            Sign(_question(_COILS, 0, 1024), _answers),
-            Sign(_question(_COILS, 0, 1025), _refuses(ExceptionCode.ILLEGAL_DATA_VALUE)),
-        ],
+        "v80": _V80,
     },
 }
 #: What every other device is.
@@ -200,7 +194,7 @@ class Scan:
         #: Of whom something was heard that is no answer, and how often.
         self._garbled: dict[ScannedUnit, int] = {}
         self._windows_end = 0.0
-        self._sent_by_others = self._count_others()
+        self._sent_by_others = line.sent
 
     async def run(self) -> Steps:
         """Tells the progress, and at last what was found."""
@@ -209,7 +203,8 @@ class Scan:
             await self._ask_first(unit)
             if self._now() - told >= PACE or asked == self._of:
                 told = self._now()
-                yield self._progress(asked, (told - started) / asked * (self._of - asked))
+                left = (told - started) / asked * (self._of - asked) + max(0.0, self._windows_end - told)
+                yield self._progress(asked, left)
         await self._late_windows_over()
         for _ in range(1, TRIES):
             for unit in list(self._garbled):
@@ -235,7 +230,7 @@ class Scan:
 
     async def _ask_first(self, unit: ScannedUnit) -> None:
         """Ask whether it is there, and leave the others on the line as much time as that took."""
-        started, others = self._now(), self._count_others()
+        started, others = self._now(), self._line.sent
         unit.heard.clear()
         error = await self._ask(unit, _first_question(unit), awaits_second=True)
         if isinstance(error, BrokenResponse):
@@ -289,7 +284,8 @@ class Scan:
         """
         origin = Question(lambda: True)
         request = Request(unit.unit, pdu, origin, self._now())
-        question = ScanTransaction(request, parse_request(pdu), unit, awaits_second=awaits_second)
+        patience = self._line.patience
+        question = ScanTransaction(request, parse_request(pdu), unit, awaits_second=awaits_second, patience=patience)
         self._line.driver.ask_when_idle(question, self._now())
         try:
             async with asyncio.timeout(PATIENCE):
@@ -305,9 +301,6 @@ class Scan:
             raise WrongQuestion(f"another scan of {self._line.name} has begun")
         self._windows_end = max(self._windows_end, self._line.driver.line.window_end(question))
         return error if error is None or isinstance(error, ResponseTimeout) else BrokenResponse()
-
-    def _count_others(self) -> int:
-        return sum(counts.sent for unit in self._line.counts for counts in unit.values())
 
 
 @asynccontextmanager
@@ -330,7 +323,7 @@ async def opened(line: GatewayLine) -> AsyncIterator[None]:
 
 
 async def scan_speeds(at_rate: Callable[[int], GatewayLine], units: Sequence[int], limit: float) -> Steps:
-    """A scan at each of SPEEDS. `at_rate` gives a line that belongs to no gateway.
+    """A scan at each of RATES. `at_rate` gives a line that belongs to no gateway.
 
     A rate that the port cannot do is left out.
 
@@ -340,8 +333,8 @@ async def scan_speeds(at_rate: Callable[[int], GatewayLine], units: Sequence[int
     """
     found: tuple[Found, ...] = ()
     troubles: list[PortError] = []
-    started, of = asyncio.get_running_loop().time(), len(units) * len(SPEEDS)
-    for number, baud in enumerate(SPEEDS):
+    started, of = asyncio.get_running_loop().time(), len(units) * len(RATES)
+    for number, baud in enumerate(RATES):
         line = at_rate(baud)
         try:
             async with opened(line), aclosing(Scan(line, units, limit).run()) as steps:
@@ -355,6 +348,6 @@ async def scan_speeds(at_rate: Callable[[int], GatewayLine], units: Sequence[int
                     yield replace(step, asked=asked, of=of, left_s=round(spent / asked * (of - asked), 1), found=there)
         except PortError as error:
             troubles.append(error)
-    if len(troubles) == len(SPEEDS):
+    if len(troubles) == len(RATES):
         raise troubles[0]
     yield found

@@ -61,13 +61,16 @@ async def _steps(running: Running, line: GatewayLine, units: list[int], limit: f
             async for step in steps:
                 yield step
         return
-    async with (
-        running.port_lent(line),
-        aclosing(scan_speeds(line.at_rate, units, limit)) as steps,
-    ):
-        line.reconnector.error = PortError("its port is lent to a scan at all speeds")
-        async for step in steps:
-            yield step
+    async with running.port_lent(line, "a scan at all speeds") as borrowers:
+
+        def at_rate(baud: int) -> GatewayLine:
+            borrower = line.at_speed(baud)
+            borrowers.append(borrower.driver.line)
+            return borrower
+
+        async with aclosing(scan_speeds(at_rate, units, limit)) as steps:
+            async for step in steps:
+                yield step
 
 
 def _find(gateway: Gateway, name: object) -> GatewayLine:

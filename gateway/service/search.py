@@ -15,15 +15,16 @@ from typing import Final, NamedTuple
 from gateway.devices.device import Device, DeviceSettings
 from gateway.diagnosis.evidence import Search
 from gateway.errors import PortError
-from gateway.events import discard_event
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
-from gateway.ports.port import Received, SerialSettings
+from gateway.ports.port import SerialSettings
+from gateway.ports.reconnector import OPENING_DEADLINE
 from gateway.profiles.profile import Profile
 from gateway.service.parts import GatewayLine
 from gateway.service.questions import harmless_read, outcome_of
-from gateway.service.running import CLOSING_TIME, Running
+from gateway.service.running import Running
+from gateway.service.scan import RATES, opened
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat
 from gateway.timing.table import TimingTable
@@ -36,8 +37,7 @@ MOST_UNITS: Final = 2
 #: The longest that a search at other rates and formats may take, in seconds.
 LONGEST_SEARCH: Final = 30.0
 
-#: The usual rates, the most usual ones first, and formats by the mode of the line.
-RATES: Final = (9600, 19200, 38400, 115200, 57600, 4800, 2400, 1200, 14400)
+#: The usual formats by the mode of the line.
 FORMATS: Final = {
     "rtu": (CharacterFormat(8, "E", 1), CharacterFormat(8, "N", 1), CharacterFormat(8, "O", 1)),
     "ascii": (CharacterFormat(7, "E", 1), CharacterFormat(7, "O", 1), CharacterFormat(8, "N", 1)),
@@ -66,11 +66,14 @@ async def search(
     addresses = candidates(line, silent)
     found = [address for address in addresses if await _answers(line.driver, address, is_wanted)]
     result = Search(tuple(addresses), tuple(found))
-    port = line.plan.port
-    if found or not is_dead or not isinstance(port, SerialSettings):
+    if found or not is_dead or not isinstance(line.plan.port, SerialSettings) or running.is_lent(line):
         return result
-    async with running.port_lent(line):
-        return await _search_speeds(line, port, silent[:MOST_UNITS], result, is_wanted)
+    async with running.port_lent(line, "doctor, which tries other rates and formats") as borrowers:
+        result = await _search_speeds(line, silent[:MOST_UNITS], result, is_wanted, borrowers)
+    with suppress(TimeoutError):
+        async with asyncio.timeout(OPENING_DEADLINE):
+            await line.reconnector.tried.wait()
+    return result
 
 
 def candidates(line: GatewayLine, silent: list[Device]) -> list[int]:
@@ -96,7 +99,7 @@ def speeds(line: GatewayLine) -> Iterator[Speed]:
 
 
 async def _search_speeds(
-    line: GatewayLine, port: SerialSettings, units: list[Device], result: Search, asked_by: IsThere
+    line: GatewayLine, units: list[Device], result: Search, asked_by: IsThere, borrowers: list[Line]
 ) -> Search:
     tried = 0
     is_virtual = False
@@ -107,7 +110,9 @@ async def _search_speeds(
                 if not asked_by() or (is_virtual and (speed.baud == own.baud or speed.format != own.format)):
                     continue
                 try:
-                    answers, is_virtual = await _answers_at(speed, line, port, units, asked_by)
+                    there = line.at_speed(*speed)
+                    borrowers.append(there.driver.line)
+                    answers, is_virtual = await _answer_there(there, units, asked_by)
                 except PortError:  # the port cannot do this rate or format
                     continue
                 tried += 1
@@ -118,32 +123,18 @@ async def _search_speeds(
     return replace(result, speeds=tried, has_parity=not is_virtual)
 
 
-async def _answers_at(
-    speed: Speed, line: GatewayLine, port: SerialSettings, units: list[Device], asked_by: IsThere
-) -> tuple[bool, bool]:
-    """Whether one of the units answers at this speed, and whether the port is a virtual one, without parity.
+async def _answer_there(line: GatewayLine, units: list[Device], asked_by: IsThere) -> tuple[bool, bool]:
+    """Whether one of the units answers on a line at another speed, and whether its port is virtual, without parity.
 
     Raises:
         PortError: the port cannot be opened like this.
     """
-    settings = line.driver.line.settings
-    timing = replace(settings.timing, baud=speed.baud, format=speed.format)
-    driver = LineDriver(
-        Line(replace(settings, timing=timing), discard_event), asyncio.get_running_loop(), discard_event, lambda _: None
-    )
-    opened = await line.opener(replace(port, baud=speed.baud, format=speed.format))(_User(driver))
-    try:
-        driver.port_up(opened)
+    async with opened(line):
+        is_virtual = line.driver.is_virtual
         for unit in units:
-            if await _answers(driver, unit.unit, asked_by, unit.settings.profile):
-                return True, opened.virtual
-        return False, opened.virtual
-    finally:
-        driver.close()
-        opened.close()
-        with suppress(TimeoutError):
-            async with asyncio.timeout(CLOSING_TIME):
-                await opened.wait_closed()
+            if await _answers(line.driver, unit.unit, asked_by, unit.settings.profile):
+                return True, is_virtual
+        return False, is_virtual
 
 
 async def _answers(driver: LineDriver, address: int, asked_by: IsThere, profile: Profile | None = None) -> bool:
@@ -155,17 +146,3 @@ async def _answers(driver: LineDriver, address: int, asked_by: IsThere, profile:
         return False
     error, _ = await outcome_of(Device(settings, driver), address, pdu, asked_by)
     return error is None
-
-
-class _User:
-    """The user of a port: passes received bytes to a line that exists for one rate and format."""
-
-    def __init__(self, driver: LineDriver) -> None:
-        self._driver = driver
-
-    @property
-    def received(self) -> Received:
-        return self._driver.received
-
-    def lost(self, error: PortError) -> None:
-        self._driver.port_down(error)

@@ -5,9 +5,12 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.ports.port import CharacterErrors
 from gateway.service.doctor import examine
+from gateway.service.questions import outcome_of
+from gateway.service.scan import opened
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -206,8 +209,9 @@ async def test_an_operator_who_may_not_read_asks_nothing():
 async def test_a_port_is_lent_and_comes_back():
     async with gateway_bench(CONFIG) as bench:
         line, (part,) = bench.lines["hall"], bench.gateway.lines
-        async with bench.running.port_lent(part):
+        async with bench.running.port_lent(part, "a test"):
             assert not line.is_open
+            assert str(part.reconnector.error) == "its port is lent to a test"
             assert await bench.client().asks(41, "03 00 00 00 01") == "83 0A"
         await asyncio.sleep(1.0)
         assert line.is_open
@@ -216,7 +220,7 @@ async def test_a_port_is_lent_and_comes_back():
 async def test_a_port_does_not_come_back_to_a_line_that_a_reload_has_removed():
     async with gateway_bench(CONFIG) as bench:
         (part,) = bench.gateway.lines
-        async with bench.running.port_lent(part):
+        async with bench.running.port_lent(part, "a test"):
             bench.running.gateway = replace(bench.gateway, lines=())
             assert not bench.running.keeps(part)
         await asyncio.sleep(1.0)
@@ -226,8 +230,56 @@ async def test_a_port_does_not_come_back_to_a_line_that_a_reload_has_removed():
 async def test_a_port_does_not_come_back_to_a_gateway_that_stops():
     async with gateway_bench(CONFIG) as bench:
         (part,) = bench.gateway.lines
-        lent = bench.running.port_lent(part)
+        lent = bench.running.port_lent(part, "a test")
         await lent.__aenter__()
     await lent.__aexit__(None, None, None)
     await asyncio.sleep(1.0)
     assert not bench.lines["hall"].is_open
+
+
+async def test_a_port_is_lent_once_at_a_time():
+    async with gateway_bench(CONFIG) as bench:
+        (part,) = bench.gateway.lines
+        async with bench.running.port_lent(part, "a test"):
+            with pytest.raises(WrongQuestion, match="the port of hall is lent already: its port is lent to a test"):
+                async with bench.running.port_lent(part, "another"):
+                    pass
+            assert not bench.lines["hall"].is_open
+        await asyncio.sleep(1.0)
+        assert bench.lines["hall"].is_open
+
+
+async def test_a_port_comes_back_from_who_was_cancelled_before_he_had_it():
+    async with gateway_bench(CONFIG) as bench:
+        (part,) = bench.gateway.lines
+
+        async def borrow():
+            async with bench.running.port_lent(part, "a test"):
+                await asyncio.sleep(10.0)
+
+        borrowing = asyncio.create_task(borrow())
+        await asyncio.sleep(0)
+        borrowing.cancel()
+        await asyncio.wait((borrowing,))
+        await asyncio.sleep(1.0)
+        assert bench.lines["hall"].is_open
+
+
+@pytest.mark.parametrize("stops", [False, True])
+async def test_what_a_borrower_leaves_overdue_is_awaited(stops):
+    """A response to a request of his is not taken for the response to a request of a client."""
+    async with gateway_bench(CONFIG) as bench:
+        (part,) = bench.gateway.lines
+        async with bench.running.port_lent(part, "a test") as borrowers:
+            there = part.at_speed(9600)
+            borrowers.append(there.driver.line)
+            async with opened(there):
+                asked = Device(replace(part.plan.devices[0], name="there"), there.driver)
+                asking = asyncio.create_task(outcome_of(asked, 41, bytes.fromhex("03 00 00 00 01"), is_there))
+                await asyncio.sleep(0.01)
+            assert (await asking)[0].result == "line_lost"
+            bench.running._is_ending = stops
+        now = asyncio.get_running_loop().time()
+        assert part.driver.line.late_windows(now) == 1
+        assert len(bench.running._left_behind.at("/dev/hall", now)) == stops
+        bench.running._is_ending = False

@@ -293,3 +293,28 @@ async def test_at_all_speeds_the_line_is_lent_and_comes_back():
         assert await bench.client().asks(41, "03 0010 0001") == "03 02 00 01"
         with pytest.raises(WrongQuestion, match="hall is in use: --all-speeds changes its rate"):
             await told(bench, all_speeds=True)
+
+
+async def test_a_response_to_a_scan_that_was_left_is_given_to_no_client():
+    async with gateway_bench(PASSING) as bench:
+        device = SimulatedDevice(7, delay=0.6)
+        device.holding[5] = 0x5555
+        bench.attach("hall", SimulatedLine("rtu", device))
+        async with aclosing(scan(bench.running, {"line": "hall", "units": "7", "all_speeds": True})) as steps:
+            await anext(steps)
+        await asyncio.sleep(0.1)
+        assert bench.lines["hall"].is_open
+        assert await bench.client().asks(7, "03 0005 0001") in ("83 0B", "03 02 55 55")
+
+
+@pytest.mark.parametrize("window", ["", 'late_window = "300 ms"\n'])
+async def test_a_late_response_to_a_question_is_given_to_no_client(window):
+    """A client may allow a unit more time than a scan does."""
+    async with gateway_bench(PASSING + window) as bench:
+        device = SimulatedDevice(7, delay=0.99)
+        device.holding[5] = 0x5555
+        bench.attach("hall", SimulatedLine("rtu", device))
+        scanning = asyncio.create_task(told(bench, units="7", limit_s=0.1))
+        await asyncio.sleep(0.95)
+        assert await bench.client().asks(7, "03 0005 0001") in ("83 0B", "03 02 55 55")
+        assert [each.result for each in (await scanning)[-1]["found"]] == ["answers"]
