@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple
 
 from gateway.config.line_load import a_read, time_of
 from gateway.config.plan import LinePlan, Plan
-from gateway.config.problem import did_you_mean
 from gateway.devices.device import DeviceSettings
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT
@@ -22,8 +21,7 @@ from gateway.profiles.batches import batches
 from gateway.registers.items import read_request
 from gateway.request import Request
 from gateway.service.build import Gateway
-from gateway.service.operator import Question, find_unit
-from gateway.service.parts import GatewayLine
+from gateway.service.operator import Question, find_line, find_unit
 
 #: One is on the line, and the next one waits.
 READS_AHEAD: Final = 2
@@ -86,7 +84,7 @@ async def bench(gateway: Gateway, question: Mapping[str, Any], is_there: Callabl
     Raises:
         WrongQuestion: there is no such line or unit, or nothing of it can be read.
     """
-    line = _line(gateway, question.get("line"))
+    line = find_line(gateway, question.get("line"))
     seconds = _number(question, "seconds", USUAL, LONGEST)
     planned = list(_reads(gateway, line.plan, question))
     if not planned:
@@ -130,14 +128,6 @@ async def _read_on(
             result.exceptions += 1
         else:
             result.answered += 1
-
-
-def _line(gateway: Gateway, wanted: object) -> GatewayLine:
-    line = next((one for one in gateway.lines if one.name == wanted), None)
-    if line is None:
-        remedy = did_you_mean(str(wanted), [one.name for one in gateway.lines])
-        raise WrongQuestion(f'there is no line "{wanted}" on which we ask' + (f"; {remedy}" if remedy else ""))
-    return line
 
 
 def _number(question: Mapping[str, Any], key: str, usual: float, most: float) -> float:

@@ -1,18 +1,15 @@
 """What was measured of a device's response times, for an operator who looks for its timing table."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from gateway.config.forecast import request_for
 from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.modbus.functions import TABLE_FUNCTIONS
 from gateway.service.build import Gateway
-from gateway.service.control import IsThere
 from gateway.service.operator import find_unit
 from gateway.service.parts import GatewayLine
-from gateway.service.running import Running
 from gateway.timing.budget import Budget
 
 
@@ -47,11 +44,6 @@ class Measured:
     margin: float
     timeout_ms: float
     rows: tuple[MeasuredRow, ...]
-
-
-async def times(running: Running, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-    """The verb `times`: see `measured`, for the `unit` of the request."""
-    return {"times": measured(running.gateway, request.get("unit"))}
 
 
 def measured(gateway: Gateway, wanted: object) -> Measured:

@@ -9,17 +9,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
-from gateway.config.problem import did_you_mean
 from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import Search, UnitEvidence
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.lines import about_line
-from gateway.errors import WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings
-from gateway.service.build import Gateway
 from gateway.service.control import IsThere
 from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence
+from gateway.service.operator import may_read_all, no_such_line
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.questions import harmless_read, outcome_of
 from gateway.service.running import Running
@@ -57,7 +55,8 @@ async def examine(running: Running, request: Mapping[str, Any], is_there: IsTher
     lines = [line for line in gateway.lines if wanted in (None, line.name)]
     servers = [server for server in gateway.servers if wanted in (None, server.name)]
     if wanted is not None and not lines and not servers:
-        raise WrongQuestion(_no_such_line(wanted, gateway))
+        names = [line.name for line in gateway.lines] + [server.name for server in gateway.servers]
+        raise no_such_line(wanted, names)
     asks = bool(request.get("ask", True))
     about_lines = await asyncio.gather(*(_about(running, line, is_there, asks=asks) for line in lines))
     findings = [finding for found in about_lines for finding in found]
@@ -117,10 +116,16 @@ async def _wait_for_late_answer(line: GatewayLine) -> None:
 async def _look_for_silent_units(running: Running, line: GatewayLine, is_there: IsThere) -> Search | None:
     known = [(device, unit_evidence(line, device)) for device in shown_devices(line)]
     silent = [device for device, unit in known if unit.is_silent and device.unit != BROADCAST_UNIT]
-    if not silent or line.plan.passes_through:
+    if not silent or not _may_be_searched(running, line):
         return None
     is_dead = all(unit.is_silent for _, unit in known if unit.asked) and not line.driver.line.overheard.requests
     return await search(running, line, silent, is_dead=is_dead, asked_by=is_there)
+
+
+def _may_be_searched(running: Running, line: GatewayLine) -> bool:
+    """Whether other addresses may be asked. A late response from one would be that of a device asked at address 0."""
+    answers_from_any = any(device.unit == BROADCAST_UNIT for device in line.devices.values())
+    return may_read_all(running.gateway) and not (line.plan.passes_through or answers_from_any)
 
 
 def _told(found: Search) -> list[str]:
@@ -159,9 +164,3 @@ def _port_of(part: GatewayLine | GatewayServer) -> list[PortInUse]:
     if not isinstance(part.plan.port, SerialSettings):
         return []
     return [PortInUse(part.name, part.plan.line.source, part.plan.port.port, part.reconnector.is_open)]
-
-
-def _no_such_line(wanted: object, gateway: Gateway) -> str:
-    names = [line.name for line in gateway.lines] + [server.name for server in gateway.servers]
-    remedy = did_you_mean(str(wanted), names)
-    return f'there is no line "{wanted}"' + (f"; {remedy}" if remedy else "")

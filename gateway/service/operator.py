@@ -1,7 +1,7 @@
 """What an operator asks of units, at the control socket or over HTTP: requests, and what a unit is."""
 
 import asyncio
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ from gateway.config.plan import Plan
 from gateway.config.problem import did_you_mean
 from gateway.errors import RequestError, WrongQuestion
 from gateway.images.image import ImageSettings
-from gateway.modbus.codes import MAX_PDU
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, MAX_PDU, FunctionCode
 from gateway.modbus.functions import only_reads
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
@@ -133,6 +133,32 @@ def find_unit(plan: Plan, wanted: object) -> int:
         remedy = did_you_mean(wanted, (each.name for each in _units(plan)))
         raise WrongQuestion(f'nothing has the name "{wanted}"' + (f"; {remedy}" if remedy else ""))
     return unit
+
+
+def find_line(gateway: Gateway, wanted: object) -> GatewayLine:
+    """Find the client line of this name.
+
+    Raises:
+        WrongQuestion: there is none.
+    """
+    line = next((each for each in gateway.lines if each.name == wanted), None)
+    if line is not None:
+        return line
+    if any(wanted == server.name for server in gateway.servers):
+        raise WrongQuestion(f"on {wanted} the gateway is a server: an outside client asks there")
+    raise no_such_line(wanted, (each.name for each in gateway.lines))
+
+
+def no_such_line(wanted: object, known: Iterable[str]) -> WrongQuestion:
+    """That none of the `known` lines has this name."""
+    remedy = did_you_mean(str(wanted), known)
+    return WrongQuestion(f'there is no line "{wanted}"' + (f"; {remedy}" if remedy else ""))
+
+
+def may_read_all(gateway: Gateway) -> bool:
+    """Whether an operator may read every unit: who looks for a device asks numbers of which he knows nothing."""
+    rights = gateway.control.rights[""]
+    return all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, LAST_UNIT + 1))
 
 
 def names(plan: Plan) -> dict[int, str]:

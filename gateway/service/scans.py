@@ -4,13 +4,12 @@ from collections.abc import AsyncGenerator, Mapping
 from contextlib import aclosing
 from typing import Any, Final
 
-from gateway.config.problem import WrongValue, did_you_mean
+from gateway.config.problem import WrongValue
 from gateway.config.unitset import parse_units, show_units
 from gateway.errors import PortError, WrongQuestion
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, FunctionCode
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.ports.port import SerialSettings
-from gateway.service.build import Gateway
-from gateway.service.control import IsThere
+from gateway.service.operator import find_line, may_read_all
 from gateway.service.parts import GatewayLine
 from gateway.service.running import Running
 from gateway.service.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
@@ -19,9 +18,7 @@ from gateway.service.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
 LONGEST_LIMIT: Final = 10.0
 
 
-async def scan(
-    running: Running, request: Mapping[str, Any], _is_there: IsThere | None = None
-) -> AsyncGenerator[dict[str, Any], None]:
+async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[dict[str, Any], None]:
     """Scan the `line`: the `units`, all numbers by default, that the config does not name. Tells its progress.
 
     An answer has `limit_s` seconds before it is late. With `all_speeds` the line is scanned at all usual rates; it must
@@ -30,10 +27,11 @@ async def scan(
     Raises:
         WrongQuestion: that cannot be asked, or the line cannot.
     """
-    line = _find(running.gateway, request.get("line"))
+    line = find_line(running.gateway, request.get("line"))
     units = _units(line, request.get("units"))
     limit, all_speeds = _limit(request.get("limit_s", USUAL_LIMIT)), request.get("all_speeds") is True
-    _check_rights(running.gateway)
+    if not may_read_all(running.gateway):
+        raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
     if line.is_scanned:
         raise WrongQuestion(f"a scan of {line.name} goes on already")
     if all_speeds:
@@ -73,16 +71,6 @@ async def _steps(running: Running, line: GatewayLine, units: list[int], limit: f
                 yield step
 
 
-def _find(gateway: Gateway, name: object) -> GatewayLine:
-    line = next((each for each in gateway.lines if each.name == name), None)
-    if line is not None:
-        return line
-    if any(name == server.name for server in gateway.servers):
-        raise WrongQuestion(f"on {name} the gateway is a server: an outside client asks there")
-    remedy = did_you_mean(str(name), [each.name for each in gateway.lines])
-    raise WrongQuestion(f'there is no line "{name}"' + (f"; {remedy}" if remedy else ""))
-
-
 def _units(line: GatewayLine, wanted: object) -> list[int]:
     """The numbers to ask: those of the unit set that are not configured, nor in use where units pass through."""
     try:
@@ -101,13 +89,6 @@ def _limit(value: object) -> float:
     if isinstance(value, int | float) and 0 < value <= LONGEST_LIMIT:
         return float(value)
     raise WrongQuestion(f"the time limit of a question must be more than 0 and at most {LONGEST_LIMIT:g} s")
-
-
-def _check_rights(gateway: Gateway) -> None:
-    """Who scans must be allowed to read every unit: which number is whose is what a scan is to find out."""
-    rights = gateway.control.rights[""]
-    if not all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, LAST_UNIT + 1)):
-        raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
 
 
 def _check_is_free(running: Running, line: GatewayLine, why: str) -> None:

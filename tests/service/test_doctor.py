@@ -283,3 +283,19 @@ async def test_what_a_borrower_leaves_overdue_is_awaited(stops):
         assert part.driver.line.late_windows(now) == 1
         assert len(bench.running._left_behind.at("/dev/hall", now)) == stops
         bench.running._is_ending = False
+
+
+@pytest.mark.parametrize(("units", "looks"), [("[6, 41]", False), ('"all"', True)])
+async def test_only_who_may_read_every_unit_looks_at_other_addresses(units, looks):
+    row = f'[[access]]\nlisten = ["control"]\nunits = {units}\nallow = ["read"]\n'
+    async with gateway_bench(CONFIG + row) as bench:
+        await found(bench)
+        asked = {unit for unit, _ in frames(bench)}
+        assert asked > {1, 6} if looks else asked == {1, 6}
+
+
+async def test_beside_a_device_asked_at_address_0_no_other_addresses_are_asked():
+    config = CONFIG.replace("devices = [", 'devices = [{ unit = 0, as = 50, profile = "weigher" }, ')
+    async with gateway_bench(config) as bench:
+        await found(bench)
+        assert {unit for unit, _ in frames(bench)} == {0, 1, 6}

@@ -176,7 +176,7 @@ async def test_a_line_that_is_down_is_not_asked_all_the_time():
 @pytest.mark.parametrize(
     ("question", "said"),
     [
-        ({"line": "hal"}, 'there is no line "hal" on which we ask; did you mean "hall"?'),
+        ({"line": "hal"}, 'there is no line "hal"; did you mean "hall"?'),
         ({"line": "hall", "unit": 9}, "unit 9 is not on hall"),
         ({"line": "hall", "seconds": 0}, '"seconds" must be a number above 0, 3600 at most'),
         ({"line": "hall", "address": 65536}, '"address" must be a number from 0 to 65535'),

@@ -54,4 +54,4 @@ def test_bench_shows_what_a_line_can_carry_and_status_who_uses_it(control: str) 
 def test_a_line_that_does_not_exist_is_said(control: str) -> None:
     done = command("bench", "hal", "--control", control)
     assert (done.returncode, done.stdout) == (1, "")
-    assert 'there is no line "hal" on which we ask; did you mean "hall"?' in done.stderr
+    assert 'there is no line "hal"; did you mean "hall"?' in done.stderr
