@@ -10,16 +10,19 @@ from typing import Final
 
 from gateway.cli.unit import DaemonUnit
 from gateway.config.ranges import parse_ranges
+from gateway.lines.breaker import FAILURES
 from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
 from gateway.modbus.functions import FUNCTIONS, READERS
 from gateway.modbus.pdu import Span
 from gateway.registers.items import items_read, read_request, write_request
 
-#: How many sizes of each table are asked, how often without a time to go on for, and how many failures end it.
+#: How many sizes of each table are asked, and how often without a time to go on for.
 SIZES: Final = 5
 ROUNDS: Final = 10
-MOST_FAILURES: Final = 3
-#: After a failure a late response may come; so many seconds nothing is asked.
+#: So many failures in a row end it: after one more the unit would rest, for clients too.
+MOST_FAILURES: Final = FAILURES - 1
+#: After a failure a late response may come; so often at most, so many seconds each time, nothing is asked.
+MOST_PAUSES: Final = 15
 PAUSE: Final = 2.0
 
 
@@ -32,16 +35,20 @@ class _Questions:
 
     def __init__(self, unit: DaemonUnit) -> None:
         self._unit = unit
-        self._failures = 0
+        #: In a row.
+        self.failures = 0
 
     def ask(self, pdu: bytes) -> bytes | None:
         """The response; None if it is an exception, of the device or the gateway."""
         answer = self._unit.ask(pdu)
-        self._failures = self._failures + 1 if answer.reason else 0
-        if self._failures >= MOST_FAILURES:
-            raise _GivesUpError(f"{self._unit.name or self._unit.number}: {answer.complaint}")
-        if answer.reason:
+        for _ in range(MOST_PAUSES):
+            if answer.result != "overdue":
+                break
             time.sleep(PAUSE)
+            answer = self._unit.ask(pdu)
+        self.failures = self.failures + 1 if answer.reason else 0
+        if self.failures >= MOST_FAILURES:
+            raise _GivesUpError(f"{self._unit.name or self._unit.number}: {answer.complaint}")
         return None if answer.pdu[0] & EXCEPTION_BIT else answer.pdu
 
 
@@ -109,6 +116,8 @@ def _readable(questions: _Questions, span: Span) -> int:
             most = middle
         else:
             too_many = middle
+        if questions.failures:
+            can_be(1)  # silence about too many items is no failure of the device, and must not become its rest
     return most
 
 

@@ -42,8 +42,8 @@ class NoResponseError(GatewayError):
 class Answer:
     """A response PDU, and how long it took.
 
-    `reason` says why the gateway itself answered with an exception. `sent` and `received` are the frames on the
-    line. Where there were none, as with an image, they are unit identifier and PDU.
+    `result` and `reason` say why the gateway itself answered with an exception. `sent` and `received` are the frames on
+    the line. Where there were none, as with an image, they are unit identifier and PDU.
     """
 
     pdu: bytes
@@ -51,6 +51,7 @@ class Answer:
     reason: str = ""
     sent: bytes = b""
     received: bytes = b""
+    result: str = ""
 
     @property
     def exception(self) -> int | None:
@@ -152,7 +153,7 @@ class DaemonUnit:
         sent, received = head + pdu, head + response
         if "sent" in answer:
             sent, received = bytes.fromhex(answer["sent"]), bytes.fromhex(answer.get("received", ""))
-        return Answer(response, answer["elapsed_ms"], reason, sent, received)
+        return Answer(response, answer["elapsed_ms"], reason, sent, received, result)
 
 
 def _point(told: Mapping[str, Any]) -> Point:

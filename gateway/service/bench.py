@@ -5,15 +5,16 @@ have its rights. At most READS_AHEAD of them are under way, so another client wa
 """
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import cycle
 from typing import Any, Final, NamedTuple
 
 from gateway.config.line_load import a_read, time_of
 from gateway.config.plan import LinePlan, Plan
 from gateway.devices.device import DeviceSettings
 from gateway.errors import WrongQuestion
+from gateway.lines.breaker import FAILURES
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
@@ -22,6 +23,7 @@ from gateway.registers.items import read_request
 from gateway.request import Request
 from gateway.service.build import Gateway
 from gateway.service.operator import Question, find_line, find_unit
+from gateway.service.running import Running
 
 #: One is on the line, and the next one waits.
 READS_AHEAD: Final = 2
@@ -30,6 +32,9 @@ LONGEST: Final = 3600.0
 USUAL: Final = 60.0
 #: How many items a read has when nobody says it.
 USUAL_ITEMS: Final = 10
+#: A unit is read no more after so many failures in a row: after one more it would rest, for clients too.
+MOST_FAILURES: Final = FAILURES - 1
+_NOT_ANSWERED: Final = ("timeout", "bad_frame", "ambiguous")
 #: How long after a read that failed the next one follows, in seconds: a line that is down refuses at once.
 _PAUSE: Final = 0.1
 
@@ -71,19 +76,30 @@ class BenchResult:
         self.expected_per_second = round(1000 * len(self.reads) / sum(one.line_time_ms for one in self.reads), 3)
 
 
-class _Read(NamedTuple):
+@dataclass(slots=True, eq=False)
+class _Read:
+    """A read, how often it has failed in a row, and how often it is under way."""
+
     unit: int
     pdu: bytes
+    failures: int = 0
+    under_way: int = 0
+
+    @property
+    def may_be_sent(self) -> bool:
+        """Whether its unit would still not rest if it failed again."""
+        return self.failures + self.under_way < MOST_FAILURES
 
 
-async def bench(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[[], bool]) -> BenchResult:
+async def bench(running: Running, question: Mapping[str, Any], is_there: Callable[[], bool]) -> BenchResult:
     """Read the units of `line`, or one `unit` of it, for so many `seconds`.
 
-    Each read is of so many `items` from `address` on. It ends sooner if whoever asks has left.
+    Each read is of so many `items` from `address` on. It ends sooner if whoever asks has left, or no unit answers.
 
     Raises:
-        WrongQuestion: there is no such line or unit, or nothing of it can be read.
+        WrongQuestion: there is no such line or unit, nothing of it can be read, or a reload has changed the line.
     """
+    gateway = running.gateway
     line = find_line(gateway, question.get("line"))
     seconds = _number(question, "seconds", USUAL, LONGEST)
     planned = list(_reads(gateway, line.plan, question))
@@ -92,11 +108,17 @@ async def bench(gateway: Gateway, question: Mapping[str, Any], is_there: Callabl
     result = BenchResult(line.name, tuple(_picture(line.plan, one) for one in planned))
     now = asyncio.get_running_loop().time
     began, sent_before, busy_before = now(), line.sent, line.driver.line.phases(now()).busy
-    reads = cycle([_Read(one.device.known_as, read_request(one.span)) for one in planned])
+    reads = deque(_Read(one.device.known_as, read_request(one.span)) for one in planned)
+
+    def is_wanted() -> bool:
+        return is_there() and running.keeps(line)
+
     async with asyncio.TaskGroup() as group:
         for number in range(READS_AHEAD):
-            reading = _read_on(gateway, reads, began + seconds, is_there, result)
+            reading = _read_on(gateway, reads, began + seconds, is_wanted, result)
             group.create_task(reading, name=f"bench:{line.name}:{number}")
+    if not running.keeps(line):
+        raise WrongQuestion(f"a reload has changed {line.name}: measure it again")
     elapsed = now() - began
     own = result.answered + result.exceptions
     result.seconds = round(elapsed, 3)
@@ -112,14 +134,24 @@ class _Planned(NamedTuple):
 
 
 async def _read_on(
-    gateway: Gateway, reads: Iterator[_Read], until: float, is_there: Callable[[], bool], result: BenchResult
+    gateway: Gateway, reads: deque[_Read], until: float, is_wanted: Callable[[], bool], result: BenchResult
 ) -> None:
-    """Read until it is time to stop, and count what becomes of it."""
+    """Read until it is time to stop or no unit answers, and count what becomes of it."""
     now = asyncio.get_running_loop().time
-    while now() < until and is_there():
-        read, origin = next(reads), Question(is_there)
+    while now() < until and is_wanted() and any(each.failures < MOST_FAILURES for each in reads):
+        read, origin = reads[0], Question(is_wanted)
+        reads.rotate(-1)
+        if not read.may_be_sent:
+            await asyncio.sleep(0 if any(each.may_be_sent for each in reads) else _PAUSE)
+            continue
+        read.under_way += 1
         gateway.control.submit(Request(read.unit, read.pdu, origin, now()), now())
         error, response = await origin.outcome
+        read.under_way -= 1
+        if error is None:
+            read.failures = 0
+        elif error.result in _NOT_ANSWERED:
+            read.failures += 1
         if error is not None or response is None:
             result.failed += 1
             result.last_failure = "" if error is None else error.result

@@ -89,12 +89,16 @@ async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks
 
 async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> int:
     """Read the units of which too little is known; returns the number of requests."""
+
+    def is_wanted() -> bool:
+        return is_there() and running.keeps(line)
+
     asked = 0
     with suppress(TimeoutError):
         async with asyncio.timeout(LONGEST_ASKING):
             for settings in () if line.plan.passes_through else line.plan.shared:
                 device, pdu = line.devices[settings.known_as], harmless_read(settings.profile)
-                while pdu is not None and is_there() and _needs_more(unit_evidence(line, device)):
+                while pdu is not None and is_wanted() and _needs_more(unit_evidence(line, device)):
                     error, _ = await outcome_of(running.gateway.control, settings.known_as, pdu, is_there)
                     if error is not None and not _was_sent(error.result):
                         break  # it rests, or the operator may not read

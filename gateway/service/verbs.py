@@ -70,7 +70,7 @@ class _Verbs:
         return stories(self._running.gateway, request, _clock())
 
     async def bench(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
-        return {"bench": await bench(self._running.gateway, request, is_there)}
+        return {"bench": await bench(self._running, request, is_there)}
 
     async def times(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"times": measured(self._running.gateway, request.get("unit"))}

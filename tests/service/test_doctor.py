@@ -299,3 +299,14 @@ async def test_beside_a_device_asked_at_address_0_no_other_addresses_are_asked()
     async with gateway_bench(config) as bench:
         await found(bench)
         assert {unit for unit, _ in frames(bench)} == {0, 1, 6}
+
+
+async def test_nothing_is_asked_for_a_line_that_a_reload_has_replaced():
+    async with gateway_bench(CONFIG) as bench:
+        devices = [SimulatedDevice(1), SimulatedDevice(6)]
+        bench.attach("hall", SimulatedLine("rtu", *devices))
+        examining = asyncio.create_task(found(bench))
+        await asyncio.sleep(0.02)
+        bench.running.gateway = replace(bench.gateway, lines=())
+        await examining
+        assert sum(len(device.heard) for device in devices) <= 2

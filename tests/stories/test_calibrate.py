@@ -3,7 +3,7 @@
 import asyncio
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -12,11 +12,13 @@ import pytest
 from gateway.cli import active_calibration, calibrate
 from gateway.cli.main import main
 from gateway.config.load import parse
+from gateway.modbus.frame import Frame
 from gateway.service.control import _line
 from gateway.service.verbs import verbs
 from gateway.simulator.faults import Faults
 from gateway.simulator.mint import Mint
 from gateway.simulator.weigher import Weigher
+from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 from kit.virtual_time import VirtualTimeLoop
 
@@ -206,3 +208,23 @@ def test_what_cannot_be_calibrated(
 ) -> None:
     assert main(["calibrate", *words]) == code
     assert complaint in capsys.readouterr().err
+
+
+class SilentAboutMany(SimulatedDevice):
+    """Does not answer a read of more than 40 items."""
+
+    def ask(self, frame: Frame, encode: Callable[[int, bytes], bytes]) -> list[Answer]:
+        answers = super().ask(frame, encode)
+        return answers if int.from_bytes(frame.pdu[3:5]) <= 40 else []
+
+
+def test_a_device_that_is_silent_about_too_many_items_is_measured_and_not_put_to_rest(
+    daemon: Daemon, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def attach() -> None:
+        daemon.bench.attach("motion", SimulatedLine("ascii", SilentAboutMany(2)))
+
+    daemon.loop.run_until_complete(attach())
+    found = calibrated(capsys, "--active")
+    assert {key for key in found if key[0] == 3} == {(3, 1), (3, 40)}
+    assert not any(event.name == "unit_resting" for event in daemon.bench.events)

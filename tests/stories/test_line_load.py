@@ -1,6 +1,7 @@
 """What a line can carry, by arithmetic, and what it carries at its real pace: in virtual time."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
@@ -62,7 +63,7 @@ def config_of_meters(baud: int) -> str:
 
 
 async def measured(running: GatewayBench, **question):
-    return await bench(running.gateway, {"line": "hall", **question}, lambda: True)
+    return await bench(running.running, {"line": "hall", **question}, lambda: True)
 
 
 @pytest.mark.parametrize("items", [1, 10, 99])
@@ -161,7 +162,7 @@ async def test_a_measurement_ends_when_whoever_asks_has_left():
         meters(running, 19200)
         loop = asyncio.get_running_loop()
         began = loop.time()
-        await bench(running.gateway, {"line": "hall"}, lambda: loop.time() < began + 2)
+        await bench(running.running, {"line": "hall"}, lambda: loop.time() < began + 2)
         assert loop.time() < began + 3
 
 
@@ -185,5 +186,28 @@ async def test_a_line_that_is_down_is_not_asked_all_the_time():
 async def test_what_cannot_be_measured_is_said(question, said):
     async with gateway_bench(config_of_meters(19200)) as running:
         with pytest.raises(WrongQuestion) as wrong:
-            await bench(running.gateway, question, lambda: True)
+            await bench(running.running, question, lambda: True)
     assert str(wrong.value) == said
+
+
+async def test_a_measurement_puts_no_unit_to_rest():
+    async with gateway_bench(config_of_meters(19200)) as running:
+        attach_paced(running.lines["hall"], "rtu", 19200, Generic(1), Generic(3))
+        result = await measured(running, seconds=5)
+        assert result.answered > 100
+        assert not any(device.breaker.rest for device in running.gateway.lines[0].devices.values())
+        began = asyncio.get_running_loop().time()
+        result = await measured(running, seconds=60, unit=2)
+        assert result.failed > 1
+        assert asyncio.get_running_loop().time() < began + 10
+
+
+async def test_a_measurement_ends_when_a_reload_changes_its_line():
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
+        measuring = asyncio.create_task(measured(running, seconds=60))
+        await asyncio.sleep(1.0)
+        running.running.gateway = replace(running.gateway, lines=())
+        with pytest.raises(WrongQuestion, match="a reload has changed hall: measure it again"):
+            async with asyncio.timeout(1.0):
+                await measuring
