@@ -6,7 +6,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,11 +14,12 @@ from gateway.cli.daemon import Conversation, add_control_argument
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
-from gateway.config.problem import did_you_mean
+from gateway.config.problem import Problem, did_you_mean
 from gateway.diagnosis.finding import Finding, Level
 from gateway.diagnosis.ports import about_ports
 from gateway.errors import DaemonError
 from gateway.ports.port import SerialSettings
+from gateway.service.control import control_path
 from gateway.service.doctor import PortInUse
 from gateway.service.outside import look_at
 
@@ -127,14 +128,32 @@ def _look_at_config(file: Path, line: str | None) -> list[Finding]:
     """
     loaded = load(file)
     findings = [
-        Finding(_LEVELS[problem.severity], str(file), str(problem).splitlines()[0], problem.remedy)
-        for problem in loaded.problems
+        Finding(_LEVELS[problem.severity], str(file), _told(problem), problem.remedy) for problem in loaded.problems
     ]
     if loaded.config is None:
         return findings
     if not findings:
         findings = [Finding("ok", str(file), "the config is valid")]
-    return [*findings, *_about_ports(_ports(resolve(loaded.config), line), None)]
+    plan = resolve(loaded.config)
+    pid = _gateway_with(plan, file)
+    if pid is not None:
+        what = f"a gateway is running (process {pid}): without --config, doctor uses what it has measured"
+        findings.append(Finding("note", "gateway", what))
+    return [*findings, *_about_ports(_ports(plan, line), pid)]
+
+
+def _told(problem: Problem) -> str:
+    """The problem without the file, which the row names."""
+    return str(replace(problem, remedy="")).removeprefix(problem.file).removeprefix(":").lstrip()
+
+
+def _gateway_with(plan: Plan, file: Path) -> int | None:
+    """The process of the gateway that runs with the socket of this config, if any."""
+    try:
+        with Conversation(plan.control or str(control_path(file))) as daemon:
+            return daemon.pid
+    except DaemonError:
+        return None
 
 
 def _ports(plan: Plan, line: str | None) -> list[PortInUse]:

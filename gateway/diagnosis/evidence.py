@@ -120,6 +120,11 @@ class LineEvidence:
     units: tuple[UnitEvidence, ...] = ()
     search: Search | None = None
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether requests were sent to several units, and to all of them, and nothing was received."""
+        return len(self.units) > 1 and not self.others and all(unit.is_silent for unit in self.units)
+
 
 @dataclass(frozen=True, slots=True)
 class ClientEvidence:

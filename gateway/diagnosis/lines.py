@@ -84,12 +84,24 @@ def _speed(line: LineEvidence) -> Iterator[Finding]:
     if search.speed is not None:
         baud, format_ = search.speed
         what = f"nobody answers at {line.baud} {line.format}, but at {baud} {format_}"
-        yield Finding("fix", line.name, what, f'{line.source}: baud = {baud}, format = "{format_}"')
+        keys = [f"baud = {baud}"] if baud != line.baud else []
+        keys += [f'format = "{format_}"'] if format_ != line.format else []
+        yield Finding("fix", line.name, what, f"{line.source}: {' and '.join(keys)}")
     elif not search.found:
         others = "rates and formats" if search.has_parity else "rates (this port has no parity to try)"
         what = f"nobody answers at {line.baud} {line.format}, nor at {search.speeds} other {others}"
-        remedy = f"check power, wires (are A and B swapped?), rate and parity ({line.format}) at the devices"
+        yield Finding("fix", line.name, what, _check_line(line))
+
+
+def _silence(line: LineEvidence) -> Iterator[Finding]:
+    if line.search is None and line.is_silent:
+        what = f"none of its {len(line.units)} units answers at {line.baud} {line.format}"
+        remedy = f"{_check_line(line)}; without --passive, doctor {line.name} tries other rates"
         yield Finding("fix", line.name, what, remedy)
+
+
+def _check_line(line: LineEvidence) -> str:
+    return f"check power, wires (are A and B swapped?), rate and parity ({line.format}) at the devices"
 
 
 def _full(line: LineEvidence) -> Iterator[Finding]:
@@ -107,6 +119,7 @@ _OTHER_PARITIES: Final = ("8E1", "8N1", "8O1")
 
 _RULES: Final[tuple[Callable[[LineEvidence], Iterator[Finding]], ...]] = (
     _speed,
+    _silence,
     _echo,
     _second_client,
     _parity,

@@ -69,7 +69,7 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
         return
     search = line.search
     what = f"does not answer at address {unit.on_the_wire}"
-    if search is not None and search.speeds:
+    if line.is_silent if search is None else search.speeds:
         return  # the row of the line says it
     if search is not None and search.found:
         found = ", ".join(map(str, search.found))

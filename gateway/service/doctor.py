@@ -83,7 +83,7 @@ async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks
             said += _told(found)
     findings = list(about_line(line_evidence(line, now(), running.recent, found)))
     if said:
-        findings.append(Finding("note", line.name, f"doctor has sent {', '.join(said)}"))
+        findings.append(Finding("note", line.name, f"doctor has sent {', and '.join(said)}"))
     return findings
 
 

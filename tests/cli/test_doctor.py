@@ -6,6 +6,7 @@ import pytest
 
 from gateway.cli import doctor
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
+from gateway.diagnosis.evidence import PortEvidence
 from gateway.errors import DaemonError
 
 FIX = {"level": "fix", "about": "hall", "what": "nobody answers", "remedy": "gateway.toml:3: baud = 9600"}
@@ -25,6 +26,7 @@ def daemon(monkeypatch):
             self.asked = None
 
         def __call__(self, control):
+            self.control = control
             return self
 
         def __enter__(self):
@@ -104,6 +106,23 @@ def test_a_wrong_config_is_shown_with_its_remedy(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "baudrate" in said
     assert '-> did you mean "baud"?' in said
+
+
+def test_a_problem_of_the_config_names_the_file_once(tmp_path, capsys):
+    file = config(tmp_path, '[[line]]\nport = "/dev/nothing"\nbaudrate = 9600\n')
+    main(["doctor", "--config", file, "--json"])
+    (wrong,) = (each for each in json.loads(capsys.readouterr().out)["findings"] if each["about"] == file)
+    assert wrong["what"].startswith("3:1: error: line[0].baudrate: unknown key")
+
+
+def test_a_gateway_that_runs_with_this_config_is_not_another_program(daemon, monkeypatch, tmp_path, capsys):
+    file = config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n[control]\nsocket = "/run/gw.sock"\n')
+    seen = []
+    monkeypatch.setattr(doctor, "look_at", lambda port, pid: seen.append(pid) or PortEvidence("hall", "", port.port))
+    daemon.pid = 4711
+    assert main(["doctor", "--config", file]) == FINE
+    assert (seen, daemon.control) == ([4711], "/run/gw.sock")
+    assert "note  gateway: a gateway is running (process 4711)" in capsys.readouterr().out
 
 
 def test_a_line_that_the_config_does_not_have(tmp_path, capsys):

@@ -40,10 +40,12 @@ def test_wrong_rate_and_wrong_parity_are_named_with_those_that_are_right():
     both = (SILENT, replace(PRESS, answered=0, timeouts=2))
     wrong_rate = replace(LINE, units=both, search=Search((2, 3), (), 4, speed=(9600, "8E1")))
     assert fixes(wrong_rate) == [
-        ("hall", "nobody answers at 19200 8E1, but at 9600 8E1", 'gateway.toml:3: baud = 9600, format = "8E1"')
+        ("hall", "nobody answers at 19200 8E1, but at 9600 8E1", "gateway.toml:3: baud = 9600")
     ]
     wrong_parity = replace(wrong_rate, search=Search((2, 3), (), 1, speed=(19200, "8N1")))
-    assert fixes(wrong_parity)[0][2] == 'gateway.toml:3: baud = 19200, format = "8N1"'
+    assert fixes(wrong_parity)[0][2] == 'gateway.toml:3: format = "8N1"'
+    both_wrong = replace(wrong_rate, search=Search((2, 3), (), 1, speed=(9600, "8N1")))
+    assert fixes(both_wrong)[0][2] == 'gateway.toml:3: baud = 9600 and format = "8N1"'
 
 
 def test_a_line_without_any_answer_has_one_row_and_not_one_for_each_unit():
@@ -52,6 +54,16 @@ def test_a_line_without_any_answer_has_one_row_and_not_one_for_each_unit():
     assert (about, what) == ("hall", "nobody answers at 19200 8E1, nor at 26 other rates and formats")
     assert "parity (8E1)" in remedy
     assert "this port has no parity" in fixes(replace(dead, search=Search((2,), (), 9, has_parity=False)))[0][1]
+
+
+def test_units_that_are_all_silent_have_one_row_also_if_nothing_was_tried():
+    both = (SILENT, replace(PRESS, answered=0, timeouts=2))
+    ((about, what, remedy),) = fixes(replace(LINE, units=both))
+    assert (about, what) == ("hall", "none of its 2 units answers at 19200 8E1")
+    assert "parity (8E1)" in remedy
+    assert "without --passive, doctor hall tries other rates" in remedy
+    assert len(fixes(replace(LINE, units=(SILENT, PRESS)))) == 1
+    assert "none of" not in fixes(replace(LINE, units=(SILENT, replace(PRESS, answered=0))))[0][1]
 
 
 @pytest.mark.parametrize(
