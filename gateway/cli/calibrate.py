@@ -108,12 +108,13 @@ def _run(args: argparse.Namespace) -> int:
         source.look()
     rows = source.rows()
     if not rows:
-        advice = "--for 10min waits for traffic, --active reads it"
-        print(f"{source.about['name']}: no normal response since then; {advice}", file=sys.stderr)
+        advice = "" if args.active else "; --for 10min waits for traffic, --active reads it"
+        print(f"{source.about['name']}: no normal response{advice}", file=sys.stderr)
         return PROBLEM_FOUND
     table = Calibration(source.about, rows)
     if args.write_profile:
         _write_new(args.write_profile, _profile(table))
+        print(f"{args.write_profile} is written: add it to the config, and name it in the device", file=sys.stderr)
     print(json.dumps(table.picture(), indent=2) if args.json else table.text())
     return FINE
 

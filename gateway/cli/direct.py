@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import re
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -192,7 +193,7 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
 
 
 def _reason(told: list[str]) -> str:
-    return told[-1].rpartition("failed: ")[2] if told else "no reason is known"
+    return re.sub(r"^\[Errno -?\d+\] ", "", told[-1].rpartition("failed: ")[2]) if told else "no reason is known"
 
 
 @contextmanager

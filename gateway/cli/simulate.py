@@ -116,7 +116,10 @@ def _devices(groups: list[_Group], args: argparse.Namespace) -> list[Device]:
     Raises:
         ValueError: they cannot be on one line.
     """
-    units = parse_units([unit for group in groups for unit in group.units])
+    units = [unit for group in groups for unit in group.units]
+    for unit in units:
+        if units.count(unit) > 1:
+            raise ValueError(f"two devices have the address {unit}; --fault duplicate-address does that on purpose")
     for named in (*args.silent_unit, *args.moving_unit):
         if named not in units:
             raise ValueError(f"there is no unit {named} on this line; it has {show_units(units)}")

@@ -57,7 +57,7 @@ def measured(gateway: Gateway, wanted: object) -> Measured:
         device = line.devices.get(unit)
         if device is not None:
             return _measured(line, device)
-    raise WrongQuestion(f"unit {unit} is no device of a line: only those have a timing table")
+    raise WrongQuestion(f"unit {unit} is not a device on a line: only those have a timing table")
 
 
 def _measured(line: GatewayLine, device: Device) -> Measured:

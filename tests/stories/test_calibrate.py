@@ -179,6 +179,7 @@ def test_without_for_it_takes_what_was_measured_since_the_start(
 def test_a_profile_file_can_be_put_into_a_config(daemon: Daemon, capsys: pytest.CaptureFixture[str], tmp_path) -> None:
     file = tmp_path / "measured.toml"
     assert main(["calibrate", "axis-1", "--active", "--write-profile", str(file)]) == 0
+    assert f"{file} is written: add it to the config" in capsys.readouterr().err
     config = CONFIG.replace('name = "axis-1"', 'name = "axis-1", profile = "generic-measured"') + file.read_text()
     loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
     assert [problem for problem in loaded.problems if problem.severity == "error"] == []
@@ -192,13 +193,15 @@ def test_a_profile_file_can_be_put_into_a_config(daemon: Daemon, capsys: pytest.
 def test_a_device_that_falls_silent_ends_it(daemon: Daemon, capsys: pytest.CaptureFixture[str]) -> None:
     daemon.mint.faults = Faults(silent=True)
     assert main(["calibrate", "axis-1", "--active"]) == 1
-    assert "given up: axis-1: exception 0B" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "given up: axis-1: exception 0B" in said
+    assert said.endswith("axis-1: no normal response\n")  # and no advice to do what was just done
 
 
 @pytest.mark.parametrize(
     ("words", "code", "complaint"),
     [
-        (["shift"], 1, "unit 200 is no device of a line"),
+        (["shift"], 1, "unit 200 is not a device on a line"),
         (["axis"], 1, 'nothing has the name "axis"; did you mean "axis-1"'),
         (["axis-1", "--write", "10"], 2, "--write is for --active"),
     ],

@@ -178,7 +178,7 @@ def test_mbpoll_sees_what_was_written_and_the_help_for_it_means_the_same(tmp_pat
     ("words", "complaint"),
     [
         (["--port", "/dev/none-there"], "/dev/none-there does not exist: is the adapter plugged in?"),
-        (["--tcp", "127.0.0.1:1"], "127.0.0.1:1 cannot be reached: [Errno 111] Connection refused"),
+        (["--tcp", "127.0.0.1:1"], "127.0.0.1:1 cannot be reached: Connection refused"),
         (["--control", "/nowhere/control.sock"], "no running gateway found"),
     ],
 )

@@ -117,7 +117,10 @@ def test_on_a_port_without_a_daemon(port: Path) -> None:
     shown = command("scan", "3-4", *at)
     assert shown.stdout.splitlines()[0].split() == ["UNIT", "RESULT", "ANSWER", "PROFILE"]
     assert shown.stdout.splitlines()[-1] == "1 of 2 units did not answer."
+    assert "did not answer" not in command("scan", "3", *at).stdout
     nobody = command("scan", "20", *at)
+    assert nobody.stdout.splitlines()[0] == "1 of 1 unit did not answer."
+    assert nobody.stdout.endswith("--all-speeds tries other rates.\n")
     assert (nobody.returncode, "\x1b" in nobody.stdout) == (1, False)
     missing = command("scan", "--port", "/dev/not-here")
     assert (missing.returncode, missing.stdout) == (1, "")

@@ -214,7 +214,7 @@ def test_a_word_that_cannot_be_used(words: list[str], complaint: str, capsys) ->
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["weigher:1-3", "v80:3"], "names unit 3 twice"),
+        (["weigher:1-3", "v80:3"], "two devices have the address 3; --fault duplicate-address"),
         (["mint", "--mode", "rtu"], "a mint does not speak rtu"),
         (["weigher", "--mode", "ascii"], "a weigher does not speak ascii"),
         (["weigher", "--baud", "4800"], "cannot be set to 4800 baud"),
