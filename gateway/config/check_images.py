@@ -82,7 +82,7 @@ def _check_initial(image: Image, area: Area) -> Iterator[Problem]:
         if not row.values:
             yield error((*row.path, "values"), "is empty")
         elif not covers(ranges, span):
-            what = f"{area} {span.start}-{span.end - 1} do not all exist in this image"
+            what = f"{area} {span.addresses} do not all exist in this image"
             yield error(row.path, what, f"its {area}: {show_ranges(ranges)}")
         if area in {Area.COILS, Area.DISCRETE} and any(value > 1 for value in row.values):
             yield error((*row.path, "values"), f"{area} can only be 0 or 1")

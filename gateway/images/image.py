@@ -123,7 +123,7 @@ class Image:
         asked = self._profile.check(pdu)
         for span in (asked.read, asked.write):
             if span is not None and not self.tables[span.area].has(span):
-                raise IllegalDataAddress(f"{self.settings.name} has no {span.area} {span.start}-{span.end - 1}")
+                raise IllegalDataAddress(f"{self.settings.name} has no {span.area} {span.addresses}")
         return asked
 
     def __repr__(self) -> str:

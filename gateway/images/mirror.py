@@ -148,9 +148,7 @@ class Mirror:
         asked = self.settings.profile.check(pdu)
         span = cast("Span", asked.read)
         if not self._polling.has(span):
-            raise IllegalDataAddress(
-                f"{self.settings.name} does not poll all of {span.area} {span.start}-{span.end - 1}"
-            )
+            raise IllegalDataAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
         if row.writes is None:
             row.writes = self._polling.writes
         touched = self._polling.touched(span)

@@ -22,6 +22,11 @@ class Span:
         """The first address after the span."""
         return self.start + self.count
 
+    @property
+    def addresses(self) -> str:
+        """The addresses as messages show them: `7`, or `7-9`."""
+        return str(self.start) if self.count == 1 else f"{self.start}-{self.end - 1}"
+
 
 @dataclass(frozen=True, slots=True)
 class RequestPdu:

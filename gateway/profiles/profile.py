@@ -65,7 +65,7 @@ class Profile:
     def _check_addresses(self, asked: RequestPdu) -> None:
         for span in (asked.read, asked.write):
             if span is not None and not covers(self.areas.get(span.area), span):
-                raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.start}-{span.end - 1}")
+                raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.addresses}")
 
 
 def covers(ranges: tuple[Range, ...] | None, span: Span) -> bool:

@@ -508,7 +508,7 @@ def test_an_image_has_something():
         ),
         (
             "initial.input = [{ at = 0, values = [1] }]",
-            ["error: image[0].initial.input[0]: input 0-0 do not all exist in this image | its input: none"],
+            ["error: image[0].initial.input[0]: input 0 do not all exist in this image | its input: none"],
         ),
         ("initial.coils = [{ at = 0, values = [1, false] }]", []),
         (

@@ -30,11 +30,11 @@ CLIENT = "10.0.0.9:49152"
     [
         (9, "03 0000 0001", "0A", "no such unit"),
         (52, "04 0001 0001", "01", "profile mint has no function 4"),
-        (52, "03 0000 0001", "02", "profile mint has no holding 0-0"),
+        (52, "03 0000 0001", "02", "profile mint has no holding 0"),
         (52, "03 0001 0064", "03", "profile mint allows 99 items of function 3"),
         (52, "05 0000 1234", "03", "function 05: a coil is FF00 or 0000: 05 00 00 12 34"),
-        (200, "03 000A 0001", "02", "shift-data has no holding 10-10"),
-        (201, "03 0003 0001", "02", "image-201 does not poll all of holding 3-3"),
+        (200, "03 000A 0001", "02", "shift-data has no holding 10"),
+        (201, "03 0003 0001", "02", "image-201 does not poll all of holding 3"),
     ],
 )
 async def test_a_refusal_is_told(unit: int, pdu: str, code: str, why: str) -> None:
