@@ -92,7 +92,7 @@ def _ms(milliseconds: float) -> str:
 
 def _positive(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is no number of items; write one such as 10')
+        raise argparse.ArgumentTypeError(f'"{text}" is not a valid number of items; write one such as 10')
     return int(text)
 
 

@@ -51,14 +51,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("line", nargs="?", metavar="LINE", help="the line or upstream to look at (default: all)")
     add("--unit", metavar="U", help="only this unit: the number that clients use, or a name")
-    add("--since", type=parsed_by(parse_duration), metavar="TIME", help="from the ring, such as 5min, and then end")
+    add(
+        "--since",
+        type=parsed_by(parse_duration),
+        metavar="TIME",
+        help="what has happened in that time, such as 5min, and then end",
+    )
     add("--why", metavar="CLIENT|UNIT", help="tell why the last requests of a client, or to a unit, failed")
     add(
         "-n",
         "--count",
         type=count,
         metavar="COUNT",
-        help=f"at most so many requests; stories with --why (default {_STORIES})",
+        help=f"at most so many requests; with --why failures (default {_STORIES})",
     )
     add("--pcapng", metavar="FILE", help="write a capture file for Wireshark; - is standard output")
     add("--json", action="store_true", help="print JSON, an object on each line, instead of rows")
@@ -86,12 +91,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _refuse_what_does_not_fit(args: argparse.Namespace) -> None:
     if args.why is not None and args.pcapng is not None:
-        raise WrongUsageError("--why tells stories, and a capture file has only frames", "leave one of them out")
+        raise WrongUsageError("--why prints text, and a capture file has only frames", "leave one of them out")
     if args.why is not None and (args.unit is not None or args.since is not None):
         remedy = f"modbus-gateway trace --why {args.why}"
         raise WrongUsageError("--why finds the last failures by itself; --unit and --since are for frames", remedy)
     if args.why is not None and args.count is not None and args.count > MOST_STORIES:
-        raise WrongUsageError(f"{args.count} stories are too many", f"-n {MOST_STORIES} at most")
+        raise WrongUsageError(f"-n {args.count} is too many for --why", f"-n {MOST_STORIES} at most")
     if args.pcapng is not None and args.json:
         raise WrongUsageError("--pcapng and --json are two forms", "leave one of them out")
     if args.pcapng == "-" and sys.stdout.isatty():
@@ -112,8 +117,12 @@ def _tell_why(daemon: Conversation, args: argparse.Namespace) -> int:
     if stories:
         return FINE
     clients = answer.get("clients_that_failed") or []
-    others = f"; requests of these clients failed: {', '.join(clients)}" if clients else "; no other one has either"
-    print(f"no request of or to {args.why} has failed, as far as is kept{others}", file=sys.stderr)
+    others = (
+        f"; requests of these clients failed: {', '.join(clients)}"
+        if clients
+        else "; no other request has failed either"
+    )
+    print(f"no failed request of or to {args.why} is in memory{others}", file=sys.stderr)
     return PROBLEM_FOUND
 
 
@@ -187,7 +196,7 @@ class _Follower:
             answer = self._daemon.ask("trace", **asked, **self._chosen)
             missed, reaches_back = answer.get("missed", 0), answer.get("reaches_back_s", 0.0)
             if is_first and not is_live and since is not None and reaches_back < since:
-                print(f"the ring reaches back {reaches_back:.0f} s", file=sys.stderr)
+                print(f"the records in memory go back {reaches_back:.0f} s only", file=sys.stderr)
             elif missed:
                 print(f"{missed} records were gone before they could be fetched", file=sys.stderr)
             yield from answer.get("facts", [])

@@ -105,7 +105,7 @@ def _place(command: Command, words: Sequence[str]) -> tuple[tuple[int, int | Non
     """The addresses and the type after an area."""
     area = Area(words[0])
     if len(words) < 2:
-        raise WrongUsageError(f"which {area}? The address is missing", command.like(area, "0"))
+        raise WrongUsageError(f"{area} of which address? It is missing", command.like(area, "0"))
     if len(words) > 3:
         raise WrongUsageError(f'"{words[3]}" is one word too many', command.like(*words[:3]))
     addresses = _addresses(command, words)

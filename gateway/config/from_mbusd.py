@@ -80,7 +80,7 @@ class _Settings:
             return
         key, separator, value = (part.strip() for part in line.partition("="))
         if not separator:
-            raise ImportedFileError(f"{where}: this is no line of a config of mbusd: it has no =")
+            raise ImportedFileError(f"{where}: this is not a line of an mbusd config: it has no =")
         if key in self._settings:
             self._settings[key] = _Setting(value, where)
         elif key not in _WITHOUT_MEANING:

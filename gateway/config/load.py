@@ -86,9 +86,7 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
         line = wrong.object.count(b"\n", 0, wrong.start) + 1
         return _fail(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
     except FileNotFoundError:
-        return _fail(
-            error((), "there is no such file", "create it, or give another file after the command"), file, 0, 0
-        )
+        return _fail(error((), "there is no such file", "create it, or name another file"), file, 0, 0)
     except OSError as wrong:
         remedy = f"sudo chmod 644 {file}" if isinstance(wrong, PermissionError) else ""
         return _fail(error((), f"cannot be read: {wrong.strerror}", remedy), file, 0, 0)

@@ -580,7 +580,7 @@ class Web(Table):
 
 
 class Control(Table):
-    """The control socket, which `status`, `reload`, `read` and `write` use."""
+    """The control socket, which the commands use: `status`, `reload`, `read`, `trace` and others."""
 
     socket: SocketPath | None = Field(
         None,

@@ -260,9 +260,7 @@ def test_a_file_that_does_not_exist_is_one_problem(tmp_path, capsys):
     path = tmp_path / "absent.toml"
     assert main(["check", str(path)]) == 1
     assert capsys.readouterr().out == (
-        f"{path}: error: there is no such file\n"
-        "  help: create it, or give another file after the command\n"
-        "1 error, no warnings\n"
+        f"{path}: error: there is no such file\n  help: create it, or name another file\n1 error, no warnings\n"
     )
     assert main(["check", "--json", str(path)]) == 1
     (problem,) = json.loads(capsys.readouterr().out)["problems"]

@@ -63,7 +63,7 @@ def test_the_swap_is_that_of_the_command():
         (["40108"], "40108 is a reference number: holding 107", "modbus-gateway read silo holding 107"),
         (["30001", "float32"], "30001 is a reference number: input 0", "modbus-gateway read silo input 0 float32"),
         (["5-7"], "5-7 of what?", "modbus-gateway read silo holding 5-7"),
-        (["holding"], "which holding? The address is missing", "modbus-gateway read silo holding 0"),
+        (["holding"], "holding of which address? It is missing", "modbus-gateway read silo holding 0"),
         (["holding", "x"], '"x" is not an address', "modbus-gateway read silo holding 0"),
         (["holding", "9-5"], "9-5 counts backwards", "modbus-gateway read silo holding 5-9"),
         (["holding", "70000"], "70000 is not an address", "addresses are 0 to 65535"),

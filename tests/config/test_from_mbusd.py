@@ -108,7 +108,7 @@ def test_what_is_not_the_same_is_said(setting, said):
         ("\nmaxconn = 0", "a.conf:2: maxconn must be a number from 1 to 128"),
         ("device = ttyS0", 'a.conf:1: "ttyS0" is not an absolute path'),
         ("address = here!", "a.conf:1: 'here!' is not a valid host name"),
-        ("a line", "a.conf:1: this is no line of a config of mbusd: it has no ="),
+        ("a line", "a.conf:1: this is not a line of an mbusd config: it has no ="),
     ],
 )
 def test_what_cannot_be_understood_names_its_line(setting, said):

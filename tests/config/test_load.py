@@ -321,7 +321,7 @@ def test_a_file_is_read(tmp_path):
 def test_a_file_that_does_not_exist_is_one_problem(tmp_path):
     file = tmp_path / "gateway.toml"
     assert [str(one) for one in load(file).problems] == [
-        f"{file}: error: there is no such file\n  help: create it, or give another file after the command"
+        f"{file}: error: there is no such file\n  help: create it, or name another file"
     ]
     assert load(str(file)).config is None
 
