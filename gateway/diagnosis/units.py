@@ -6,12 +6,12 @@ from typing import Final
 
 from gateway.config.duration import show_duration
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
-from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.finding import Finding, Level
 
 #: From which share of its requests on something is wrong with a unit, and not only now and then.
 WRONG: Final = 0.05
-#: From which share of late answers on a limit is too short; and what share of a limit answers should not take.
-LATE: Final = 0.01
+#: From which share on late or damaged answers are more than chance, and what share of a limit no answer should take.
+SOME: Final = 0.01
 CLOSE: Final = 0.8
 #: Less than that says nothing yet.
 ENOUGH: Final = 3
@@ -40,7 +40,7 @@ def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]: 
     what = f"{responses} came after the limit, the slowest after {show_duration(unit.latest)}"
     if unit.limit:
         what += f" (limit {show_duration(unit.limit)})"
-    yield Finding("fix" if unit.late >= LATE * unit.asked else "note", name(unit), what, _longer(unit, unit.latest))
+    yield Finding("fix" if unit.late >= SOME * unit.asked else "note", name(unit), what, _longer(unit, unit.latest))
 
 
 def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
@@ -58,10 +58,20 @@ def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[Find
 
 
 def _is_damaged(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
-    if unit.bad_frames >= ENOUGH and unit.bad_frames > WRONG * unit.asked:
+    if unit.bad_frames > WRONG * unit.asked:
+        yield from _damage("fix", unit, line)
+
+
+def _is_damaged_at_times(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+    if unit.bad_frames >= SOME * unit.asked:
+        yield from _damage("note", unit, line)
+
+
+def _damage(level: Level, unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+    if unit.bad_frames >= ENOUGH:
         what = f"{unit.bad_frames} of {unit.asked} responses were damaged"
         remedy = f"check format ({line.format}), wiring, termination and shield of {line.name}"
-        yield Finding("fix", name(unit), what, remedy)
+        yield Finding(level, name(unit), what, remedy)
 
 
 def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
@@ -138,5 +148,6 @@ _RULES: Final[tuple[Callable[[UnitEvidence, LineEvidence], Iterator[Finding]], .
     _is_refusing,
     _is_damaged,
     _fails,
+    _is_damaged_at_times,
     _is_close_to_limit,
 )

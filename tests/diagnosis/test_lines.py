@@ -129,6 +129,13 @@ def test_two_devices_with_one_address_are_named(unit, others, words):
     assert "may have the address 1" in what
 
 
+@pytest.mark.parametrize(("damaged", "level"), [(1, None), (3, "note"), (30, "fix")])
+def test_how_many_damaged_responses_are_worth_a_row(damaged, level):
+    unit = replace(SILO, bad_frames=damaged, instead=GARBLED[:1])
+    about = [each.level for each in about_line(replace(LINE, units=(unit,))) if each.about == "unit 41, silo-1"]
+    assert about == [level] * (level is not None)
+
+
 def test_answers_that_are_always_damaged_in_the_same_way_are_no_second_device():
     unit = replace(SILO, answered=20, bad_frames=30, instead=GARBLED[:1] * 8)
     ((_, what, _),) = fixes(replace(LINE, units=(unit,)))
