@@ -10,6 +10,7 @@ from typing import Any, Final
 from gateway.cli.check import limits_as_json, limits_table, milliseconds
 from gateway.cli.columns import align
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE
+from gateway.cli.usage import baud
 from gateway.config.duration import show_duration
 from gateway.config.forecast import FunctionLimits, function_limits
 from gateway.config.load import builtin_profiles, load
@@ -30,7 +31,7 @@ _WRITING: Final[Mapping[str, str]] = {"no": "no", "yes": "yes", "only": "only, n
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `profile`."""
     parser.add_argument("name", nargs="?", help="name of the profile (default: list all)")
-    parser.add_argument("--baud", type=_baud, default=19200, metavar="N", help="baud rate of the line (default 19200)")
+    parser.add_argument("--baud", type=baud, default=19200, metavar="N", help="baud rate of the line (default 19200)")
     parser.add_argument("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
     parser.add_argument("--mode", choices=("rtu", "ascii"), help="mode of the line (default rtu, mint ascii)")
     parser.add_argument("--config", metavar="FILE", help="config file with more profiles")
@@ -63,12 +64,6 @@ def run(args: argparse.Namespace) -> int:
 def _wrong_usage(what: str) -> int:
     print(f"modbus-gateway: error: {what}", file=sys.stderr)
     return WRONG_USAGE
-
-
-def _baud(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
-    return int(text)
 
 
 def _format(text: str) -> CharacterFormat:

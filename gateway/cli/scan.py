@@ -11,7 +11,13 @@ from typing import Any, Final
 from gateway.cli.columns import align
 from gateway.cli.daemon import Conversation, add_control_argument
 from gateway.cli.main import FINE, PROBLEM_FOUND
-from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
+from gateway.cli.usage import (
+    WrongUsageError,
+    add_port_arguments,
+    let_options_stand_anywhere,
+    parsed_by,
+    tell_wrong_usage,
+)
 from gateway.config.duration import parse_duration, show_duration
 from gateway.config.problem import WrongValue
 from gateway.config.unitset import parse_units
@@ -51,11 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
     direct = parser.add_argument_group("without a daemon")
-    add = direct.add_argument
-    add("--port", metavar="PORT", help="scan this serial port: /dev/ttyUSB0, or rtu+tcp://host:port")
-    add("--baud", type=_baud, default=19200, metavar="N", help="its rate (default 19200)")
-    add("--format", metavar="F", help="its character format (default 8E1, ASCII 7E1)")
-    add("--mode", choices=("rtu", "ascii"), help="what is spoken there (default rtu)")
+    add_port_arguments(direct, "scan")
     let_options_stand_anywhere(parser)
 
 
@@ -130,7 +132,7 @@ class _Progress:
         if not self._is_shown or monotonic() < self._next:
             return
         self._next = monotonic() + 0.1
-        found = ", ".join(map(str, progress["found"])) or "none yet"
+        found = ", ".join(map(str, progress["found"])) or "nobody yet"
         left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
         text = f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"[:78]
         print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
@@ -157,14 +159,12 @@ def _as_text(found: Sequence[_Row], asked: int, *, several_rates: bool) -> str:
     if found:
         headings = ("UNIT", "RESULT", "ANSWER", "PROFILE", *(("BAUD",) if several_rates else ()))
         parts.append(align([headings, *(_cells(row, several_rates=several_rates) for row in found)]))
-    if silent:
-        parts.append(f"{silent} of {asked} {'unit' if asked == 1 else 'units'} did not answer.")
+    parts.append(f"{silent} of {asked} units did not answer.")
     garbled = [str(row["unit"]) for row in found if row["result"] == "garbled"]
     if garbled:
         parts.append(f"Garbled ({', '.join(garbled)}): two devices may have this address, or rate or format are wrong.")
     if not found:
-        others = "" if several_rates else " --all-speeds tries other rates."
-        parts.append(f"If no unit of this line answers: are wiring, rate, format and mode right?{others}")
+        parts.append("Are wiring, rate, format and mode right? --all-speeds tries other rates.")
     return "\n\n".join(parts)
 
 
@@ -175,9 +175,3 @@ def _cells(row: _Row, *, several_rates: bool) -> tuple[str, ...]:
     answer = "-" if row["answer_ms"] is None else f"{row['answer_ms']:.1f} ms"
     rate = (str(row["baud"]),) if several_rates else ()
     return (str(row["unit"]), result, answer, row["profile"] or "-", *rate)
-
-
-def _baud(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
-    return int(text)

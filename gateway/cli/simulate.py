@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
 from gateway.cli.main import FINE, WRONG_USAGE
+from gateway.cli.usage import baud
 from gateway.config.duration import parse_duration
 from gateway.config.plan import DEFAULT_FORMATS
 from gateway.config.problem import WrongValue, did_you_mean
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--unit", type=_units, default=(1,), metavar="UNITS", help="such as 2, 1-3 or 6,17 (default 1)")
     add("--mode", choices=("rtu", "ascii"), help="mode of the line (default rtu, mint ascii)")
     add("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
-    add("--baud", type=_baud, metavar="N", help="baud rate of the devices (default: as set on the port)")
+    add("--baud", type=baud, metavar="N", help="baud rate of the devices (default: as set on the port)")
     add("--weight", type=float, metavar="W", help="constant weight of the weighers")
     add(
         "--moving-unit",
@@ -199,12 +200,6 @@ def _format(text: str) -> CharacterFormat:
 
 def _duration(text: str) -> float:
     return _parse_argument(parse_duration, text)
-
-
-def _baud(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
-    return int(text)
 
 
 def _share(text: str) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from gateway.cli.daemon import Conversation, add_control_argument
-from gateway.cli.usage import WrongUsageError, parsed_by
+from gateway.cli.usage import WrongUsageError, add_port_arguments, parsed_by
 from gateway.config.duration import parse_duration
 from gateway.errors import DaemonError, ExceptionCode, GatewayError
 from gateway.modbus.codes import EXCEPTION_BIT, Area
@@ -89,11 +89,8 @@ def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
     add("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
     direct = parser.add_argument_group("without a daemon")
+    add_port_arguments(direct, "use")
     add = direct.add_argument
-    add("--port", metavar="PORT", help="use this serial port: /dev/ttyUSB0, or rtu+tcp://host:port")
-    add("--baud", type=_baud, default=19200, metavar="N", help="its rate (default 19200)")
-    add("--format", metavar="F", help="its character format (default 8E1, ASCII 7E1)")
-    add("--mode", choices=("rtu", "ascii"), help="its mode (default rtu)")
     add("--tcp", metavar="HOST[:PORT]", help="use this Modbus TCP server (default port 502)")
     add("--timeout", type=parsed_by(parse_duration), default=1.0, metavar="TIME", help="time limit (default 1s)")
     add("--profile", metavar="NAME", help="the kind of device, for its points: mint, v80, weigher")
@@ -168,9 +165,3 @@ def _name(code: int) -> str:
         return ExceptionCode(code).name.lower().replace("_", " ")
     except ValueError:
         return "not a standard one"
-
-
-def _baud(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
-    return int(text)

@@ -49,6 +49,26 @@ def count(text: str) -> int:
     return int(text)
 
 
+def baud(text: str) -> int:
+    """A `type` for argparse: the rate of a line.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no such number.
+    """
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
+    return int(text)
+
+
+def add_port_arguments(group: Any, what: str) -> None:
+    """Add the arguments that name a port without a gateway, and how its line is set; `what` is done with it."""
+    add = group.add_argument
+    add("--port", metavar="PORT", help=f"{what} this serial port: /dev/ttyUSB0, or rtu+tcp://host:port")
+    add("--baud", type=baud, default=19200, metavar="N", help="its rate (default 19200)")
+    add("--format", metavar="F", help="its character format (default 8E1, ASCII 7E1)")
+    add("--mode", choices=("rtu", "ascii"), help="its mode (default rtu)")
+
+
 def let_options_stand_anywhere(parser: argparse.ArgumentParser) -> None:
     """Allow options between words: argparse would reject the words after an option."""
     plain = parser.parse_known_args
