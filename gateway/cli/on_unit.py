@@ -1,11 +1,13 @@
-"""How `read` and `write` begin: which unit is meant, and what of it."""
+"""How `read` and `write` begin: which unit is meant, by which way, and what of it."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Literal
 
+from gateway.cli.daemon import Conversation
 from gateway.cli.mbpoll import refuse_habits
-from gateway.cli.unit import Unit, open_unit
+from gateway.cli.unit import DaemonUnit, Unit
 from gateway.cli.usage import WrongUsageError, tell_wrong_usage
 from gateway.cli.words import Command
 
@@ -31,5 +33,28 @@ def _run(verb: Verb, args: argparse.Namespace, act: Act) -> int:
     if not args.words:
         raise WrongUsageError("which unit? It is missing", f"modbus-gateway {verb} UNIT; status lists the units")
     wanted, *words = args.words
-    with open_unit(wanted, args) as unit:
+    with _open_unit(wanted, args) as unit:
         return act(unit, Command(verb, wanted, unit.points, args.swap), words)
+
+
+@contextmanager
+def _open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
+    """Open the unit with this number or name, in the way that the arguments name.
+
+    Raises:
+        DaemonError: the daemon cannot be reached, or has no such unit.
+        DirectError: the port or the server cannot be reached.
+        WrongUsageError: the arguments do not fit together.
+    """
+    if args.port and args.tcp:
+        raise WrongUsageError("--port and --tcp are two ways to the unit", "leave one of them out")
+    if args.port or args.tcp:
+        from gateway.cli.direct import open_directly  # noqa: PLC0415 - pymodbus takes a quarter of a second
+
+        with open_directly(wanted, args) as unit:
+            yield unit
+        return
+    if args.profile:
+        raise WrongUsageError("--profile is for --port and --tcp; the daemon knows what its units are", "leave it out")
+    with Conversation(args.control) as daemon:
+        yield DaemonUnit(daemon, wanted)

@@ -132,7 +132,7 @@ class _Progress:
         if not self._is_shown or monotonic() < self._next:
             return
         self._next = monotonic() + 0.1
-        found = ", ".join(map(str, progress["found"])) or "nobody yet"
+        found = ", ".join(map(str, progress["found"])) or "none yet"
         left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
         text = f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"[:78]
         print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
@@ -159,12 +159,14 @@ def _as_text(found: Sequence[_Row], asked: int, *, several_rates: bool) -> str:
     if found:
         headings = ("UNIT", "RESULT", "ANSWER", "PROFILE", *(("BAUD",) if several_rates else ()))
         parts.append(align([headings, *(_cells(row, several_rates=several_rates) for row in found)]))
-    parts.append(f"{silent} of {asked} units did not answer.")
+    if silent:
+        parts.append(f"{silent} of {asked} {'unit' if asked == 1 else 'units'} did not answer.")
     garbled = [str(row["unit"]) for row in found if row["result"] == "garbled"]
     if garbled:
         parts.append(f"Garbled ({', '.join(garbled)}): two devices may have this address, or rate or format are wrong.")
     if not found:
-        parts.append("Are wiring, rate, format and mode right? --all-speeds tries other rates.")
+        others = "" if several_rates else " --all-speeds tries other rates."
+        parts.append(f"If no unit of this line answers: are wiring, rate, format and mode right?{others}")
     return "\n\n".join(parts)
 
 

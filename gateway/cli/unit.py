@@ -1,13 +1,12 @@
 """A unit to read or write: through the daemon or directly."""
 
 import argparse
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from gateway.cli.daemon import Conversation, add_control_argument
-from gateway.cli.usage import WrongUsageError, add_port_arguments, parsed_by
+from gateway.cli.usage import add_port_arguments, parsed_by
 from gateway.config.duration import parse_duration
 from gateway.errors import DaemonError, ExceptionCode, GatewayError
 from gateway.modbus.codes import EXCEPTION_BIT, Area
@@ -94,29 +93,6 @@ def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tcp", metavar="HOST[:PORT]", help="use this Modbus TCP server (default port 502)")
     add("--timeout", type=parsed_by(parse_duration), default=1.0, metavar="TIME", help="time limit (default 1s)")
     add("--profile", metavar="NAME", help="the kind of device, for its points: mint, v80, weigher")
-
-
-@contextmanager
-def open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
-    """Open the unit with this number or name, in the way that the arguments name.
-
-    Raises:
-        DaemonError: the daemon cannot be reached, or has no such unit.
-        DirectError: the port or the server cannot be reached.
-        WrongUsageError: the arguments do not fit together.
-    """
-    if args.port and args.tcp:
-        raise WrongUsageError("--port and --tcp are two ways to the unit", "leave one of them out")
-    if args.port or args.tcp:
-        from gateway.cli.direct import open_directly  # noqa: PLC0415 - pymodbus takes a quarter of a second
-
-        with open_directly(wanted, args) as unit:
-            yield unit
-        return
-    if args.profile:
-        raise WrongUsageError("--profile is for --port and --tcp; the daemon knows what its units are", "leave it out")
-    with Conversation(args.control) as daemon:
-        yield DaemonUnit(daemon, wanted)
 
 
 class DaemonUnit:

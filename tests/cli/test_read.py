@@ -6,7 +6,7 @@ from textwrap import dedent
 
 import pytest
 
-from gateway.cli import unit as unit_module
+from gateway.cli import on_unit
 from gateway.cli.main import main
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
@@ -24,7 +24,7 @@ POINTS = (
 def daemon(monkeypatch):
     it = FakeDaemon(POINTS)
     it.image.tables[Area.HOLDING].assign(0, (0x459C, 0x3D51, 1))
-    monkeypatch.setattr(unit_module, "Conversation", it)
+    monkeypatch.setattr(on_unit, "Conversation", it)
     return it
 
 
@@ -139,7 +139,7 @@ def test_an_exception_of_the_gateway_comes_with_its_reason(daemon, capsys):
 def test_points_that_are_refused_together_are_read_one_by_one(monkeypatch, capsys):
     points = [Point(f"p{address}", Area.HOLDING, address) for address in (18, 19, 20)]
     daemon = FakeDaemon(points)
-    monkeypatch.setattr(unit_module, "Conversation", daemon)
+    monkeypatch.setattr(on_unit, "Conversation", daemon)
     assert main(["read", "silo-1"]) == 1
     told = capsys.readouterr()
     assert [line.split()[0] for line in told.out.splitlines()] == ["POINT", "p18", "p19"]

@@ -5,7 +5,7 @@ from textwrap import dedent
 
 import pytest
 
-from gateway.cli import unit as unit_module
+from gateway.cli import on_unit
 from gateway.cli.main import main
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
@@ -23,7 +23,7 @@ POINTS = (
 @pytest.fixture
 def daemon(monkeypatch):
     it = FakeDaemon(POINTS)
-    monkeypatch.setattr(unit_module, "Conversation", it)
+    monkeypatch.setattr(on_unit, "Conversation", it)
     return it
 
 
@@ -57,7 +57,7 @@ def test_one_item_goes_with_05_or_06_and_several_with_15_or_16(daemon, words, re
 )
 def test_a_unit_that_does_not_know_06_gets_16(monkeypatch, functions, request_pdu):
     daemon = FakeDaemon(POINTS, functions=functions)
-    monkeypatch.setattr(unit_module, "Conversation", daemon)
+    monkeypatch.setattr(on_unit, "Conversation", daemon)
     assert main(["write", "silo-1", "state", "1"]) == 0
     assert daemon.asked == [request_pdu]
 
