@@ -18,7 +18,7 @@ from gateway.cli.trace_rows import rows
 from gateway.cli.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.config.duration import parse_duration
 from gateway.errors import DaemonError
-from gateway.service.capture import packets
+from gateway.service.capture import description, packets
 from gateway.service.trace import MOST_STORIES
 from gateway.trace.pcapng import Writer
 
@@ -172,7 +172,7 @@ class _Follower:
         self._count: int | None = args.count
         lines = daemon.ask("trace", after=0, **self._chosen, lines=True).get("lines", [])
         self.modes = {line["name"]: line["mode"] for line in lines}
-        self.descriptions = {line["name"]: _description(line) for line in lines}
+        self.descriptions = {line["name"]: description(line) for line in lines}
 
     def facts(self, since: float | None, *, from_the_beginning: bool = False) -> Iterator[dict[str, Any]]:
         """Those of the last `since` seconds and no more; without that the last few, and then until Ctrl-C.
@@ -213,10 +213,3 @@ def _line(args: argparse.Namespace) -> dict[str, str]:
 
 def _unit(text: str) -> int | str:
     return int(text) if text.isdecimal() else text
-
-
-def _description(line: dict[str, Any]) -> str:
-    if line["mode"] == "tcp":
-        return f"Modbus TCP, {line['port']}"
-    as_rtu = ", shown as RTU" if line["mode"] == "ascii" else ""
-    return f"{line['port']}, {line['mode'].upper()} {line['baud']} {line['format']}{as_rtu}"

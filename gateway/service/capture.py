@@ -28,6 +28,14 @@ def packets(fact: Fact, modes: Mapping[str, str]) -> Iterator[Packet]:
         yield from _answered(fact)
 
 
+def description(line: Mapping[str, Any]) -> str:
+    """A line as the interface of a capture file is described, by what `service.trace.lines` tells of it."""
+    if line["mode"] == "tcp":
+        return f"Modbus TCP, {line['port']}"
+    as_rtu = ", shown as RTU" if line["mode"] == "ascii" else ""
+    return f"{line['port']}, {line['mode'].upper()} {line['baud']} {line['format']}{as_rtu}"
+
+
 def wire_frame(unit: int, pdu: bytes, mode: str) -> bytes:
     """A frame for a capture file. Those of ASCII lines are shown as RTU, which has a dissector."""
     return mbap.encode(0, unit, pdu) if mode == "tcp" else rtu.encode(unit, pdu)

@@ -26,13 +26,15 @@ _OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then mod
 Fact = dict[str, Any]
 Clock = tuple[float, float]
 """The time of the event loop, and that of the day, at the same moment."""
+Tell = Callable[[Record, Clock, Mapping[int, str]], Any]
 
 
-def page(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> dict[str, Any]:
+def page(gateway: Gateway, question: Mapping[str, Any], clock: Clock, tell: Tell | None = None) -> dict[str, Any]:
     """The facts from number `after` on; or those of the last `since` seconds, or the last few: as many as one step has.
 
     `line` and `unit` (number or name) choose among them. `next` is the number to ask for next, `missed` is how many
-    records before were gone already, and `is_all` says that there are no more at the moment.
+    records before were gone already, and `is_all` says that there are no more at the moment. `tell` makes of a record
+    what stands in place of its fact.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line or unit.
@@ -47,7 +49,7 @@ def page(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> dict[st
     begins_at = ring.begins_at
     names_of = names(gateway.plan)
     return {
-        "facts": [fact(record, clock, names_of) for record in records if is_wanted(record)],
+        "facts": [(tell or fact)(record, clock, names_of) for record in records if is_wanted(record)],
         "next": following,
         "missed": max(0, ring.first - number),
         "is_all": following == ring.added,

@@ -20,7 +20,8 @@ from gateway.service.operator import Question, UnitPicture, picture, pictures, s
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
 from gateway.service.secret_files import path_of, refuse_if_exposed
-from gateway.web.answers import Answer, Asker
+from gateway.service.trace_reader import Texts, TraceReader, capture
+from gateway.web.answers import Answer, Asker, Which
 
 #: The package's extra with the libraries.
 _MISSING = "{} is not installed: pip install 'mbgw[web]'"
@@ -120,6 +121,7 @@ class _Answers:
         self._exposition = metrics.exposition
         self.content_type: str = metrics.CONTENT_TYPE
         self._status: told.Status | None = None
+        self._texts = Texts()
 
     async def metrics(self) -> bytes:
         """Read the counters at once and format them in a thread, so that lines do not wait for that."""
@@ -179,6 +181,12 @@ class _Answers:
 
     async def reload(self) -> Mapping[str, Any]:
         return asdict(await asyncio.shield(self._reloader.order()))
+
+    def trace(self, which: Which, host: str) -> TraceReader:
+        return TraceReader(lambda: self._running.gateway, asdict(which), host, self._texts)
+
+    def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
+        return capture(self._running.gateway, asdict(which), host)
 
     def events(self) -> AbstractContextManager[Follower]:
         return self._fan_out.following()

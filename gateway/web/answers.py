@@ -1,6 +1,6 @@
 """What the server asks of the gateway behind it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -79,12 +79,21 @@ class Asker:
     is_there: Callable[[], bool]
 
 
+@dataclass(frozen=True, slots=True)
+class Which:
+    """Which records: those of the last `seconds`, of one line and one unit, or of all."""
+
+    seconds: int
+    line: str | None = None
+    unit: int | str | None = None
+
+
 class EventSource(Protocol):
-    """The events for one reader."""
+    """The events for one reader, or what the trace tells him."""
 
     @property
     def is_lost(self) -> bool:
-        """Whether there were more events than can wait, so the reader is to be dropped."""
+        """Whether there were more events than can wait, or what he reads is there no longer: he is to be dropped."""
 
     async def next(self, patience: float) -> Sequence[str]:
         """The events that wait, as JSON; none if none has come within `patience` seconds."""
@@ -134,6 +143,16 @@ class Answers(Protocol):
 
     async def reload(self) -> Mapping[str, Any]:
         """Read the config again; the outcome has `problems` if the file was rejected, or a `defect`."""
+
+    def trace(self, which: Which, host: str) -> EventSource:
+        """What happened, and happens, for a reader at the address `host`.
+
+        Raises:
+            WrongQuestion: nothing is kept, or there is no such line or unit.
+        """
+
+    def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
+        """A capture file of what happened, part by part; the first one may raise as `trace` does."""
 
     def events(self) -> AbstractContextManager[EventSource]:
         """In its context events come."""

@@ -14,7 +14,8 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.ports.threads import ThreadPerCall
 from gateway.profiles.point import Point
-from gateway.web.answers import Answers, Asker, Status, Unit
+from gateway.web.answers import Answers, Asker, Status, Unit, Which
+from gateway.web.downloads import Downloads
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
 from gateway.web.openapi import document
 from gateway.web.problems import Handler, ProblemError
@@ -24,6 +25,9 @@ from gateway.web.values import Ask, Outcome, point_named, read, values_at, write
 _SPAN: Final = r"{span:\d{1,5}(?:-\d{1,5})?}"
 _AREA: Final = f"{{area:{'|'.join(Area)}}}"
 _NUMBER: Final = re.compile(r"\d{1,3}")
+_SECONDS: Final = re.compile(r"[0-9]{1,5}")
+#: A reader of the trace may begin so many seconds before.
+LONGEST_LOOK_BACK: Final = 3600
 #: A reload takes no longer than this, in seconds.
 _RELOAD_TIME: Final = 45.0
 
@@ -49,6 +53,7 @@ class Api:
         self._answers = answers
         self._guard = guard
         self._streams = streams
+        self._downloads = Downloads()
         self._may_write = may_write
         self._document = document(answers.types)
         #: The status that was written last, and its text.
@@ -57,7 +62,7 @@ class Api:
         self._one_at_a_time = asyncio.Lock()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs. What the trace tells finds its place here too."""
+        """Method, path, handler, and what it needs."""
         units = "/api/v1/units/{unit}"
         return [
             ("GET", "/api/v1/openapi.json", self.openapi, "reading"),
@@ -74,6 +79,8 @@ class Api:
             ("PUT", f"{units}/points/{{name}}", self.write_point, "operator"),
             ("PUT", f"{units}/{_AREA}/{_SPAN}", self.write_values, "operator"),
             ("GET", "/api/v1/events", self.events, "reading"),
+            ("GET", "/api/v1/trace", self.trace, "reading"),
+            ("GET", "/api/v1/trace.pcapng", self.capture, "reading"),
             ("POST", "/api/v1/reload", self.reload, "operator"),
         ]
 
@@ -172,6 +179,18 @@ class Api:
         with self._answers.events() as source:
             return await self._streams.serve(request, source, partial(self._guard.is_valid, request[VISITOR]))
 
+    async def trace(self, request: web.Request) -> web.StreamResponse:
+        """What happens on the lines, as it happens."""
+        visitor = request[VISITOR]
+        source = self._answers.trace(_which(request, usual=0), visitor.host)
+        return await self._streams.serve(request, source, partial(self._guard.is_valid, visitor))
+
+    async def capture(self, request: web.Request) -> web.StreamResponse:
+        """What has happened, as a file for Wireshark."""
+        return await self._downloads.serve(
+            request, self._answers.capture(_which(request, usual=30), request[VISITOR].host)
+        )
+
     async def reload(self, _request: web.Request) -> web.Response:
         """Read the config again."""
         try:
@@ -219,8 +238,22 @@ def _is_there(request: web.Request) -> bool:
 
 
 def _wanted(request: web.Request) -> int | str:
-    text = request.match_info["unit"]
+    return _unit_in(request.match_info["unit"])
+
+
+def _unit_in(text: str) -> int | str:
     return int(text) if _NUMBER.fullmatch(text) else text
+
+
+def _which(request: web.Request, usual: int) -> Which:
+    """Which records of the trace are asked for."""
+    query = request.query
+    if unknown := sorted(set(query) - {"line", "unit", "seconds"}):
+        raise ProblemError(400, f"{unknown[0]}: there are only line, unit and seconds")
+    seconds, unit = query.get("seconds", str(usual)), query.get("unit")
+    if not _SECONDS.fullmatch(seconds) or int(seconds) > LONGEST_LOOK_BACK:
+        raise ProblemError(400, f"seconds: a whole number from 0 to {LONGEST_LOOK_BACK}")
+    return Which(int(seconds), query.get("line"), None if unit is None else _unit_in(unit))
 
 
 def _place(request: web.Request) -> tuple[Area, list[Point]]:

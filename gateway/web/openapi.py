@@ -86,6 +86,8 @@ def _paths() -> dict[str, Any]:
             "put": _put("Write values, with one request", _ref("NewValues")),
         },
         "/api/v1/events": {"get": _events()},
+        "/api/v1/trace": {"parameters": _of_trace(usual=0), "get": _trace()},
+        "/api/v1/trace.pcapng": {"parameters": _of_trace(usual=30), "get": _capture()},
         "/api/v1/reload": {"post": _reload()},
     }
 
@@ -213,6 +215,36 @@ def _reload() -> dict[str, Any]:
 def _events() -> dict[str, Any]:
     stream = {"description": "An event in JSON on each `data:` line", "content": {"text/event-stream": {}}}
     return {"summary": "Events as they come", "responses": {"200": stream, **_problems((401, 403, 503))}}
+
+
+def _trace() -> dict[str, Any]:
+    what = (
+        "On each `data:` line a record in JSON, as `modbus-gateway trace --json` prints it; what the reader may not "
+        'read is null. Also each second `{"kind": "clock"}` with the `time`, and `{"kind": "missed"}` with the `count` '
+        "of records that were gone before they could be sent"
+    )
+    stream = {"description": what, "content": {"text/event-stream": {}}}
+    return {
+        "summary": "What happens on the lines, as it happens",
+        "responses": {"200": stream, **_problems((400, 401, 403, 404, 503))},
+    }
+
+
+def _capture() -> dict[str, Any]:
+    file = {"description": "A capture file", "content": {"application/x-pcapng": {}}}
+    return {
+        "summary": "What has happened on the lines, for Wireshark",
+        "responses": {"200": file, **_problems((400, 401, 403, 404, 503))},
+    }
+
+
+def _of_trace(usual: int) -> list[dict[str, Any]]:
+    seconds = {"type": "integer", "minimum": 0, "maximum": 3600, "default": usual}
+    return [
+        {"name": "line", "in": "query", "schema": {"type": "string"}, "description": "A line or other server"},
+        {"name": "unit", "in": "query", "schema": {"type": "string"}, "description": "A unit ID, or a name"},
+        {"name": "seconds", "in": "query", "schema": seconds, "description": "Records of so many seconds before now"},
+    ]
 
 
 _CSRF: Final = {"name": "X-CSRF-Token", "in": "header", "required": True, "schema": {"type": "string"}}

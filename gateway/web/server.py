@@ -33,6 +33,9 @@ _HANDSHAKE: Final = 5.0
 #: The largest request body, in bytes: 1968 coils as JSON.
 _LARGEST_BODY: Final = 32 * 1024
 
+#: What ends only when its reader leaves, or costs as much for its head as for all of it.
+_STREAMS: Final = frozenset({"/api/v1/events", "/api/v1/trace", "/api/v1/trace.pcapng"})
+
 #: The logger for aiohttp's complaints about clients that do not send HTTP: not shown.
 _SILENT: Final = logging.getLogger(__name__)
 _SILENT.disabled = True
@@ -97,7 +100,7 @@ def _application(
     )
     for method, path, handler, _ in routes:
         if method == "GET":
-            app.router.add_get(path, handler, allow_head=path != "/api/v1/events")
+            app.router.add_get(path, handler, allow_head=path not in _STREAMS)
         else:
             app.router.add_route(method, path, handler)
     app.on_response_prepare.append(_add_headers)

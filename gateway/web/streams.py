@@ -49,7 +49,7 @@ class Streams:
             raise ProblemError(503, f"{MOST_READERS} others read already", {"Retry-After": "30"})
         response = web.StreamResponse(headers=_HEADERS)
         await response.prepare(request)
-        _bound_buffers(request.transport)
+        bound_buffers(request.transport)
         task = asyncio.create_task(_send(response, source, is_valid), name="web events")
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -60,7 +60,7 @@ class Streams:
         with suppress(OSError, TimeoutError, asyncio.CancelledError):
             task.result()
             return response
-        _drop(request.transport)
+        drop(request.transport)
         return response
 
     def end(self) -> None:
@@ -87,13 +87,14 @@ async def _write(response: web.StreamResponse, text: str) -> None:
         await response.write(text.encode())
 
 
-def _bound_buffers(transport: asyncio.Transport | None) -> None:
+def bound_buffers(transport: asyncio.Transport | None) -> None:
+    """Limit what is kept for somebody who does not read."""
     if transport is not None:
         transport.set_write_buffer_limits(high=_OWN_BUFFER)
         _set(transport, socket.SO_SNDBUF, _KERNEL_BUFFER)
 
 
-def _drop(transport: asyncio.Transport | None) -> None:
+def drop(transport: asyncio.Transport | None) -> None:
     """Close a connection at once: what the system still has for it is not kept until somebody reads it."""
     if transport is not None:
         _set(transport, socket.SO_LINGER, struct.pack("ii", 1, 0))

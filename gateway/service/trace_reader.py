@@ -1,0 +1,173 @@
+"""The ring for readers over HTTP: as a stream of facts, and as a capture file. Without what they may not read."""
+
+import asyncio
+import json
+import time
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from typing import Any, Final
+
+from gateway import __version__
+from gateway.errors import WrongQuestion
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.functions import READING_FUNCTIONS
+from gateway.ports.threads import ThreadPerCall
+from gateway.routing.access import READING, Right
+from gateway.service.build import Gateway
+from gateway.service.capture import description, packets
+from gateway.service.trace import Clock, Fact, fact, lines, page
+from gateway.trace.pcapng import Writer
+from gateway.trace.records import Exchange, Heard, PortChanged, Record
+
+#: How often to look for what is new, after how long for more of what there is, how often the time is told, in seconds.
+_STEP: Final = 0.1
+_MORE: Final = 0.01
+_CLOCK_EVERY: Final = 1.0
+#: So many texts are kept for other readers: what some steps at full rate bring.
+_MOST_TEXTS: Final = 1024
+#: The PDUs and bytes in facts: None where a reader may not see them.
+_VALUES: Final = ("request", "response", "heard", "frame")
+
+Question = Mapping[str, Any]
+MaySee = Callable[[Record], bool]
+
+
+class Texts:
+    """Records as JSON, made once for all who read them at about the same time."""
+
+    def __init__(self) -> None:
+        #: By the identity of the record, which is kept with its text so that no other can have it.
+        self._texts: OrderedDict[int, tuple[Record, str]] = OrderedDict()
+
+    def of(self, record: Record, clock: Clock, names_of: Mapping[int, str]) -> str:
+        """The text of a record with its values."""
+        found = self._texts.get(id(record))
+        if found is not None:
+            return found[1]
+        text = json.dumps(fact(record, clock, names_of), ensure_ascii=False)
+        self._texts[id(record)] = (record, text)
+        if len(self._texts) > _MOST_TEXTS:
+            self._texts.popitem(last=False)
+        return text
+
+
+class TraceReader:
+    """What happens, for one reader at the address `host`: facts as JSON, and the time each second.
+
+    It is lost when what it asked for is there no longer: the ring, its line or its unit.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line or unit.
+    """
+
+    def __init__(self, gateway: Callable[[], Gateway], question: Question, host: str, texts: Texts) -> None:
+        self.is_lost = False
+        self._gateway = gateway
+        self._chosen = {name: question[name] for name in ("line", "unit") if question.get(name) is not None}
+        self._host = host
+        self._texts = texts
+        self._told_at = 0.0
+        self._after = 0
+        self._is_up_to_date = False
+        self._first = self._fetch({"since": question.get("seconds", 0)})
+
+    async def next(self, patience: float) -> Sequence[str]:
+        """What has happened since the last call; none if nothing has within `patience` seconds."""
+        loop = asyncio.get_running_loop()
+        until = loop.time() + patience
+        found, self._first = self._first, []
+        while not found and loop.time() < until:
+            await asyncio.sleep(_STEP if self._is_up_to_date else _MORE)
+            try:
+                found = self._fetch({"after": self._after})
+            except WrongQuestion:
+                self.is_lost = True
+                return []
+        return found
+
+    def _fetch(self, place: Question) -> list[str]:
+        gateway, clock = self._gateway(), _clock()
+        may_see = what_is_seen(gateway, self._host)
+
+        def tell(record: Record, clock: Clock, names_of: Mapping[int, str]) -> str:
+            if may_see(record):
+                return self._texts.of(record, clock, names_of)
+            return json.dumps(without_values(fact(record, clock, names_of)), ensure_ascii=False)
+
+        found = page(gateway, {**self._chosen, **place}, clock, tell)
+        self._after, self._is_up_to_date = found["next"], found["is_all"]
+        told: list[str] = found["facts"]
+        if found["missed"] and "after" in place:
+            told.insert(0, json.dumps({"kind": "missed", "time": round(clock[1], 6), "count": found["missed"]}))
+        if found["is_all"] and clock[0] - self._told_at >= _CLOCK_EVERY:
+            self._told_at = clock[0]
+            told.append(json.dumps({"kind": "clock", "time": round(clock[1], 6)}))
+        return told
+
+
+async def capture(gateway: Gateway, question: Question, host: str) -> AsyncIterator[bytes]:
+    """A capture file of what the ring has of the last `seconds`, part by part.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line or unit.
+    """
+    loop = asyncio.get_running_loop()
+    told = lines(gateway)
+    modes = {line["name"]: line["mode"] for line in told}
+    descriptions = {line["name"]: description(line) for line in told}
+    writer, may_see = Writer(f"modbus-gateway {__version__}"), what_is_seen(gateway, host)
+    chosen = {name: question[name] for name in ("line", "unit") if question.get(name) is not None}
+
+    def tell(record: Record, clock: Clock, names_of: Mapping[int, str]) -> Fact | None:
+        return fact(record, clock, names_of) if may_see(record) else None
+
+    def written(facts: Sequence[Fact | None]) -> bytes:
+        frames = (packet for each in facts if each is not None for packet in packets(each, modes))
+        return b"".join(writer.interface(each.line, descriptions[each.line]) + writer.packet(each) for each in frames)
+
+    end = gateway.ring.added
+    found = page(gateway, {**chosen, "since": question.get("seconds", 0)}, _clock(), tell)
+    yield writer.head()
+    while True:
+        yield await loop.run_in_executor(ThreadPerCall("web capture"), written, found["facts"])
+        if found["next"] >= end:
+            return
+        found = page(gateway, {**chosen, "after": found["next"]}, _clock(), tell)
+
+
+def what_is_seen(gateway: Gateway, host: str) -> MaySee:
+    """Whether a reader at this address may see the values of a record: those that he may read over HTTP.
+
+    Whoever may see what is written, and frames of unknown origin, has the right to read all there is.
+    """
+    rights = gateway.web.rights[host]
+    if all(right >= READING for right in rights):
+        return lambda _: True
+    units = {(line.name, device.unit): unit for line in gateway.lines for unit, device in line.devices.items()}
+
+    def is_seen(record: Record) -> bool:
+        if isinstance(record, PortChanged):
+            return True
+        if isinstance(record, Heard):
+            unit = None if record.kind == "noise" else units.get((record.line, record.frame[0]))
+            return unit is not None and _may_read(rights[unit], record.frame[1:])
+        unit = getattr(record, "unit", 0)
+        if isinstance(record, Exchange):
+            unit = units.get((record.line, record.address), unit)
+        return _may_read(rights[unit], getattr(record, "request", b""))
+
+    return is_seen
+
+
+def without_values(told: Fact) -> Fact:
+    """A fact of which only is told that it was."""
+    return {name: None if name in _VALUES else value for name, value in told.items()}
+
+
+def _may_read(right: Right, pdu: bytes) -> bool:
+    function = pdu[0] & ~EXCEPTION_BIT if pdu else 0
+    return function in right if function in READING_FUNCTIONS else right >= READING
+
+
+def _clock() -> Clock:
+    return asyncio.get_running_loop().time(), time.time()
