@@ -54,7 +54,7 @@ NOTHING: Final = Diagnosis("nothing", b"")
 
 
 class Receiver:
-    """Receives from one line. A request is on the line between `begin` and an outcome, or `diagnose`.
+    """Receives from one line. A request is on the line from `begin` until `stop` or `diagnose`.
 
     `late_responses` are for the caller to take out. `damaged_at` is when silence will have shown that the response came
     with a wrong check sum; None unless it looks so. `may_be_others`, `foreign_requests` and `overheard` are those of
@@ -189,11 +189,11 @@ class Receiver:
         """Whether what was received is the response, damaged, so that no other one comes."""
         return self.damaged_at is not None and now >= self.damaged_at
 
-    def may_have_collided(self, unit: int, text: bytes, now: float) -> bool:
+    def may_have_collided(self, unit: int, text: bytes) -> bool:
         """Whether a late response of another unit came during the request, or begins in `text`."""
         if any(owner == "a late response" and token.frame.unit != unit for token, owner in self._frames):
             return True
-        return any(self._scanner.has_begun(text, head) for head in self._windows.heads_of_others(unit, now))
+        return any(self._scanner.has_begun(text, head) for head in self._windows.heads_of_others(unit))
 
     def expected(self, unit: int | None, asked: RequestPdu) -> Expected:
         """A response that has not begun yet."""
@@ -232,7 +232,6 @@ class Receiver:
     def _finish(self, current: Transaction, response: Token | None) -> Outcome:
         """A response came. It is ambiguous if it may be for another client's request."""
         self._echo.record_response()
-        self.stop()
         end = self._scanner.position if response is None else response.start
         if self._frames or end > current.expected.since:
             if self._has_noise(end):
@@ -280,11 +279,11 @@ class Receiver:
         A copy of the request that could be its response counts as an echo, unless the port is known to have no wire.
         """
         since, asked = current.expected.since, current.asked
-        if self._echo.is_configured or since == self._began_at:
+        if self._echo.is_configured:
             return False
         if self._echo.has_no_wire and copies and copies[0].start < since and asked.accepts(asked.data):
             return True
-        return any(current.accepts(token.frame) for token in others)
+        return any(token.start < since and current.accepts(token.frame) for token in others)
 
     def _notice_echo(self, current: Transaction) -> None:
         """A copy that came before all of the request was sent is the adapter's."""

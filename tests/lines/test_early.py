@@ -106,9 +106,30 @@ def test_what_would_be_no_answer_in_time_is_none_too_early(real: Bench, unit: in
     assert len(real.told(BadFrame)) == 1
 
 
+def test_nor_does_noise_make_one_of_a_damaged_response_in_time(real: Bench) -> None:
+    real.ask()
+    real.hear("55")
+    real.pass_time(0.1)
+    real.line.received(bytes.fromhex(real.frame(1, RESPONSE)), real.now, damaged=True)
+    real.pass_time(1.0)
+    assert real.counts.early_responses == 0
+    assert len(real.told(BadFrame)) == 1
+
+
 def test_an_answer_before_its_announced_echo_is_a_matter_of_the_echo() -> None:
     announced = Bench(virtual=False, echo=True)
     hear_early(announced)
+    assert announced.counts.early_responses == 0
+    assert len(announced.told(BadFrame)) == 1
+
+
+def test_one_whose_echo_is_lost_is_none() -> None:
+    announced = Bench(connection=True, echo=True)
+    announced.ask()
+    announced.arrives = False
+    announced.respond()
+    announced.arrives = True
+    announced.pass_time(1.0)
     assert announced.counts.early_responses == 0
     assert len(announced.told(BadFrame)) == 1
 
