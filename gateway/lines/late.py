@@ -120,9 +120,8 @@ class LateWindows:
         """The late responses that may come."""
         return [window.expected for window in self.windows]
 
-    def heads_of_others(self, unit: int, now: float) -> list[bytes]:
+    def heads_of_others(self, unit: int) -> list[bytes]:
         """The first bytes of late responses from units other than `unit`."""
-        self._close_ended(now)
         requests = [window.request for window in self.windows if window.request.unit != unit]
         return [bytes((each.unit, each.asked.function | bit)) for each in requests for bit in (0, EXCEPTION_BIT)]
 
@@ -137,7 +136,7 @@ class LateWindows:
         self._close_ended(token.at)
         for window in self.windows:
             is_later = token.start >= window.expected.since and not token.is_damaged
-            if is_later and window.owed and window.request.accepts(token.frame):
+            if is_later and window.request.accepts(token.frame):
                 window.owed -= 1
                 if not window.owed:
                     self.windows.remove(window)

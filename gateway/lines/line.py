@@ -413,7 +413,7 @@ class Line:
         """No response came, but `text`. A late response of another unit may have collided with it."""
         if not text:
             self._scheduler.record_silence(current, now)
-        if not (current.is_scan or self._receiver.may_have_collided(current.unit, text, now)):
+        if not (current.is_scan or self._receiver.may_have_collided(current.unit, text)):
             self._scheduler.record_failure(current, now)
 
     def _may_repeat(self, current: Transaction, now: float, at: float) -> bool:

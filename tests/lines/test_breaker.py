@@ -7,7 +7,7 @@ from gateway.lines.breaker import FAILURES, Breaker
 from gateway.modbus.codes import MAX_RTU_ADU
 from gateway.timing.characters import LineTiming
 from kit.asker import Asker
-from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench, frame, is_empty
+from kit.line_bench import ASCII, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench, frame, is_empty
 
 OTHER_FUNCTION = "04 00 10 00 01"
 #: Long enough for the window after a time-out, and for the first rest behind that (nine limits are more than 1 s).
@@ -375,6 +375,17 @@ def test_silence_while_another_unit_is_in_its_window_is_a_failure() -> None:
         bench.ask(pdu)
         bench.pass_time(1.0)
     assert [event.unit for event in bench.told(UnitResting)] == [1]
+
+
+def test_a_late_answer_that_collides_is_no_failure_even_if_its_window_has_ended_since() -> None:
+    bench = Bench(late_window=LIMIT / 2)
+    bench.ask(unit=2)
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
+    bench.ask()
+    bench.hear("02 03 55")
+    bench.pass_time(1.0)
+    assert bench.client.answers == ["83 0B", "83 0B"]
+    assert [bench.devices[unit].breaker.failures for unit in (1, 2)] == [0, 1]
 
 
 def test_a_broken_frame_while_only_the_unit_itself_is_in_a_window_is_a_failure() -> None:

@@ -345,6 +345,23 @@ def test_silence_ends_a_late_response_of_unknown_size(bench: Bench) -> None:
     assert bench.written == [bench.frame(1, UNKNOWN)]
 
 
+def test_a_late_response_that_only_its_request_tells_the_size_of(bench: Bench) -> None:
+    returned = "08 00 00 A5 37"
+    time_out(bench, returned)
+    bench.respond(returned)
+    assert bench.counts.late_responses == 1
+
+
+def test_silence_ends_one_of_unknown_size_that_came_before_its_window(bench: Bench) -> None:
+    bench.ask(UNKNOWN)
+    bench.pass_time(0.1)
+    bench.respond(UNKNOWN_RESPONSE)
+    bench.unplug()
+    assert bench.counts.late_responses == 0
+    bench.pass_time(0.02)
+    assert bench.counts.late_responses == 1
+
+
 @pytest.mark.parametrize("unit", [1, 2])
 def test_it_ends_beside_another_transaction_too(bench: Bench, unit: int) -> None:
     time_out(bench, UNKNOWN)
@@ -627,3 +644,9 @@ def test_a_line_that_follows_awaits_what_other_clients_are_owed(bench: Bench) ->
     assert heir.written == [heir.frame(1, READ)]
     bench.pass_time(0.31)
     assert bench.line.overdue(bench.now, PATIENCE) == []
+
+
+@pytest.mark.parametrize(("later", "count"), [(PATIENCE - 1e-6, 1), (PATIENCE, 0)])
+def test_another_clients_response_is_overdue_as_long_as_it_may_come(bench: Bench, later: float, count: int) -> None:
+    bench.respond(OTHER)
+    assert len(bench.line.overdue(bench.now + later, PATIENCE)) == count
