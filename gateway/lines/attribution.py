@@ -187,7 +187,7 @@ class Attribution:
         self._copies += self._is_on_line or is_echo_shaped
         if is_echo_shaped:
             return True
-        if asked.expects_answer and token.start >= self._ended_at:
+        if token.start >= self._ended_at:
             return False  # it may be another client's request
         is_first, self._had_echo = not self._had_echo, True
         is_echo = is_first and token.at < self._echo_until

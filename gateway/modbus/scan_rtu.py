@@ -245,7 +245,7 @@ class RtuScanner(Scanner):
         while self._begun and self._begun[0][0] <= self._scanned:
             end, start, reading = heappop(self._begun)
             at = start - offset
-            size = _READINGS[reading](buffer[at + 1 : at + 1 + MAX_PDU])
+            size = _READINGS[reading](buffer[at + 1 :])
             if start + size + OVERHEAD > end and size <= MAX_PDU:
                 heappush(self._begun, (start + size + OVERHEAD, start, reading))
             elif start + size + OVERHEAD == end and crc_fits(buffer[at : end - offset]):
@@ -263,7 +263,7 @@ class RtuScanner(Scanner):
     def _copies(self, known: int) -> set[tuple[int, int]]:
         """The same for a copy of the request. If an echo is expected, the response comes after the first one.
 
-        A copy may be the beginning of a response of unknown size, until silence has ended that.
+        A later copy may be the beginning of a response of unknown size; else it is found like any request.
         """
         expected, size = self._expected, len(self._sent)
         if expected is None:
@@ -273,8 +273,7 @@ class RtuScanner(Scanner):
             return set()
         if expected.since == NEVER:
             expected.since = self._offset + at + size
-        is_answer = self._offset + at >= expected.since and not expected.asked.longest_response
-        return set() if is_answer else {(at + size, at)}
+        return set() if self._offset + at >= expected.since else {(at + size, at)}
 
     def _release(self, *, patient: bool) -> list[Token]:
         """The frames that are not data of the response. If `patient`, those wait that may be."""
@@ -315,7 +314,7 @@ class RtuScanner(Scanner):
         if not longest:
             rest = len(self._buffer) - at
             return rest + patient if rest <= MAX_RTU_ADU else 0
-        size = response_size(self._buffer[at + 1 : at + 1 + longest])
+        size = response_size(self._buffer[at + 1 :])
         return size + OVERHEAD if 0 < size <= longest else 0
 
     def _starts(self, expected: Expected, at: int = 0) -> list[int]:

@@ -9,7 +9,7 @@ from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, Counts, UnitCounts, t
 from gateway.profiles.profile import Profile
 from gateway.timing.measured import NEVER
 from kit.asker import Asker
-from kit.line_bench import LIMIT, READ, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, Bench
+from kit.line_bench import LIMIT, READ, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench
 
 WRITE = "06 00 01 00 05"
 #: What the line itself never answers.
@@ -233,3 +233,21 @@ def test_when_the_last_answer_and_the_last_error_came(bench: Bench) -> None:
     bench.ask()
     bench.respond("83 02")
     assert (counts.times[3].answered_at, counts.last_error_at) == (bench.now, bench.now)
+
+
+def test_a_transaction_takes_its_line_until_the_next_one_may_be_sent():
+    bench = Bench()
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + 0.02)
+    bench.respond()
+    ((user, use),) = bench.line.spent.usage.look().items()
+    assert user == ("127.0.0.1", 1, 3)
+    assert use.seconds == pytest.approx(REQUEST_TIME + 0.02 + SETTINGS.silence_before_request)
+
+
+def test_a_client_without_an_address_goes_by_its_name_and_a_broadcast_takes_its_turnaround():
+    bench = Bench()
+    bench.broadcast("06 00 01 00 05", Asker("control", host=""))
+    ((user, use),) = bench.line.spent.usage.look().items()
+    assert user == ("control", 0, 6)
+    assert use.seconds == pytest.approx(REQUEST_TIME + SETTINGS.turnaround)

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.devices.device import Device, EveryDevice
 from gateway.errors import PortError
-from gateway.events import Event, PartFailed
+from gateway.events import ConnectionRenewed, Event, PartFailed
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from kit.asker import Asker
@@ -256,4 +256,24 @@ async def test_the_port_that_a_defect_has_closed_may_come_back() -> None:
     driven.ask()
     driven.driver.received(bytes.fromhex(RESPONSE_FRAME))
     assert driven.client.answers == ["83 0B", RESPONSE]
+    driven.driver.close()
+
+
+async def test_a_connection_that_may_hold_back_a_request_is_closed_and_the_next_one_goes_on() -> None:
+    driven = Driven()
+    driven.port.has_arrived = lambda: True
+    driven.driver.port_up(driven.port)
+    driven.ask()
+    await asyncio.sleep(0.8)
+    assert driven.port.closed
+    assert driven.driver.is_renewing
+    assert [event.line for event in driven.events if isinstance(event, ConnectionRenewed)] == ["hall-a"]
+    assert not any(isinstance(event, PartFailed) for event in driven.events)
+    driven.driver.received(b"\x55")
+    port = FakePort()
+    driven.driver.port_up(port)
+    assert not driven.driver.is_renewing
+    driven.ask()
+    await asyncio.sleep(0.1)
+    assert port.written == [READ_FRAME]
     driven.driver.close()

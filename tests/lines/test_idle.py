@@ -241,3 +241,12 @@ def test_a_lone_device_is_asked_at_address_0_and_answers_from_its_own() -> None:
     bench.respond(ANSWER, unit=5)
     assert asker.answers == ["03 02 00 07"]
     assert question.answers_from is None
+
+
+@pytest.mark.parametrize(("unit", "pdu"), [(0, ANSWER), (248, ANSWER), (5, "04 02 00 07")])
+def test_there_too_an_answer_has_a_units_number_and_fits_the_question(unit: int, pdu: str) -> None:
+    bench = Scanning()
+    _, asker = bench.scan(unit=0)
+    bench.pass_time(0.01)
+    bench.respond(pdu, unit=unit)
+    assert asker.answers == []

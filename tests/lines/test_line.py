@@ -62,6 +62,15 @@ def test_the_next_request_leaves_after_t35_of_silence_and_not_before(bench: Benc
     assert len(bench.written) == 2
 
 
+def test_a_line_is_quiet_when_its_silence_is_over(bench: Bench) -> None:
+    bench.ask()
+    bench.pass_time(0.01)
+    bench.respond()
+    until = bench.now + bench.settings.silence_before_request
+    assert not bench.line.is_quiet(until - 1e-6)
+    assert bench.line.is_quiet(until)
+
+
 def test_noise_on_the_idle_line_starts_the_silence_anew(bench: Bench) -> None:
     bench.hear("00")
     bench.ask()
@@ -653,6 +662,15 @@ def test_the_time_that_a_repeated_read_takes_the_line_counts_once() -> None:
     phases = bench.line.phases(bench.now)
     assert phases.request + phases.wait == pytest.approx(REQUEST_TIME + LIMIT, abs=0.002)
     assert phases.gap <= bench.settings.gap
+
+
+def test_nor_does_it_count_twice_before_the_second_sending() -> None:
+    bench = Bench(retries=1, gap=0.5)
+    bench.ask()
+    bench.hear("55")
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.1)
+    phases = bench.line.phases(bench.now)
+    assert phases.request + phases.wait == pytest.approx(REQUEST_TIME + LIMIT)
 
 
 def test_a_line_that_stays_loud_is_given_up_without_a_second_sending() -> None:

@@ -108,3 +108,24 @@ def test_what_came_instead_of_an_answer_is_kept_up_to_a_bound():
     assert isinstance(record, Incident)
     assert record.heard[: len(broken)] == broken
     assert len(record.heard) == 256
+
+
+def test_so_is_what_came_before_a_read_is_sent_again():
+    bench, ring = bench_with_ring(retries=1)
+    bench.hear(frame(1, "03 00 30 00 01"))  # whose response it may be: the late window comes first
+    bench.pass_time(0.05)
+    bench.ask()
+    bench.hear("55 AA")
+    bench.pass_time(0.5)
+    (record,) = (each for each in ring.after(0) if isinstance(each, Incident))
+    assert (record.error, record.heard) == (None, b"\x55\xaa")
+
+
+def test_a_lost_port_has_nothing_of_the_request_before():
+    bench, ring = bench_with_ring()
+    bench.ask()
+    bench.hear("55 AA")
+    bench.pass_time(1.0)
+    bench.ask("04 00 10 00 01")
+    bench.unplug()
+    assert [each.heard for each in ring.after(0) if isinstance(each, Incident)] == [b"\x55\xaa", b""]

@@ -144,6 +144,12 @@ def test_a_response_that_only_its_request_tells_the_size_of_is_found_behind_nois
     assert places(scanner.received(b"\xaa\x55" + encode(1, pdu), 1.0)) == [(2, 14, 1.0, (1, pdu))]
 
 
+def test_a_response_that_begins_with_equal_bytes_is_found_behind_one_more_of_them() -> None:
+    scanner, _ = scanning(OWN, unit=0x41)
+    scanner.received(b"\x41" + encode(0x41, OWN_RESPONSE[1:-2]), 1.0)
+    assert places(scanner.tick(1.0 + SILENCE)) == [(1, 7, 1.0, (0x41, OWN_RESPONSE[1:-2]))]
+
+
 def test_each_frame_has_the_time_at_which_its_last_byte_was_read() -> None:
     """However much of it could have been the beginning of the response."""
     scanner, _ = scanning()

@@ -7,6 +7,7 @@ import pytest
 
 from gateway.modbus.functions import only_reads
 from gateway.routing.access import (
+    AS_NUMBERED,
     DEFAULT_ROWS,
     EVERYTHING,
     MOST_CLIENTS,
@@ -159,6 +160,18 @@ def test_all_units_at_once_need_the_right_at_each_of_them(kind: Literal["connect
     assert Rights([everywhere], entry)[""][0] == EVERYTHING
     assert Rights([row(READING, units="7"), everywhere], entry)[""][0] == READING
     assert Rights([row(EVERYTHING, listen="scada", units="7")], entry)[""][0] == NOTHING
+
+
+def test_that_is_so_too_for_a_unit_with_another_number_here() -> None:
+    """Unit 3 is known as 250."""
+    known_as = tuple((3,) if unit == 250 else () if unit == 3 else here for unit, here in enumerate(AS_NUMBERED))
+    rights = Rights([row(READING, units="3"), row(EVERYTHING)], SCADA, known_as)[ANYWHERE]
+    assert (rights[3], rights[250], rights[0]) == (EVERYTHING, READING, READING)
+
+
+def test_and_for_units_that_nobody_else_has() -> None:
+    rights = Rights([row(READING, listen="scada", units="3"), row(EVERYTHING)], SCADA, ((),) * 256)[ANYWHERE]
+    assert (rights[3], rights[4], rights[0]) == (READING, EVERYTHING, READING)
 
 
 @pytest.mark.parametrize(("unit", "right"), [(7, READING), (8, EVERYTHING)])

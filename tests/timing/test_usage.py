@@ -1,10 +1,6 @@
 """Who takes a line's time."""
 
-import pytest
-
 from gateway.timing.usage import MOST_ROWS, OTHERS, Usage
-from kit.asker import Asker
-from kit.line_bench import REQUEST_TIME, SETTINGS, Bench
 
 
 def test_time_goes_by_client_unit_and_function():
@@ -31,21 +27,3 @@ def test_who_has_no_row_is_one_of_the_others():
     assert len(rows) == MOST_ROWS + 1
     assert rows["client-0", 1, 3].transactions == 2
     assert rows[OTHERS, 0, 0].transactions == 2 * MOST_ROWS
-
-
-def test_a_transaction_takes_its_line_until_the_next_one_may_be_sent():
-    bench = Bench()
-    bench.ask()
-    bench.pass_time(REQUEST_TIME + 0.02)
-    bench.respond()
-    ((user, use),) = bench.line.spent.usage.look().items()
-    assert user == ("127.0.0.1", 1, 3)
-    assert use.seconds == pytest.approx(REQUEST_TIME + 0.02 + SETTINGS.silence_before_request)
-
-
-def test_a_client_without_an_address_goes_by_its_name_and_a_broadcast_takes_its_turnaround():
-    bench = Bench()
-    bench.broadcast("06 00 01 00 05", Asker("control", host=""))
-    ((user, use),) = bench.line.spent.usage.look().items()
-    assert user == ("control", 0, 6)
-    assert use.seconds == pytest.approx(REQUEST_TIME + SETTINGS.turnaround)
