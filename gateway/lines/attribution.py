@@ -69,14 +69,14 @@ class Attribution:
         #: Our last request; when and where it was sent; whether it is on the line, or where that ended; whether its
         #: response has come.
         self._asked: Transaction | None = None
-        self._sent_at = 0.0
-        self._place = 0
+        self._sent_at: float
+        self._place: int
         self._is_on_line = False
         self._ended_at = 0
         self._is_answered = False
         #: Copies of it that were received besides the response; until when one is an echo; whether that has come.
         self._copies = 0
-        self._echo_until = 0.0
+        self._echo_until: float
         self._had_echo = False
 
     def begin(self, transaction: Transaction, now: float, position: int, echo_until: float) -> None:

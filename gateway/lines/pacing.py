@@ -28,13 +28,13 @@ class Pace:
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
-        self._character = 0.0
-        self._silence = 0.0
-        self._held_back = 0.0
+        self._character: float
+        self._silence: float
+        self._held_back: float
         #: Of a response: when its first bytes came, how many they were, and how many have come.
         self._first_at = 0.0
-        self._first = 0
-        self._came = 0
+        self._first: int
+        self._came: int
         #: On the idle line: when the last byte came, and how many since the last silence.
         self._idle_at = 0.0
         self._unparted = 0

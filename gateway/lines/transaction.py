@@ -63,7 +63,7 @@ class Transaction:
         self.limit = 0.0
         #: How often it was sent again, and the latest time to do that once more.
         self.retries = 0
-        self.gives_up_at = 0.0
+        self.gives_up_at: float
         #: How many responses may still come, and what they look like.
         self.outstanding = 0
         self.expected: Expected

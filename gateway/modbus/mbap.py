@@ -37,7 +37,7 @@ def encode(transaction: int, unit: int, pdu: bytes) -> bytes:
 
 def decode(datagram: bytes) -> TcpFrame | None:
     """The ADU in `datagram`, or None if that is anything but one ADU."""
-    if len(datagram) < _HEADER.size + 1:
+    if len(datagram) <= _HEADER.size:
         return None
     transaction, protocol, length, unit = _HEADER.unpack_from(datagram)
     if protocol != _MODBUS or length not in _LENGTHS or length != len(datagram) - _UNCOUNTED:

@@ -177,6 +177,17 @@ def test_on_a_line_that_is_never_free_it_has_its_turn_and_nobody_waits_for_two(c
     assert min(len(client.answers) for client in clients.values()) >= 9 * OTHERS // count - 3
 
 
+def test_on_a_line_that_is_never_free_it_goes_behind_so_many_others() -> None:
+    bench = Scanning()
+    for number in range(OTHERS + 5):
+        bench.ask(unit=1, client=Asker(f"10.0.0.{number}:1"), pdu=f"03 00 10 00 {number + 1:02X}")
+    bench.scan()
+    for number in range(OTHERS + 2):
+        bench.pass_time(0.01)
+        bench.respond(f"03 {2 * number + 2:02X}" + (2 * number + 2) * " 00")
+    assert bench.written.index(frame(9, QUESTION)) == 1 + OTHERS
+
+
 def test_a_read_that_is_to_be_repeated_goes_before_it() -> None:
     bench = Scanning(retries=1)
     bench.scan(unit=8)

@@ -761,6 +761,18 @@ def test_a_port_lost_before_the_second_sending_is_0b_because_it_was_sent() -> No
 # --- order, sharing and refusals as the line sees them ---
 
 
+@pytest.mark.parametrize("is_repeating", [False, True])
+def test_a_line_that_finishes_waits_for_its_response_only_while_that_may_come(is_repeating: bool) -> None:
+    bench = Bench(retries=1, gap=0.5)
+    bench.ask()
+    bench.ask(unit=2)
+    bench.hear("55")
+    bench.pass_time(REQUEST_TIME + LIMIT + 0.1 if is_repeating else 0.1)
+    bench.line.finish(bench.now)
+    bench.respond()
+    assert bench.client.answers == (["83 0B", "83 0A"] if is_repeating else ["83 0A", RESPONSE])
+
+
 def test_equal_reads_that_wait_share_one_transaction_and_all_are_answered(bench: Bench) -> None:
     clients = [Asker(f"10.0.0.{number}:1") for number in range(5)]
     bench.ask()

@@ -37,6 +37,14 @@ def test_requests_of_another_client_are_counted_also_while_nothing_is_asked(benc
     assert (bench.line.overheard.copies, bench.line.overheard.requests) == (0, 3)
 
 
+def test_who_asks_something_else_behind_our_request_is_another_client(bench: Bench) -> None:
+    bench.ask()
+    bench.respond()
+    bench.pass_time(1.0)
+    bench.respond(OTHER_READ)
+    assert (bench.line.overheard.copies, bench.line.overheard.requests) == (0, 1)
+
+
 def test_an_answer_that_comes_once_more_is_counted_for_its_unit(bench: Bench) -> None:
     for _ in range(2):
         bench.ask()

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.modbus.rtu import encode
-from gateway.trace.records import Exchange, Heard, Incident, Record
+from gateway.trace.records import Exchange, Heard, Incident, Record, Refused
 from gateway.trace.ring import Ring
 from kit.asker import Asker
 from kit.line_bench import READ, REQUEST_TIME, RESPONSE, Bench, frame
@@ -54,7 +54,7 @@ def test_a_broadcast_is_there_without_a_response():
     bench, ring = bench_with_ring()
     bench.broadcast("06 00 01 00 05")
     (record,) = ring.after(0)
-    assert isinstance(record, Exchange)
+    assert type(record) is Exchange
     assert (record.address, record.response) == (0, None)
 
 
@@ -129,3 +129,19 @@ def test_a_lost_port_has_nothing_of_the_request_before():
     bench.ask("04 00 10 00 01")
     bench.unplug()
     assert [each.heard for each in ring.after(0) if isinstance(each, Incident)] == [b"\x55\xaa", b""]
+
+
+def test_what_is_refused_has_its_reason_and_until_when_it_is():
+    bench, ring = bench_with_ring(late_window=5.0)
+    bench.ask()
+    bench.pass_time(1.0)
+    bench.ask()
+    (record,) = (each for each in ring.after(0) if isinstance(each, Refused))
+    assert (record.line, record.name, record.unit, record.error.result) == ("hall-a", "unit-1", 1, "overdue")
+    assert record.until == bench.line._windows.next_end()
+
+
+def test_where_an_echo_is_expected_other_frames_are_kept():
+    bench, ring = bench_with_ring(echo=True)
+    bench.hear(frame(7, READ))
+    assert [kind for kind, _, _ in heard(ring)] == ["another's request"]

@@ -183,6 +183,11 @@ class TestDamaged:
     def test_it_may_have_been_the_glitch_behind_a_frame(self, start):
         assert self.hear(AsciiFramer(), GOOD + b"\x7f", start, len(GOOD) + 1) == [(UNIT, ANSWER)]
 
+    def test_each_of_them_is_noise_once(self):
+        framer = AsciiFramer()
+        framer.received(b"\x7f\x7e\x7d", 0.0, damaged=True)
+        assert framer.behind == 3
+
     def test_the_frame_behind_them_is_found(self):
         framer = AsciiFramer()
         framer.received(GOOD[:-1], 0.0, damaged=True)

@@ -222,3 +222,9 @@ def test_unit_0_never_responds_so_what_comes_from_it_is_read_as_a_request_only()
         framer = RtuFramer(SILENCE, {5})
         assert framer.received(encode(unit, READ), 0.0) == [(unit, READ)]
         assert framer.received(encode(unit, response), 0.1) == heard
+
+
+@pytest.mark.parametrize(("glitch", "is_heard"), [(3, True), (4, False)])
+def test_so_many_bytes_of_noise_may_stand_before_a_request_that_only_silence_ends(glitch: int, is_heard: bool):
+    pdu = b"\x41\x01"
+    assert hear(RtuFramer(SILENCE), b"\xff" * glitch + encode(UNIT, pdu)) == ([(UNIT, pdu)] if is_heard else [])

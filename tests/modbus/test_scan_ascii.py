@@ -4,7 +4,7 @@ import pytest
 
 from gateway.modbus.ascii import encode
 from gateway.modbus.pdu import parse_request
-from gateway.modbus.scan import Expected
+from gateway.modbus.scan import NEVER, Expected
 from gateway.modbus.scan_ascii import AsciiScanner
 
 READ = bytes.fromhex("03 00 10 00 01")
@@ -28,3 +28,19 @@ RESPONSE = encode(1, bytes.fromhex("03 02 12 34"))
 def test_a_damaged_response_has_its_size_its_beginning_and_half_of_its_end(data: bytes, is_damaged: bool) -> None:
     expected = Expected(1, parse_request(READ))
     assert AsciiScanner().is_damaged(data, expected) == is_damaged
+
+
+def test_a_response_to_an_unknown_unit_may_be_damaged_too() -> None:
+    expected = Expected(None, parse_request(READ))
+    assert AsciiScanner().is_damaged(RESPONSE[:-3] + b"?\r\n", expected)
+    assert not AsciiScanner().is_damaged(encode(1, bytes.fromhex("04 02 12 34")), expected)
+
+
+def test_the_response_comes_behind_the_echo_and_not_behind_another_frame() -> None:
+    scanner = AsciiScanner()
+    expected = Expected(1, parse_request(READ))
+    scanner.expect(expected, encode(1, READ), echoes=True)
+    scanner.received(RESPONSE, 1.0)
+    assert expected.since == NEVER
+    scanner.received(encode(1, READ), 1.1)
+    assert expected.since == len(RESPONSE) + len(encode(1, READ))

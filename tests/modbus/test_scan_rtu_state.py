@@ -150,6 +150,15 @@ def test_a_response_that_begins_with_equal_bytes_is_found_behind_one_more_of_the
     assert places(scanner.tick(1.0 + SILENCE)) == [(1, 7, 1.0, (0x41, OWN_RESPONSE[1:-2]))]
 
 
+def test_a_response_whose_size_is_known_is_whole_only_at_that_size() -> None:
+    """The data that is to be returned is the check sum of what stands before it."""
+    begun = encode(1, bytes.fromhex("08 00 00"))
+    pdu = begun[1:]
+    scanner, _ = scanning(pdu)
+    assert scanner.received(b"\xaa" + begun, 1.0) == []
+    assert places(scanner.received(encode(1, pdu)[-2:], 1.1)) == [(1, 9, 1.1, (1, pdu))]
+
+
 def test_each_frame_has_the_time_at_which_its_last_byte_was_read() -> None:
     """However much of it could have been the beginning of the response."""
     scanner, _ = scanning()

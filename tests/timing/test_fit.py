@@ -31,6 +31,10 @@ def test_one_size_is_flat_and_less_time_for_more_items_too() -> None:
     assert falling.time(1) == falling.time(10) == 0.025
 
 
+def test_no_time_is_negative() -> None:
+    assert fit({10: [0.001], 20: [0.1]}).time(1) == 0.0
+
+
 def test_without_times_there_is_none() -> None:
     with pytest.raises(ValueError, match="no response times"):
         fit({3: []})
