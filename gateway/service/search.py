@@ -7,14 +7,14 @@ in which its clients get 0A.
 
 import asyncio
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import aclosing, suppress
 from dataclasses import replace
 from itertools import chain
 from typing import Final, NamedTuple
 
 from gateway.devices.device import Device, DeviceSettings
 from gateway.diagnosis.evidence import Search
-from gateway.errors import PortError
+from gateway.errors import PortError, WrongQuestion
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
@@ -24,7 +24,7 @@ from gateway.profiles.profile import Profile
 from gateway.service.parts import GatewayLine
 from gateway.service.questions import harmless_read, outcome_of
 from gateway.service.running import Running
-from gateway.service.scan import RATES, opened
+from gateway.service.scan import RATES, Scan, opened
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat
 from gateway.timing.table import TimingTable
@@ -64,7 +64,7 @@ async def search(
         return asked_by() and running.keeps(line)
 
     addresses = candidates(line, silent)
-    found = [address for address in addresses if await _answers(line.driver, address, is_wanted)]
+    found = await _answering(line, addresses, is_wanted)
     result = Search(tuple(addresses), tuple(found))
     if found or not is_dead or not isinstance(line.plan.port, SerialSettings) or running.is_lent(line):
         return result
@@ -96,6 +96,18 @@ def speeds(line: GatewayLine) -> Iterator[Speed]:
         for format_ in formats:
             if (baud, format_) != (timing.baud, timing.format):
                 yield Speed(baud, format_)
+
+
+async def _answering(line: GatewayLine, addresses: list[int], is_wanted: IsThere) -> list[int]:
+    """The addresses at which a unit responds, found by a scan: nothing is logged or counted, and clients go first."""
+    with suppress(WrongQuestion):  # the line is down or never idle: then nothing is known
+        async with aclosing(Scan(line, addresses, PATIENCE).run()) as steps:
+            async for step in steps:
+                if not is_wanted():
+                    break
+                if isinstance(step, tuple):
+                    return [each.unit for each in step]
+    return []
 
 
 async def _search_speeds(

@@ -7,6 +7,7 @@ import pytest
 
 from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
+from gateway.events import RequestTimeout
 from gateway.ports.port import CharacterErrors
 from gateway.service.doctor import examine
 from gateway.service.questions import outcome_of
@@ -136,6 +137,7 @@ async def test_a_device_at_an_address_that_is_not_configured_is_found():
         what = "does not answer at address 1, but a device that is not configured answers at 2: are addresses swapped?"
         assert fixes(rows) == [what]
         assert "one read to each of the addresses 2, 3, 4, 5, 7, 8, 9, 10, 41, 247" in rows[-1][2]
+        assert {event.unit for event in bench.events if isinstance(event, RequestTimeout)} == {1}
 
 
 async def test_only_reads_are_sent_for_whatever_is_looked_for():
