@@ -28,6 +28,9 @@ from gateway.timing.budget import AnswerTime, Budget
 _BYTES: Final = 1024
 _FRAMES: Final = 64
 
+#: How long another client's copy of a request takes at least, as a share of the request: its clock may be faster.
+_SOONEST: Final = 0.9
+
 #: The response, or that one came which may be another client's; None as long as neither has come.
 Outcome = Frame | AmbiguousResponse | None
 
@@ -97,8 +100,8 @@ class Receiver:
         """The request is sent. Returns its frame."""
         echo, scanner = self._echo, self._scanner
         transaction.expected = Expected(transaction.answers_from, transaction.asked, scanner.position)
-        # Another client's copy takes as long as our request, and cannot begin before that was sent.
-        soon = min(self._silence, transaction.ends_at - now)
+        # Another client's copy takes as long as our request, by its own clock, and cannot begin before that was sent.
+        soon = min(self._silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
         self._attribution.begin(transaction, now, scanner.position, echo_until)
         echo.record_copies(self._attribution.echoes_in_a_row, transaction)
@@ -182,7 +185,7 @@ class Receiver:
         """The request is over; only late responses may come."""
         self._attribution.end(self._scanner.position)
         for token in self._scanner.end():
-            self._note(token, self._attribution.owner(token))
+            self._note(token, self._attribution.owner(token), self._current)
         self._current = None
 
     def has_damaged_response(self, now: float) -> bool:
@@ -207,23 +210,25 @@ class Receiver:
     def _attribute(self, tokens: list[Token]) -> Outcome:
         """Find the owners of all these frames: none can be the response to a later request."""
         response: Token | None = None
+        current = self._current
         for token in tokens:
             owner = self._attribution.owner(token)
             if owner == "the request":
                 response = token
             else:
-                self._note(token, owner)
-        current = self._current
-        if current is None or not (response or self._attribution.doubts):
+                self._note(token, owner, current)
+            if response or self._attribution.doubts:
+                current = None  # what comes behind is on an idle line
+        if self._current is None or not (response or self._attribution.doubts):
             return None
-        return self._finish(current, response)
+        return self._finish(self._current, response)
 
-    def _note(self, token: Token, owner: Owner) -> None:
-        """Keep and report a frame that is not the response."""
+    def _note(self, token: Token, owner: Owner, current: Transaction | None) -> None:
+        """Keep a frame that is not the response, and report it while one is awaited."""
         if owner == "a late response":
             self.late_responses.append(LateResponse(self._attribution.late, token.frame))
-        elif self._current is not None and not (token.is_damaged or _is_copy(token, self._current)):
-            self._report.foreign(token.frame, self._current)
+        elif current is not None and not (token.is_damaged or _is_copy(token, current)):
+            self._report.foreign(token.frame, current)
         if owner != "an echo" or not self._echo.is_configured:  # else every request has one
             self._recorder.heard(token, owner)
         if len(self._frames) < _FRAMES:

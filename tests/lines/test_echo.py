@@ -227,17 +227,30 @@ def test_a_second_copy_is_another_clients_request_though_the_adapter_echoes(anno
     assert announced.client.answers == [RESPONSE, "83 0B"]
 
 
-def test_a_copy_that_another_client_had_the_time_to_send_is_its_request() -> None:
-    fast = Bench(virtual=False, timing=LineTiming("rtu", 115200, CharacterFormat.parse("8E1")))
-    fast.ask()
-    fast.pass_time(0.003)
-    fast.hear(READ_FRAME)
-    fast.hear(RESPONSE_FRAME)
-    fast.pass_time(0.01)
-    fast.ask("03 00 20 00 01")
-    fast.pass_time(0.003)
-    fast.hear(RESPONSE_FRAME)
-    assert fast.client.answers == [RESPONSE, "83 0B"]
+@pytest.mark.parametrize("at_once", [True, False])
+def test_what_comes_behind_the_response_is_told_the_same_in_one_chunk_and_in_two(at_once: bool, real: Bench) -> None:
+    real.ask()
+    real.pass_time(0.05)
+    for chunk in [RESPONSE_FRAME + RESPONSE_FRAME] if at_once else [RESPONSE_FRAME, RESPONSE_FRAME]:
+        real.hear(chunk)
+    assert real.client.answers == [RESPONSE]
+    assert real.counts.foreign_frames == 0
+
+
+@pytest.mark.parametrize("behind", [0.97, 1.5])
+def test_a_copy_that_another_client_had_the_time_to_send_is_its_request(behind: float) -> None:
+    """At 115200 baud that is less than an adapter holds an echo back."""
+    fast = LineTiming("rtu", 115200, CharacterFormat.parse("8E1"))
+    bench = Bench(virtual=False, timing=fast)
+    bench.ask()
+    bench.pass_time((1 + behind) * 8 * fast.character)
+    bench.hear(READ_FRAME)
+    bench.hear(RESPONSE_FRAME)
+    bench.pass_time(0.01)
+    bench.ask("03 00 20 00 01")
+    bench.pass_time(0.003)
+    bench.hear(RESPONSE_FRAME)
+    assert bench.client.answers == [RESPONSE, "83 0B"]
 
 
 def test_writes_whose_responses_come_twice_are_confirmed_by_an_echo_that_comes_late(real: Bench) -> None:
