@@ -10,12 +10,14 @@ from aiohttp import web
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from gateway import __version__
+from gateway.errors import WrongQuestion
 from gateway.listeners.origin import Origins
 from gateway.ports.threads import ThreadPerCall
 from gateway.web.answers import Answers
 from gateway.web.api import session_as_json
 from gateway.web.assets import Assets
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
+from gateway.web.lines import last_facts, page_lines
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.sessions import LONGEST_SESSION, Attempts, Sessions
 from gateway.web.settings import WebSettings
@@ -60,6 +62,7 @@ class Pages:
         """Method, path, handler, and what it needs."""
         return [
             ("GET", "/", self.overview, "page"),
+            ("GET", "/lines/{name}", self.line, "page"),
             ("GET", "/login", self.login_page, "nothing"),
             ("POST", "/login", self.login, "nothing"),
             ("POST", "/logout", self.logout, "login"),
@@ -68,7 +71,24 @@ class Pages:
 
     async def overview(self, request: web.Request) -> web.Response:
         """Lines, units, listeners and clients."""
-        return await self._page("overview.html", request, status=self._answers.status())
+        status = self._answers.status()
+        return await self._page("overview.html", request, status=status, lines=tuple(page_lines(status)))
+
+    async def line(self, request: web.Request) -> web.Response:
+        """What a line, or another server, has done in the last seconds."""
+        name = request.match_info["name"]
+        line = next((each for each in page_lines(self._answers.status()) if each.name == name), None)
+        if line is None:
+            raise ProblemError(404, f"there is no line {name}")
+        facts, why = await self._last_facts(name, request[VISITOR].host)
+        return await self._page("line.html", request, line=line, status=line.status, facts=facts, why=why)
+
+    async def _last_facts(self, line: str, host: str) -> tuple[Sequence[dict[str, Any]], str]:
+        """The last transactions; or none, and why."""
+        try:
+            return await last_facts(self._answers, line, host), ""
+        except WrongQuestion as wrong:
+            return (), str(wrong)
 
     async def login_page(self, request: web.Request) -> web.Response:
         """The form."""

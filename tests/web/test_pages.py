@@ -1,11 +1,14 @@
 """The pages as the server makes them: complete without JavaScript, and without a word of others in their markup."""
 
+import asyncio
+import json
 import re
 from html.parser import HTMLParser
 
 import pytest
 
 from kit.browser import web_bench
+from kit.device import SimulatedDevice, SimulatedLine
 
 CONFIG = """
 [[line]]
@@ -80,7 +83,7 @@ async def test_nothing_of_the_config_becomes_markup(bench):
     assert "<script>" not in page.text
 
 
-@pytest.mark.parametrize("path", ["/", "/login"])
+@pytest.mark.parametrize("path", ["/", "/login", "/lines/hall%20%3Cscript%3E", "/lines/plant"])
 async def test_a_page_has_no_inline_script_or_style_and_nothing_from_elsewhere(bench, path):
     browser = bench.browser()
     await browser.log_in("anna")
@@ -92,6 +95,44 @@ async def test_a_page_has_no_inline_script_or_style_and_nothing_from_elsewhere(b
         for name in ("src", "href", "action"):
             assert attributes.get(name, "/").startswith(("/", "#"))
             assert not attributes.get(name, "/").startswith("//")
+
+
+@pytest.mark.parametrize(
+    ("path", "settings"),
+    [("hall%20%3Cscript%3E", "RTU 19200 8E1"), ("panel", "RTU 19200 8E1"), ("plant", "Modbus TCP")],
+)
+async def test_each_line_has_a_page_that_the_first_one_links_to(bench, path, settings):
+    assert f'href="/lines/{path}"' in (await bench.browser().get("/")).text
+    page = await bench.browser().get(f"/lines/{path}")
+    assert page.status == 200
+    assert settings in page.text
+    assert "<script>" not in page.text
+
+
+async def test_a_page_of_no_line_is_not_found(bench):
+    assert (await bench.browser().get("/lines/nothing")).status == 404
+
+
+async def test_a_line_is_shown_to_those_who_may_read(bench):
+    page = await bench.browser("10.0.0.9").get("/lines/panel")
+    assert (page.status, page.headers["Location"]) == (303, "/login?next=/lines/panel")
+
+
+async def test_the_last_transactions_are_on_the_page_without_javascript(bench):
+    bench.inner.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+    await asyncio.sleep(5)
+    await bench.browser().get("/api/v1/units/41/holding/0-1")
+    texts = Markup((await bench.browser().get("/lines/hall%20%3Cscript%3E")).text).texts
+    assert "41 silo & co: 03 00 00 00 02" in texts
+    assert any(text.startswith("03 04 ") for text in texts)
+
+
+async def test_a_script_gets_the_settings_of_each_line(bench):
+    markup = Markup((await bench.browser().get("/")).text)
+    lines = [attributes for tag, attributes in markup.tags if tag == "figure"]
+    assert [each["data-line"] for each in lines] == ["hall <script>", "panel", "plant"]
+    assert [each["data-baud"] for each in lines] == ["19200", "19200", "0"]
+    assert json.loads(lines[0]["data-units"]) == [[41, "silo & co"]]
 
 
 async def test_a_page_names_who_has_logged_in(bench):

@@ -1,6 +1,14 @@
 // Keeps the content of a page fresh: the server makes the page anew, and its content replaces what is shown.
 const EVERY = 5000; // milliseconds
 
+// What a script draws stays as it is: it is kept up to date by a stream.
+function renew(shown, fresh) {
+  for (const kept of shown.querySelectorAll("[data-keep]")) fresh.querySelector(`[data-keep="${kept.dataset.keep}"]`)?.setAttribute("data-old", "");
+  const places = [...fresh.children], there = [...shown.children];
+  if (places.length !== there.length) return location.reload();
+  places.forEach((place, at) => place.dataset.old === undefined && there[at].replaceWith(place));
+}
+
 async function refresh() {
   const main = document.querySelector("main");
   if (document.hidden || main.contains(document.activeElement)) return;
@@ -8,7 +16,7 @@ async function refresh() {
     const response = await fetch(location.href, { redirect: "error", signal: AbortSignal.timeout(EVERY) });
     if (!response.ok) throw new Error(response.status);
     const page = new DOMParser().parseFromString(await response.text(), "text/html");
-    main.replaceChildren(...page.querySelector("main").childNodes);
+    renew(main, page.querySelector("main"));
     main.classList.remove("stale");
   } catch {
     main.classList.add("stale");

@@ -1,0 +1,734 @@
+// The line strip: what a line did in the last seconds, to scale. Requests stand above the middle, responses below it.
+import { TEXTS } from "./texts.js";
+import { bytesOf, charactersOf, parts, requestInWords, responseInWords } from "./frames.js";
+
+const KEPT = 120; // seconds
+const MOST_KEPT = 20000; // transactions of a line
+const BEHIND = 0.4; // seconds: what is shown at the right edge has been told by then
+const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60]; // seconds
+const ROWS = 20; // of the table
+const COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#9a6324"]; // after Okabe and Ito: told apart without red and green
+const PATTERNS = 4; // of 6 colours: 12 units differ, neighbours in both
+const LANES = {
+  full: { height: 224, left: 76, wait: [6, 40], middle: 116, half: 56, axis: 188 },
+  compact: { height: 62, left: 0, wait: [2, 12], middle: 36, half: 22, axis: 0 },
+};
+
+/** What stands in a record of the trace, with the times of its parts in seconds: `begin, left, back, end`. */
+function itemOf(fact, line) {
+  const character = line.baud ? line.bits / line.baud : 0;
+  const onWire = (hex) => charactersOf(bytesOf(hex).length, line.mode) * character;
+  const item = { fact, unit: fact.unit, kind: fact.kind, received: fact.received ?? fact.time, begin: fact.time, left: fact.time, back: fact.time, end: fact.time };
+  if (fact.kind === "exchange") {
+    item.begin = fact.sent;
+    item.left = Math.max(fact.sent, fact.time - fact.elapsed_ms / 1000);
+    item.back = fact.response ? Math.max(item.left, fact.time - onWire(fact.response)) : fact.time;
+    item.state = fact.result ? (fact.heard ? "broken" : fact.result === "timeout" ? "timeout" : "failed") : fact.sent_again ? (fact.heard ? "broken" : "timeout") : fact.response?.[0] >= "8" ? "exception" : "ok";
+  } else if (fact.kind === "answered") {
+    item.begin = fact.received - onWire(fact.request);
+    item.left = fact.received;
+    item.back = fact.time;
+    item.end = fact.time + (fact.response ? onWire(fact.response) : 0);
+    item.received = item.begin;
+    item.state = fact.response ? "answered" : "silent";
+  } else if (fact.kind === "heard") {
+    item.unit = undefined;
+    item.begin = item.left = item.back = fact.time - (fact.owner === "noise" ? Math.max(1, fact.count) : bytesOf(fact.frame).length + 2) * (line.mode === "ascii" ? 2 : 1) * character;
+    item.state = { noise: "noise", "a damaged frame": "broken", "a late response": "late" }[fact.owner] ?? "foreign";
+  } else {
+    item.state = fact.kind;
+  }
+  return item;
+}
+
+const FAILED = new Set(["timeout", "failed", "broken"]);
+
+class Strip {
+  constructor(figure) {
+    this.figure = figure;
+    const { line, mode, baud, format } = figure.dataset;
+    this.line = { name: line, mode, baud: Number(baud), bits: format ? 1 + Number(format[0]) + (format[1] === "N" ? 0 : 1) + Number(format[2]) : 0 };
+    this.names = new Map(JSON.parse(figure.dataset.units || "[]"));
+    this.order = [...this.names.keys()];
+    this.isFull = !figure.classList.contains("compact");
+    this.lanes = this.isFull ? LANES.full : LANES.compact;
+    this.items = [];
+    this.span = 10;
+    this.right = undefined; // the time at the right edge while paused
+    this.pinned = this.pointed = undefined;
+    this.canvas = document.createElement("canvas");
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("role", this.isFull ? "application" : "img");
+    this.canvas.setAttribute("aria-label", TEXTS.strip(line) + (this.isFull ? ". " + TEXTS.keys : ""));
+    this.canvas.style.height = this.lanes.height + "px";
+    if (!this.isFull) this.canvas.tabIndex = -1;
+    this.pen = this.canvas.getContext("2d");
+    this.summary = element("p", "summary");
+    figure.querySelector(".plot").replaceChildren(this.canvas);
+    if (this.isFull) this.addControls();
+    else figure.querySelector("figcaption").append(this.summary);
+    this.sizes = new ResizeObserver(() => this.resize());
+    this.sizes.observe(this.canvas);
+    figure.hidden = false;
+    this.resize();
+  }
+
+  addControls() {
+    const button = (label, act, title = label) => {
+      const made = element("button", "", label);
+      made.type = "button";
+      made.title = title;
+      made.setAttribute("aria-label", title);
+      made.addEventListener("click", act);
+      return made;
+    };
+    this.pauseButton = button(TEXTS.pause, () => this.togglePause());
+    this.spanText = element("output", "span");
+    this.shares = element("p", "shares");
+    this.legend = element("ul", "legend");
+    this.detail = element("div", "detail");
+    this.detail.setAttribute("aria-live", "polite");
+    const bar = element("div", "controls");
+    bar.append(this.pauseButton, button("−", () => this.zoom(1), TEXTS.zoomOut), this.spanText, button("+", () => this.zoom(-1), TEXTS.zoomIn), this.summary);
+    this.figure.querySelector(".plot").prepend(bar);
+    this.figure.querySelector(".plot").append(this.shares, this.legend, this.detail);
+    this.listen();
+    this.showSpan();
+    this.showDetail();
+  }
+
+  listen() {
+    const canvas = this.canvas;
+    const fingers = new Map();
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      fingers.set(event.pointerId, event.offsetX);
+      this.hasMoved = false;
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!fingers.has(event.pointerId)) {
+        this.pointed = this.itemAt(event.offsetX, event.offsetY);
+        return this.showDetail();
+      }
+      const before = [...fingers.values()];
+      const was = fingers.get(event.pointerId);
+      if (Math.abs(event.offsetX - was) < 4 && !this.hasMoved) return;
+      this.hasMoved = true;
+      fingers.set(event.pointerId, event.offsetX);
+      const now = [...fingers.values()];
+      if (before.length === 2) this.scale(Math.abs(before[0] - before[1]) / Math.max(8, Math.abs(now[0] - now[1])), (now[0] + now[1]) / 2);
+      else this.move((was - event.offsetX) * this.perPixel());
+    });
+    const lift = (event) => {
+      if (fingers.delete(event.pointerId) && !this.hasMoved && event.type === "pointerup") this.pin(this.itemAt(event.offsetX, event.offsetY));
+    };
+    canvas.addEventListener("pointerup", lift);
+    canvas.addEventListener("pointercancel", lift);
+    canvas.addEventListener("pointerleave", () => {
+      this.pointed = undefined;
+      this.showDetail();
+    });
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) this.move((event.deltaX || event.deltaY) * this.perPixel());
+      else this.scale(event.deltaY > 0 ? 1.25 : 0.8, event.offsetX);
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const act = {
+        " ": () => this.togglePause(), "+": () => this.zoom(-1), "=": () => this.zoom(-1), "-": () => this.zoom(1),
+        ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), End: () => this.resume(), Escape: () => this.resume(),
+      }[event.key];
+      if (!act || event.ctrlKey || event.altKey || event.metaKey) return;
+      event.preventDefault();
+      act();
+    });
+  }
+
+  // What is kept
+
+  add(fact) {
+    const item = itemOf(fact, this.line);
+    if (fact.kind === "answered" && !fact.line) return;
+    if (fact.unit !== undefined && !this.order.includes(fact.unit)) this.order.push(fact.unit);
+    if (fact.name && !this.names.get(fact.unit)) this.names.set(fact.unit, fact.name);
+    this.items.push(item);
+    this.isNew = true;
+  }
+
+  forget(now) {
+    const oldest = Math.min(now, this.right ?? now) - KEPT;
+    let gone = Math.max(0, this.items.length - MOST_KEPT);
+    while (gone < this.items.length && this.items[gone].end < oldest) gone++;
+    if (gone) this.items.splice(0, gone);
+  }
+
+  // Moving about
+
+  get isPaused() {
+    return this.right !== undefined;
+  }
+  perPixel() {
+    return this.span / (this.width - this.lanes.left);
+  }
+  togglePause() {
+    if (this.isPaused) this.resume();
+    else this.pauseAt(now());
+  }
+  pauseAt(time) {
+    this.right = Math.min(time, now());
+    this.pauseButton.textContent = TEXTS.resume;
+    this.pauseButton.setAttribute("aria-label", TEXTS.resume);
+    this.figure.classList.add("paused");
+  }
+  resume() {
+    this.right = this.pinned = undefined;
+    this.pauseButton.textContent = TEXTS.pause;
+    this.pauseButton.setAttribute("aria-label", TEXTS.pause);
+    this.figure.classList.remove("paused");
+    this.showDetail();
+  }
+  move(seconds) {
+    this.pauseAt((this.right ?? now()) + seconds);
+  }
+  zoom(steps) {
+    const at = SPANS.findIndex((span) => span >= this.span * 0.999);
+    this.setSpan(SPANS[Math.max(0, Math.min(SPANS.length - 1, at + steps))], this.pinned ? this.x(this.pinned.begin) : this.isPaused ? (this.width + this.lanes.left) / 2 : this.width);
+  }
+  scale(factor, x) {
+    this.setSpan(Math.max(SPANS[0] / 5, Math.min(SPANS.at(-1), this.span * factor)), this.isPaused ? x : this.width);
+  }
+  /** Show another span; what is at `x` stays there. */
+  setSpan(span, x) {
+    const rest = (this.width - x) / (this.width - this.lanes.left);
+    if (this.isPaused) this.right += (span - this.span) * rest;
+    this.span = span;
+    this.showSpan();
+  }
+  showSpan() {
+    this.spanText.textContent = TEXTS.span(this.span);
+  }
+  pin(item) {
+    this.pinned = item;
+    if (item && !this.isPaused) this.pauseAt(now());
+    this.showDetail();
+  }
+  step(by) {
+    const at = this.items.indexOf(this.pinned);
+    const next = at < 0 ? this.items.findLast((item) => item.end <= (this.right ?? now())) : this.items[at + by];
+    if (!next) return;
+    this.pin(next);
+    if (next.begin < this.right - this.span || next.end > this.right) this.pauseAt(next.end + this.span / 2);
+  }
+
+  // Drawing
+
+  resize() {
+    const ratio = devicePixelRatio || 1;
+    this.width = this.canvas.clientWidth;
+    this.canvas.width = Math.round(this.width * ratio);
+    this.canvas.height = Math.round(this.lanes.height * ratio);
+    this.pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.drawn = undefined;
+  }
+  x(time) {
+    return this.width - (this.edge - time) / this.perPixel();
+  }
+
+  draw(time) {
+    this.edge = this.right ?? time;
+    const { pen, lanes, width } = this;
+    if (width < 40) return;
+    pen.clearRect(0, 0, width, lanes.height);
+    pen.save();
+    this.drawGround();
+    pen.beginPath();
+    pen.rect(lanes.left, 0, width - lanes.left, lanes.height);
+    pen.clip();
+    const begin = this.edge - this.span;
+    const rows = [];
+    const shown = this.items.filter((item) => item.end >= begin && Math.min(item.received, item.begin) <= this.edge);
+    for (const item of shown) this.drawItem(item, rows);
+    for (const item of [this.pointed, this.pinned]) if (item) this.drawFrame(item);
+    pen.restore();
+    if (this.isFull) this.drawLabels();
+    return shown;
+  }
+
+  drawGround() {
+    const { pen, lanes, width } = this;
+    pen.fillStyle = theme.lane;
+    pen.fillRect(lanes.left, lanes.middle - lanes.half, width - lanes.left, 2 * lanes.half);
+    if (this.isFull) this.drawAxis();
+    pen.fillStyle = theme.middle;
+    pen.fillRect(lanes.left, lanes.middle - 0.5, width - lanes.left, 1);
+  }
+
+  drawAxis() {
+    const { pen, lanes, width } = this;
+    const step = [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10].find((each) => each / this.perPixel() > 84) ?? 20;
+    const digits = step < 0.01 ? 3 : step < 0.1 ? 2 : step < 1 ? 1 : 0;
+    pen.font = "11px system-ui, sans-serif";
+    pen.textAlign = "center";
+    pen.textBaseline = "top";
+    for (let tick = Math.ceil((this.edge - this.span) / step); tick * step <= this.edge; tick++) {
+      const x = this.x(tick * step);
+      pen.fillStyle = theme.grid;
+      pen.fillRect(Math.round(x), 4, 1, lanes.axis - 4);
+      pen.fillStyle = theme.quiet;
+      if (x > lanes.left + 30 && x < width - 34) pen.fillText(clock(tick * step, digits), x, lanes.axis + 6);
+    }
+  }
+
+  drawLabels() {
+    const { pen, lanes } = this;
+    pen.font = "12px system-ui, sans-serif";
+    pen.fillStyle = theme.quiet;
+    pen.textAlign = "right";
+    pen.textBaseline = "middle";
+    const at = lanes.left - 10;
+    pen.fillText(TEXTS.lanes.wait, at, (lanes.wait[0] + lanes.wait[1]) / 2);
+    pen.fillText(TEXTS.lanes.request, at, lanes.middle - lanes.half / 2);
+    pen.fillText(TEXTS.lanes.response, at, lanes.middle + lanes.half / 2);
+  }
+
+  drawItem(item, rows) {
+    const { middle, half } = this.lanes;
+    const { state } = item;
+    if (state === "port") return this.drawPort(item);
+    if (state === "refused") return this.drawRefused(item);
+    if (item.kind === "heard") return this.drawHeard(item);
+    const ink = this.ink(item.unit);
+    this.drawWait(item, rows, ink);
+    this.inked(item.begin, item.left, middle - half, half, ink);
+    this.label(item.begin, item.left, middle - half / 2, item.unit);
+    if (FAILED.has(state)) {
+      this.block(item.left, item.back, middle, half, theme.lost);
+      this.block(item.left, item.back, middle + half - 2, 2, theme.bad);
+      // When the broken frame came is not recorded: it is a mark, and not to scale.
+      if (state === "broken") this.zigzag(this.x(item.end) - (this.isFull ? 24 : 16), this.isFull ? 10 : 7, theme.warn);
+      this.cross(this.x(item.end), middle + half / 2);
+      return;
+    }
+    this.block(item.left, item.back, middle - 3, 6, ink.tint);
+    if (item.end > item.back || item.fact.response) this.inked(item.back, item.end, middle, half, ink);
+    this.label(item.back, item.end, middle + half / 2, item.unit);
+    if (state === "exception") this.badge(this.x(item.end), middle + half, "!");
+  }
+
+  drawWait(item, rows, ink) {
+    const [top, bottom] = this.lanes.wait;
+    if (item.begin - item.received < 0.0005) return;
+    const height = this.isFull ? 5 : 3;
+    const most = Math.floor((bottom - top) / (height + 2));
+    let row = rows.findIndex((end) => end <= item.received);
+    if (row < 0) row = Math.min(rows.length, most - 1);
+    rows[row] = item.begin;
+    this.block(item.received, item.begin, bottom - (row + 1) * (height + 2), height, ink.soft);
+  }
+
+  drawHeard(item) {
+    const { middle, half } = this.lanes;
+    if (item.state === "noise" || item.state === "broken") return this.zigzag(this.x(item.begin), this.x(item.end) - this.x(item.begin), theme.warn);
+    const isRequest = item.fact.owner === "another's request" || item.fact.owner === "an echo";
+    const y = isRequest ? middle - half : middle;
+    if (item.state === "late") return this.outline(item.begin, item.end, y + 3, half - 6, theme.bad);
+    this.block(item.begin, item.end, y + half / 4, half / 2, theme.foreign + "55");
+    this.outline(item.begin, item.end, y + half / 4, half / 2, theme.foreign);
+  }
+
+  drawPort(item) {
+    const { pen, lanes } = this;
+    const x = Math.round(this.x(item.end));
+    pen.fillStyle = item.fact.reason ? theme.bad : theme.good;
+    for (let y = 0; y < lanes.middle + lanes.half; y += 8) pen.fillRect(x - 1, y, 2, 5);
+  }
+
+  drawRefused(item) {
+    const { pen, lanes } = this;
+    const x = this.x(item.end), y = lanes.wait[1] - 2, size = this.isFull ? 6 : 4;
+    pen.fillStyle = theme.bad;
+    pen.beginPath();
+    pen.moveTo(x - size, y - 2 * size);
+    pen.lineTo(x + size, y - 2 * size);
+    pen.lineTo(x, y);
+    pen.fill();
+  }
+
+  drawFrame(item) {
+    const { middle, half } = this.lanes;
+    const [from, to] = [this.x(item.begin), this.x(item.end)];
+    const { pen } = this;
+    pen.strokeStyle = theme.ink;
+    pen.lineWidth = 2;
+    pen.strokeRect(from - 3, middle - half - 4, Math.max(2, to - from) + 6, 2 * half + 8);
+  }
+
+  /** A block of a unit: with its pattern where there is room for it. */
+  inked(from, to, y, height, ink) {
+    this.block(from, to, y, height, this.x(to) - this.x(from) < 5 ? ink.colour : ink.fill);
+  }
+
+  label(from, to, y, unit) {
+    const left = Math.max(this.x(from), this.lanes.left), right = Math.min(this.x(to), this.width);
+    if (!this.isFull || right - left < 30) return;
+    const { pen } = this;
+    pen.fillStyle = theme.ground;
+    pen.fillRect((left + right) / 2 - 13, y - 9, 26, 18);
+    pen.fillStyle = theme.ink;
+    pen.font = "600 12px system-ui, sans-serif";
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(unit, (left + right) / 2, y + 0.5);
+  }
+
+  block(from, to, y, height, fill) {
+    const x = this.x(from);
+    const size = Math.max(to > from ? 1.2 : 0, this.x(to) - x);
+    this.pen.fillStyle = fill;
+    this.pen.fillRect(x, y, size, height);
+  }
+
+  outline(from, to, y, height, colour) {
+    const x = this.x(from);
+    this.pen.strokeStyle = colour;
+    this.pen.lineWidth = 1.5;
+    this.pen.strokeRect(x, y, Math.max(3, this.x(to) - x), height);
+  }
+
+  /** A frame with torn edges: what came is broken. */
+  zigzag(left, size, colour) {
+    const { pen } = this;
+    const { middle, half } = this.lanes;
+    const right = left + Math.max(5, size), teeth = this.isFull ? 5 : 3;
+    const [top, bottom] = [middle + half * 0.15, middle + half * 0.85];
+    const step = (bottom - top) / (2 * teeth);
+    pen.beginPath();
+    for (let tooth = 0; tooth <= 2 * teeth; tooth++) pen.lineTo(left + (tooth % 2 ? 3 : 0), top + tooth * step);
+    for (let tooth = 2 * teeth; tooth >= 0; tooth--) pen.lineTo(right + (tooth % 2 ? 3 : 0), top + tooth * step);
+    pen.closePath();
+    pen.fillStyle = colour;
+    pen.fill();
+  }
+
+  cross(x, y) {
+    const { pen } = this;
+    const size = this.isFull ? 6 : 4;
+    pen.lineCap = "round";
+    for (const [colour, width] of [[theme.ground, 5], [theme.bad, 2.5]]) {
+      pen.strokeStyle = colour;
+      pen.lineWidth = width;
+      pen.beginPath();
+      pen.moveTo(x - size, y - size);
+      pen.lineTo(x + size, y + size);
+      pen.moveTo(x + size, y - size);
+      pen.lineTo(x - size, y + size);
+      pen.stroke();
+    }
+  }
+
+  badge(x, y, text) {
+    const { pen } = this;
+    const size = this.isFull ? 7 : 5;
+    pen.fillStyle = theme.warn;
+    pen.beginPath();
+    pen.arc(x, y, size, 0, 7);
+    pen.fill();
+    pen.fillStyle = theme.ground;
+    pen.font = `bold ${size * 1.7}px system-ui, sans-serif`;
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(text, x, y + 0.5);
+  }
+
+  ink(unit) {
+    const at = Math.max(0, this.order.indexOf(unit));
+    const colour = COLOURS[at % COLOURS.length];
+    return { colour, fill: patternOf(at % PATTERNS, colour), tint: colour + "66", soft: colour + "aa" };
+  }
+
+  itemAt(x, y) {
+    let found, nearest = 6;
+    const inWaits = y < this.lanes.wait[1] + 6;
+    for (const item of this.items) {
+      if (item.end < this.edge - this.span || item.begin > this.edge) continue;
+      const from = this.x(inWaits ? Math.min(item.received, item.begin) : item.begin), to = this.x(inWaits ? Math.max(item.begin, item.received) : item.end);
+      const away = x < from ? from - x : x > to ? x - to : 0;
+      if (away < nearest || (away === nearest && away === 0)) [found, nearest] = [item, away];
+    }
+    return found;
+  }
+
+  // Words
+
+  /** What the span that is shown was used for, and the counts of it. */
+  tell(shown) {
+    const begin = this.edge - this.span;
+    const inside = (from, to) => Math.max(0, Math.min(to, this.edge) - Math.max(from, begin));
+    const sums = { request: 0, think: 0, response: 0, lost: 0 };
+    const counts = { requests: 0, timeout: 0, failed: 0, broken: 0, foreign: 0 };
+    for (const item of shown) {
+      if (item.kind === "exchange" || item.kind === "answered") {
+        counts.requests++;
+        sums.request += inside(item.begin, item.left);
+        sums[FAILED.has(item.state) ? "lost" : "think"] += inside(item.left, item.back);
+        sums.response += inside(item.back, item.end);
+      } else if (item.kind === "heard") sums.response += inside(item.begin, item.end);
+      if (item.state === "timeout" || item.state === "failed") counts[item.state]++;
+      if (item.state === "broken" || item.state === "noise") counts.broken++;
+      if (item.state === "foreign" || item.state === "late") counts.foreign++;
+    }
+    const busy = sums.request + sums.think + sums.response + sums.lost;
+    sums.free = Math.max(0, this.span - busy);
+    setText(this.summary, isConnected ? TEXTS.counts(counts.requests / this.span, counts) : TEXTS.reconnecting);
+    if (this.isFull) this.showShares(sums);
+    if (this.isFull) this.showLegend();
+  }
+
+  showShares(sums) {
+    if (!this.shareParts) {
+      this.shareParts = new Map(Object.keys(TEXTS.share).map((name) => [name, element("span", "share " + name)]));
+      for (const [name, part] of this.shareParts) part.append(element("i", "bar"), element("b", "", ""), " " + TEXTS.share[name]);
+      this.shares.replaceChildren(...this.shareParts.values());
+    }
+    const total = Object.values(sums).reduce((sum, each) => sum + each, 0) || 1;
+    for (const [name, part] of this.shareParts) {
+      part.style.setProperty("--share", (sums[name] / total).toFixed(4));
+      setText(part.querySelector("b"), TEXTS.percent(sums[name] / total));
+    }
+  }
+
+  showLegend() {
+    const key = this.order.map((unit) => `${unit}${this.names.get(unit) ?? ""}`).join() + theme.ground;
+    if (key === this.legendKey) return;
+    this.legendKey = key;
+    const units = this.order.map((unit) => entry(TEXTS.named(unit, this.names.get(unit)), (pen) => {
+      pen.fillStyle = this.ink(unit).fill;
+      pen.fillRect(0, 0, 18, 12);
+    }));
+    this.legend.replaceChildren(...units, ...Object.entries(TEXTS.marks).map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
+  }
+
+  showDetail() {
+    if (!this.isFull) return;
+    const item = this.pinned ?? this.pointed;
+    if (item === this.detailed && this.detail.hasChildNodes()) return;
+    this.detailed = item;
+    if (!item) return this.detail.replaceChildren(element("p", "hint", TEXTS.hint));
+    const index = this.items.indexOf(item), before = this.items[index - 1];
+    this.detail.replaceChildren(...detailOf(item, this.line, before ? item.begin - before.end : undefined));
+  }
+}
+
+// What one transaction was
+
+function titleOf(item) {
+  const { fact } = item;
+  if (item.kind === "port") return fact.reason ? TEXTS.portLost(fact.reason) : TEXTS.portOpen;
+  if (item.kind === "heard") return `${TEXTS.states[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + TEXTS.unit(bytesOf(fact.frame)[0])}`;
+  return `${TEXTS.named(fact.unit, fact.name)}: ${requestInWords(bytesOf(fact.request))}`;
+}
+
+function outcomeOf(item) {
+  const { fact } = item;
+  if (fact.response) return responseInWords(bytesOf(fact.response), bytesOf(fact.request));
+  return fact.reason || TEXTS.states[item.state];
+}
+
+function detailOf(item, line, gap) {
+  const { fact } = item;
+  const head = element("p", "what");
+  head.append(element("time", "", clock(item.end, 3)), element("strong", "", titleOf(item)));
+  const state = element("span", "state " + (item.state === "ok" || item.state === "answered" ? "up" : FAILED.has(item.state) || item.state === "refused" ? "down" : "failing"), TEXTS.states[item.state]);
+  if (item.kind !== "port") head.append(state);
+  const made = [head];
+  if (item.kind === "exchange") {
+    const wait = fact.wait_ms, asked = 1000 * (item.left - item.begin);
+    const times = FAILED.has(item.state)
+      ? TEXTS.timesLost(wait, asked, 1000 * (item.end - item.left), fact.limit_ms)
+      : TEXTS.times(wait, asked, 1000 * (item.back - item.left), 1000 * (item.end - item.back), fact.limit_ms);
+    const silence = gap !== undefined && gap >= 0 ? " · " + TEXTS.gap(1000 * gap) : "";
+    made.push(element("p", "times", times + silence), element("p", "quiet", `${TEXTS.asked(fact.address, fact.client)} · ${outcomeOf(item)}`));
+    made.push(frame(TEXTS.requestFrame, parts(fact.address, bytesOf(fact.request), line.mode, true)));
+    if (fact.response) made.push(frame(TEXTS.responseFrame, parts(fact.answered_by ?? fact.address, bytesOf(fact.response), line.mode, false)));
+    else made.push(frame(TEXTS.heardFrame, fact.heard ? [{ bytes: fact.heard, means: TEXTS.states.broken }] : [{ bytes: "–", means: TEXTS.noFrame }]));
+  } else if (item.kind === "answered") {
+    made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.requestFrame, parts(fact.unit, bytesOf(fact.request), line.mode, true)));
+    made.push(frame(TEXTS.responseFrame, parts(fact.unit, bytesOf(fact.response), line.mode, false)));
+  } else if (item.kind === "heard") {
+    const bytes = bytesOf(fact.frame), isRequest = item.fact.owner === "another's request" || item.fact.owner === "an echo";
+    made.push(element("p", "quiet", TEXTS.owners[fact.owner] ?? fact.owner), frame(TEXTS.heardFrame, item.state === "noise" ? [{ bytes: fact.frame ?? "", means: TEXTS.states.noise }] : parts(bytes[0], bytes.slice(1), line.mode, isRequest)));
+  } else if (item.kind === "refused") {
+    made.push(element("p", "quiet", `${fact.reason || fact.result} · ${fact.client}`));
+  }
+  return made;
+}
+
+function frame(label, pieces) {
+  const row = element("div", "frame");
+  row.append(element("span", "label", label));
+  for (const { bytes, means } of pieces) {
+    const piece = element("span", "piece");
+    piece.append(element("code", "", bytes), element("small", "", means));
+    row.append(piece);
+  }
+  return row;
+}
+
+// The table: the same in words
+
+function showTable(strip) {
+  const body = document.querySelector(`table[data-trace] tbody`);
+  if (!body || strip.isPaused || !strip.isNew) return;
+  strip.isNew = false;
+  const rows = strip.items.slice(-ROWS).reverse().map((item) => {
+    const row = document.createElement("tr"), { fact } = item;
+    const state = element("td", "", "");
+    state.append(element("span", "state " + (FAILED.has(item.state) || item.state === "refused" ? "down" : item.state === "ok" || item.state === "answered" ? "up" : "failing"), TEXTS.states[item.state]));
+    const took = fact.elapsed_ms === undefined ? "" : TEXTS.ms(fact.elapsed_ms), limit = fact.limit_ms === undefined ? "" : TEXTS.ms(fact.limit_ms);
+    const cells = [element("td", "", clock(item.end, 3)), element("td", "", titleOf(item)), state, element("td", "", item.kind === "exchange" || item.kind === "answered" ? outcomeOf(item) : TEXTS.owners[fact.owner] ?? fact.reason ?? "")];
+    row.append(...cells, ...[fact.wait_ms === undefined ? "" : TEXTS.ms(fact.wait_ms), took, limit].map((text) => element("td", "number", text)));
+    return row;
+  });
+  body.replaceChildren(...rows);
+}
+
+// Colours and patterns
+
+let theme = {};
+const patterns = new Map();
+
+function readTheme() {
+  const style = getComputedStyle(document.documentElement);
+  const colour = (name) => style.getPropertyValue("--" + name).trim();
+  theme = { ground: colour("ground"), ink: colour("ink"), quiet: colour("quiet"), bad: colour("bad"), warn: colour("warn"), good: colour("good"), grid: colour("grid"), lane: colour("lane"), middle: colour("middle"), foreign: colour("foreign") };
+  patterns.clear();
+  theme.lost = patternOf("lost", theme.bad);
+}
+
+/** A fill of one colour: 0 plain, 1 slanted, 2 dotted, 3 upright; `lost` is thin lines on the ground. */
+function patternOf(kind, colour) {
+  const key = kind + colour;
+  if (patterns.has(key)) return patterns.get(key);
+  if (kind === 0) return colour;
+  const tile = document.createElement("canvas"), size = 8;
+  const ratio = Math.max(1, Math.round(devicePixelRatio || 1));
+  tile.width = tile.height = size * ratio;
+  const pen = tile.getContext("2d");
+  pen.scale(ratio, ratio);
+  const isLine = kind === "lost";
+  if (!isLine) {
+    pen.fillStyle = colour;
+    pen.fillRect(0, 0, size, size);
+  }
+  pen.fillStyle = pen.strokeStyle = isLine ? colour : "#fff";
+  pen.globalAlpha = isLine ? 0.6 : 0.75;
+  pen.lineWidth = isLine ? 1 : 1.6;
+  pen.beginPath();
+  if (kind === 1 || isLine) for (const at of [-size, 0, size]) pen.moveTo(at, size), pen.lineTo(at + size, 0);
+  if (kind === 2) for (const [x, y] of [[2, 2], [6, 6]]) pen.moveTo(x, y), pen.arc(x, y, 1.3, 0, 7), pen.fill();
+  if (kind === 3) pen.fillRect(1, 0, 1.8, size), pen.fillRect(5, 0, 1.8, size);
+  if (kind === 1 || isLine) pen.stroke();
+  const made = pen.createPattern(tile, "repeat");
+  made.setTransform(new DOMMatrix().scale(1 / ratio));
+  patterns.set(key, made);
+  return made;
+}
+
+/** The sign of a mark, in a box of 18 by 12. */
+function drawMark(pen, name) {
+  const self = Object.create(Strip.prototype, { pen: { value: pen }, isFull: { value: false }, lanes: { value: { middle: -3, half: 18, wait: [0, 12] } }, x: { value: (time) => time } });
+  if (name === "timeout") pen.fillStyle = theme.lost, pen.fillRect(0, 0, 18, 12), self.cross(9, 6);
+  if (name === "broken") self.zigzag(3, 10, theme.warn);
+  if (name === "foreign") pen.fillStyle = theme.foreign + "55", pen.fillRect(1, 1, 16, 10), self.outline(1, 17, 1, 10, theme.foreign);
+  if (name === "late") self.outline(1, 17, 1, 10, theme.bad);
+  if (name === "exception") self.badge(9, 6, "!");
+  if (name === "refused") self.drawRefused({ end: 9 });
+}
+
+function entry(text, paint) {
+  const made = element("li"), swatch = document.createElement("canvas"), ratio = devicePixelRatio || 1;
+  [swatch.width, swatch.height] = [18 * ratio, 12 * ratio];
+  swatch.setAttribute("aria-hidden", "true");
+  const pen = swatch.getContext("2d");
+  pen.scale(ratio, ratio);
+  paint(pen);
+  made.append(swatch, text);
+  return made;
+}
+
+function element(tag, name = "", text = undefined) {
+  const made = document.createElement(tag);
+  if (name) made.className = name;
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+function clock(time, digits) {
+  const date = new Date(1000 * time);
+  const two = (value) => String(value).padStart(2, "0");
+  const part = digits ? "." + String(Math.floor(date.getMilliseconds() + 0.5)).padStart(3, "0").slice(0, digits) : "";
+  return `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}${part}`;
+}
+
+// The stream
+
+let offset; // the gateway's clock minus ours, in seconds
+let isConnected = true;
+let source;
+const now = () => Date.now() / 1000 + (offset ?? 0) - BEHIND;
+
+function follow(strips) {
+  const byName = new Map(strips.map((strip) => [strip.line.name, strip]));
+  const only = strips.length === 1 ? "&line=" + encodeURIComponent(strips[0].line.name) : "";
+  const open = () => {
+    source?.close();
+    if (document.hidden) return;
+    source = new EventSource(`/api/v1/trace?seconds=20${only}`);
+    let last = new Map(strips.map((strip) => [strip, strip.items.at(-1)?.fact.time ?? 0]));
+    source.onopen = () => {
+      isConnected = true;
+      last = new Map(strips.map((strip) => [strip, strip.items.at(-1)?.fact.time ?? 0]));
+    };
+    source.onerror = () => (isConnected = false);
+    source.onmessage = ({ data }) => {
+      const fact = JSON.parse(data);
+      if (fact.kind === "clock") {
+        const seen = fact.time - Date.now() / 1000;
+        offset = offset === undefined || Math.abs(seen - offset) > 2 ? seen : Math.max(seen, offset - 0.001);
+      }
+      const strip = byName.get(fact.line);
+      if (strip && fact.time > last.get(strip)) strip.add(fact);
+    };
+  };
+  document.addEventListener("visibilitychange", open);
+  open();
+}
+
+function start() {
+  const strips = [...document.querySelectorAll("figure.strip")].map((figure) => new Strip(figure));
+  if (!strips.length) return;
+  readTheme();
+  for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", readTheme);
+  follow(strips);
+  const isCalm = matchMedia("(prefers-reduced-motion: reduce)");
+  let drawnAt = -Infinity, toldAt = -Infinity;
+  const frame = (at) => {
+    requestAnimationFrame(frame);
+    if (at - drawnAt < (isCalm.matches ? 1000 : strips.length > 1 ? 90 : 30)) return;
+    drawnAt = at;
+    const isTime = at - toldAt > 500;
+    if (isTime) toldAt = at;
+    for (const strip of strips) {
+      const shown = strip.draw(now());
+      if (isTime && shown) strip.tell(shown), strip.forget(now());
+      if (isTime && strip.isFull) showTable(strip);
+    }
+  };
+  requestAnimationFrame(frame);
+}
+
+start();
