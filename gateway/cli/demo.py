@@ -7,18 +7,21 @@ import signal
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 from gateway import events
-from gateway.cli.demo_script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, PANEL, PANEL_LINE, DemoLine
+from gateway.cli.demo_script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, LIVE_LINE, PANEL, PANEL_LINE, DemoLine
 from gateway.cli.demo_stage import Stage
+from gateway.cli.demo_traffic import traffic
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.errors import GatewayError
+from gateway.observe.fan_out import FanOut
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import build
@@ -29,10 +32,12 @@ from gateway.service.state import Memory
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
 from gateway.service.verbs import verbs
+from gateway.service.web import web_pages
 from gateway.simulator.panel import Panel
 
-#: The port of the demo; any free port if it is in use.
+#: The ports of the demo and of its page; any free port if one is in use.
 _PORT: Final = 5020
+_PAGE_PORT: Final = 8502
 #: How long simulators and gateway may take to start, in seconds.
 _PATIENCE: Final = 20.0
 
@@ -73,9 +78,10 @@ async def _demo(*, once: bool) -> int:
     print("modbus-gateway demo: a gateway with simulated serial lines\n", flush=True)
     async with AsyncExitStack() as parts:
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
-        await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in LINES))
+        lines = LINES if once else (*LINES, LIVE_LINE)
+        await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in lines))
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
-        config = _write_config(folder)
+        config = _write_config(folder, lines, has_page=not once and _can_serve_pages())
         plan = _plan(config)
         stage = Stage(config, plan)
         running, answers = await parts.enter_async_context(_gateway(config, plan, stage))
@@ -84,6 +90,7 @@ async def _demo(*, once: bool) -> int:
         if not once:
             control = _control(folder)
             await parts.enter_async_context(control_open(control, answers, stage.tell))
+            await parts.enter_async_context(traffic(stage.address))
             stage.invite(control)
             await asyncio.Event().wait()
     return PROBLEM_FOUND if wrong else FINE
@@ -126,17 +133,29 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
         await process.wait()
 
 
-def _write_config(folder: Path) -> Path:
+def _write_config(folder: Path, lines: Sequence[DemoLine], *, has_page: bool) -> Path:
     """Write the config as a user would."""
+    parts = [f'[[listen]]\nbind = "tcp://127.0.0.1:{_port(_PORT)}"\n']
+    named = [*((line.name, line.config) for line in lines), (PANEL, PANEL_LINE)]
+    parts += [f'[[line]]\nname = "{name}"\nport = "{folder / name}"\n{config}\n' for name, config in named]
+    parts.append(IMAGE)
+    if has_page:
+        parts.append(f'[web]\nbind = "http://127.0.0.1:{_port(_PAGE_PORT)}"\n')
+    file = folder / "gateway.toml"
+    file.write_text("\n".join(parts), encoding="utf-8")
+    return file
+
+
+def _port(wanted: int) -> int:
+    """A port that nobody listens on: this one, else any."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        free = probe.connect_ex(("127.0.0.1", _PORT)) != 0
-    parts = [f'[[listen]]\nbind = "tcp://127.0.0.1:{_PORT if free else 0}"\n']
-    lines = [*((line.name, line.config) for line in LINES), (PANEL, PANEL_LINE)]
-    parts += [f'[[line]]\nname = "{name}"\nport = "{folder / name}"\n{config}\n' for name, config in lines]
-    file = folder / "gateway.toml"
-    file.write_text("\n".join([*parts, IMAGE]), encoding="utf-8")
-    return file
+        return wanted if probe.connect_ex(("127.0.0.1", wanted)) != 0 else 0
+
+
+def _can_serve_pages() -> bool:
+    """Whether the extra `web` is installed."""
+    return all(find_spec(name) for name in ("aiohttp", "jinja2", "prometheus_client"))
 
 
 def _control(folder: Path) -> Path:
@@ -169,13 +188,14 @@ async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tupl
     """The gateway of `plan`, ready; its events go to `stage`."""
     ready = asyncio.Event()
 
-    def emit(event: events.Event) -> None:
+    def tell(event: events.Event) -> None:
         stage.tell(event)
         if isinstance(event, events.Ready):
             ready.set()
 
     loop = asyncio.get_running_loop()
-    memory = Memory()
+    memory, fan_out = Memory(), FanOut(tell)
+    emit = fan_out.emit
     running, stop = Running(build(plan, loop, opener, memory, emit), emit), Stop()
     reloader = Reloader(
         config, running, lambda new, old: build(new, loop, opener, memory, emit, None, old), Notifier({})
@@ -184,7 +204,8 @@ async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tupl
     try:
         async with asyncio.timeout(_PATIENCE):
             await ready.wait()
-        yield running, verbs(running, reloader)
+        async with web_pages(plan.web, running, reloader, fan_out):
+            yield running, verbs(running, reloader)
     finally:
         stop.order("the demo is stopping")
         await serving

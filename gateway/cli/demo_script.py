@@ -71,6 +71,19 @@ LINES: Final = (
     ),
 )
 
+#: A line where something goes wrong now and then, for those who stay: noise, another client, a device that is off.
+LIVE_LINE: Final = DemoLine(
+    "hall",
+    (
+        *("generic:10-14", "weigher:1"),
+        *("--moving-unit", "1", "--silent-unit", "14", "--noise", "3%", "--fault", "second-client"),
+    ),
+    "baud = 19200\n"
+    'devices = [{ unit = 1, as = 61, name = "mixer", profile = "weigher" },\n'
+    '           { unit = "11-13", as = "71-73", name = "drive-*", timeout = "150 ms" },\n'
+    '           { unit = 14, as = 74, name = "spare", timeout = "250 ms" }]',
+)
+
 #: The line of the HMI: here the gateway is the server.
 PANEL: Final = "panel"
 PANEL_LINE: Final = (

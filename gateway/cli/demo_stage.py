@@ -44,7 +44,8 @@ class Stage:
     def __init__(self, config: Path, plan: Plan) -> None:
         self._config = config
         self._plan = plan
-        self._address = ""
+        self.address = ""
+        self._page = ""
         self._hops: list[Hop] = []
         self._told: list[str] = []
         self._is_over = False
@@ -53,10 +54,10 @@ class Stage:
     @asynccontextmanager
     async def connected(self, gateway: Gateway) -> AsyncIterator[None]:
         """Connect to `gateway` and observe its lines."""
-        self._address = gateway.listeners[0].address
+        self.address = gateway.listeners[0].address
         for part in gateway.lines:
             part.driver.line.observer = partial(self._observe, part.driver.line)
-        host, port = self._address.removeprefix("tcp://").split(":")
+        host, port = self.address.removeprefix("tcp://").split(":")
         self._reader, self._writer = await asyncio.open_connection(host, int(port))
         try:
             yield
@@ -67,14 +68,16 @@ class Stage:
         """Take an event of the gateway; it is printed below the request that caused it."""
         if self._is_over:
             return
-        if isinstance(event, events.AddressMoved | events.BaudChanged):
+        if isinstance(event, events.WebUp):
+            self._page = event.address
+        elif isinstance(event, events.AddressMoved | events.BaudChanged):
             self._told.append(f"{event.name}: {event.advice}")
         elif isinstance(event, events.RequestTimeout | events.BadFrame):
             self._told.append(f"{event.name}: {event.elapsed_ms:.0f} ms, limit {event.limit_ms:.0f} ms")
 
     def introduce(self) -> None:
         """Print the address, the lines and the devices."""
-        print(f"  clients   {self._address}")
+        print(f"  clients   {self.address}")
         for line in self._plan.lines:
             timing = line.line.timing
             devices = ", ".join(f"{device.known_as} {device.name}" for device in line.devices)
@@ -84,6 +87,8 @@ class Stage:
             print(f"  {server.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   client of {units}")
         for image in self._plan.images:
             print(f"  {'(image)':28} {image.unit} {image.name}")
+        if self._page:
+            print(f"  page      {self._page}")
         print(f"  config    {self._config}")
 
     async def first(self, question: Question) -> bool:
@@ -145,12 +150,14 @@ class Stage:
 
     def invite(self, control: Path) -> None:
         """Print what to try next; `control` is the gateway's control socket."""
-        port = self._address.rsplit(":", 1)[1]
+        port = self.address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
         self._is_over = True
         usual = control == control_path(Path("gateway.toml"))
         command = "./deploy/go" if (Path.cwd() / "deploy" / "go").exists() else "modbus-gateway"
         at = "" if usual else f" --control {control}"
+        if self._page:
+            print(f"\nSome clients keep the lines busy. See them in a browser: {self._page}")
         print("\nThe lines keep running. In another terminal, for example:\n")
         print(f"  {command} read silo-1{at}")
         print(f"  {command} read press holding 107-109{at}")

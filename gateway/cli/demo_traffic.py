@@ -1,0 +1,71 @@
+"""What keeps the lines of the demo busy while somebody looks: some clients that poll without end."""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.modbus import mbap
+
+#: How long a response may take, and how long a client waits before it connects again, in seconds.
+_PATIENCE: Final = 10.0
+_AGAIN: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Poller:
+    """A client that asks this, units and PDUs in hexadecimal, one after the other, and then pauses for some seconds."""
+
+    name: str
+    asks: Sequence[tuple[int, str]]
+    pause: float
+
+
+POLLERS: Final = (
+    Poller(
+        "scada", ((71, "03 00 00 00 0A"), (72, "03 00 00 00 0A"), (73, "03 00 00 00 0A"), (61, "03 00 00 00 02")), 0.25
+    ),
+    Poller("historian", ((71, "03 00 00 00 3C"), (61, "03 00 00 00 02"), (72, "04 00 00 00 14")), 0.9),
+    Poller(
+        "hmi", ((72, "01 00 00 00 10"), (73, "06 00 05 00 2A"), (73, "03 00 05 00 01"), (72, "03 FF FF 00 01")), 0.6
+    ),
+    Poller("spare", ((74, "03 00 00 00 01"),), 2.5),
+    Poller("weights", ((41, "03 00 00 00 02"), (42, "03 00 00 00 02"), (50, "03 00 00 00 02")), 0.5),
+    Poller("press", ((46, "03 00 6B 00 03"), (57, "03 00 6B 00 03"), (57, "01 00 13 00 25")), 0.3),
+    Poller("axes", ((52, "03 00 1D 00 02"), (52, "02 00 00 00 10"), (53, "03 00 01 00 01")), 0.7),
+)
+
+
+@asynccontextmanager
+async def traffic(address: str) -> AsyncIterator[None]:
+    """In its context the pollers ask the gateway at `address`."""
+    host, port = address.removeprefix("tcp://").rsplit(":", 1)
+    tasks = [asyncio.create_task(_poll(each, host, int(port)), name=f"demo {each.name}") for each in POLLERS]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _poll(poller: Poller, host: str, port: int) -> None:
+    while True:
+        with suppress(OSError, TimeoutError, asyncio.IncompleteReadError):
+            reader, writer = await asyncio.open_connection(host, port)
+            try:
+                await _ask(poller, reader, writer)
+            finally:
+                writer.close()
+        await asyncio.sleep(_AGAIN)
+
+
+async def _ask(poller: Poller, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while True:
+        for unit, request in poller.asks:
+            writer.write(mbap.encode(1, unit, bytes.fromhex(request)))
+            async with asyncio.timeout(_PATIENCE):
+                header = await reader.readexactly(6)
+                await reader.readexactly(int.from_bytes(header[4:]))
+        await asyncio.sleep(poller.pause)
