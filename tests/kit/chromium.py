@@ -1,0 +1,84 @@
+"""Debian's Chromium, and the demo for it to look at. As a command it makes the pictures of the docs:
+
+PYTHONPATH=.:tests .venv/bin/python tests/kit/chromium.py docs/pictures
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from kit.process import COMMAND, PATIENCE
+
+CHROMIUM = Path("/usr/bin/chromium")
+MISSING = "Chromium and playwright are not installed (Debian package chromium; pip install playwright)"
+
+
+@contextmanager
+def demo_page() -> Iterator[str]:
+    """The address of the page of a demo that runs."""
+    with (
+        TemporaryDirectory() as folder,
+        subprocess.Popen(
+            [*COMMAND, "demo"], stdout=subprocess.PIPE, text=True, env=os.environ | {"RUNTIME_DIRECTORY": folder}
+        ) as demo,
+    ):
+        assert demo.stdout is not None
+        try:
+            shown = "".join(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
+            match = re.search(r"^  page +(http://\S+)$", shown, re.MULTILINE)
+            assert match is not None, shown
+            yield match[1]
+        finally:
+            demo.send_signal(signal.SIGINT)
+            demo.wait(PATIENCE)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser of Playwright."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it is not installed everywhere
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def take_pictures(folder: Path) -> None:
+    """The page of a line with a transaction that is pointed at, and the overview."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with demo_page() as address, chromium() as browser:
+        page = browser.new_page(viewport={"width": 1120, "height": 720}, color_scheme="light")
+        page.goto(f"{address}/lines/hall")
+        page.wait_for_timeout(11_000)
+        page.get_by_role("button", name="Zoom in").click(click_count=2, delay=100)
+        page.locator("figure canvas").first.focus()
+        for _ in range(40):
+            page.keyboard.press("ArrowLeft")
+            if "read holding 0-9" in page.locator(".detail").inner_text():
+                break
+        page.wait_for_timeout(600)
+        _take(page, page.locator("figure.strip"), folder / "line.png")
+        page.goto(address)
+        page.wait_for_timeout(11_000)
+        _take(page, page.locator("section[data-keep=strips]"), folder / "overview.png")
+
+
+def _take(page: Any, part: Any, file: Path) -> None:
+    """A picture of a part of a page, with a margin."""
+    box, margin = part.bounding_box(), 12
+    clip = {"x": box["x"] - margin, "y": box["y"] - margin}
+    page.screenshot(path=file, clip={**clip, "width": box["width"] + 2 * margin, "height": box["height"] + 2 * margin})
+
+
+if __name__ == "__main__":
+    take_pictures(Path(sys.argv[1]))
