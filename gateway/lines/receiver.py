@@ -185,7 +185,7 @@ class Receiver:
         """The request is over; only late responses may come."""
         self._attribution.end(self._scanner.position)
         for token in self._scanner.end():
-            self._note(token, self._attribution.owner(token), self._current)
+            self._note(token, self._attribution.owner(token))
         self._current = None
 
     def has_damaged_response(self, now: float) -> bool:
@@ -210,25 +210,23 @@ class Receiver:
     def _attribute(self, tokens: list[Token]) -> Outcome:
         """Find the owners of all these frames: none can be the response to a later request."""
         response: Token | None = None
-        current = self._current
         for token in tokens:
             owner = self._attribution.owner(token)
             if owner == "the request":
                 response = token
             else:
-                self._note(token, owner, current)
-            if response or self._attribution.doubts:
-                current = None  # what comes behind is on an idle line
-        if self._current is None or not (response or self._attribution.doubts):
+                self._note(token, owner)
+        current = self._current
+        if current is None or not (response or self._attribution.doubts):
             return None
-        return self._finish(self._current, response)
+        return self._finish(current, response)
 
-    def _note(self, token: Token, owner: Owner, current: Transaction | None) -> None:
-        """Keep a frame that is not the response, and report it while one is awaited."""
+    def _note(self, token: Token, owner: Owner) -> None:
+        """Keep and report a frame that is not the response."""
         if owner == "a late response":
             self.late_responses.append(LateResponse(self._attribution.late, token.frame))
-        elif current is not None and not (token.is_damaged or _is_copy(token, current)):
-            self._report.foreign(token.frame, current)
+        elif self._current is not None and not (token.is_damaged or _is_copy(token, self._current)):
+            self._report.foreign(token.frame, self._current)
         if owner != "an echo" or not self._echo.is_configured:  # else every request has one
             self._recorder.heard(token, owner)
         if len(self._frames) < _FRAMES:

@@ -227,16 +227,6 @@ def test_a_second_copy_is_another_clients_request_though_the_adapter_echoes(anno
     assert announced.client.answers == [RESPONSE, "83 0B"]
 
 
-@pytest.mark.parametrize("at_once", [True, False])
-def test_what_comes_behind_the_response_is_told_the_same_in_one_chunk_and_in_two(at_once: bool, real: Bench) -> None:
-    real.ask()
-    real.pass_time(0.05)
-    for chunk in [RESPONSE_FRAME + RESPONSE_FRAME] if at_once else [RESPONSE_FRAME, RESPONSE_FRAME]:
-        real.hear(chunk)
-    assert real.client.answers == [RESPONSE]
-    assert real.counts.foreign_frames == 0
-
-
 @pytest.mark.parametrize("behind", [0.97, 1.5])
 def test_a_copy_that_another_client_had_the_time_to_send_is_its_request(behind: float) -> None:
     """At 115200 baud that is less than an adapter holds an echo back."""
