@@ -483,7 +483,7 @@ class Line:
     def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
         """Fail a request that was not sent, and record why."""
         until = self._windows.forbid_until(transaction, now) if self._windows.windows else None
-        self._scheduler.recorder.refused(transaction, error, now, until or 0.0, self.waiting)
+        self._scheduler.recorder.refused(transaction, error, now, waiting=self.waiting, late_until=until or 0.0)
         transaction.fail(error)
 
     def _fail_overdue(self, transactions: list[Transaction], now: float) -> None:

@@ -70,7 +70,7 @@ class Recorder:
             self._ring.add_failure(record)
 
     def refused(
-        self, refused: Transaction, error: RequestError, now: float, late_until: float = 0.0, waiting: int = 0
+        self, refused: Transaction, error: RequestError, now: float, *, waiting: int, late_until: float = 0.0
     ) -> None:
         """A transaction was not sent: a late window forbids it until then, or so many others wait."""
         until, count = late_until, waiting

@@ -24,9 +24,8 @@ class AsciiScanner(Scanner):
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
         """See `Scanner`."""
         end = self.position - len(self._cutter.begun)
-        if damaged or self._damage:
-            self._damage = [each for each in self._damage if each[1] > end]
         if damaged:
+            self._damage = [each for each in self._damage if each[1] > end]
             self._damage.append((self.position, self.position + len(data)))
         self.position += len(data)
         tokens = []

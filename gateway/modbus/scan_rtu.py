@@ -279,21 +279,22 @@ class RtuScanner(Scanner):
         """The frames that are not data of the response. If `patient`, those wait that may be."""
         waiting, self._waiting = self._waiting, []
         released: list[Token] = []
-        start, end = self._find_response(0, patient=patient) if waiting else (-1, -1)
-        while start >= 0:
+        response = self._find_response(0, patient=patient) if waiting else None
+        while response is not None:
+            start, end = response
             if end > self._scanned:
                 self._waiting = [each for each in waiting if each.start > start]
                 return released + [each for each in waiting if each.start <= start]
             released += [each for each in waiting if each.end <= start or (each.start, each.end) == (start, end)]
             waiting = [each for each in waiting if each.end > end]
-            start, end = self._find_response(end, patient=patient)
+            response = self._find_response(end, patient=patient)
         return released + waiting
 
-    def _find_response(self, since: int, *, patient: bool) -> tuple[int, int]:
-        """Start and end of the first normal response after `since`, which may be incomplete; -1 without one."""
+    def _find_response(self, since: int, *, patient: bool) -> tuple[int, int] | None:
+        """Start and end of the first normal response after `since`, which may be incomplete."""
         expected = self._expected
         if expected is None:
-            return -1, -1
+            return None
         for at in self._starts(expected, since - self._offset):
             start, size = self._offset + at, self._size_of(expected, at, patient=patient)
             if at + size > len(self._buffer):
@@ -304,7 +305,7 @@ class RtuScanner(Scanner):
                     return start, start + size
             elif size and self._ends_here(at):
                 return start, start + size
-        return -1, -1
+        return None
 
     def _size_of(self, expected: Expected, at: int, *, patient: bool) -> int:
         """Size of the response that begins here, as far as its bytes tell; 0 if none can."""

@@ -267,6 +267,7 @@ async def test_a_connection_that_may_hold_back_a_request_is_closed_and_the_next_
     await asyncio.sleep(0.8)
     assert driven.port.closed
     assert driven.driver.is_renewing
+    assert driven.driver.errors is None
     assert [event.line for event in driven.events if isinstance(event, ConnectionRenewed)] == ["hall-a"]
     assert not any(isinstance(event, PartFailed) for event in driven.events)
     driven.driver.received(b"\x55")

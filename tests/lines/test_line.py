@@ -521,6 +521,21 @@ def test_a_change_of_rate_does_not_end_the_turnaround_after_a_broadcast_early() 
     assert len(bench.written) == 2
 
 
+@pytest.mark.parametrize("is_busy", [False, True])
+def test_the_pause_of_a_change_of_rate_begins_when_nothing_is_on_the_line(bench: Bench, is_busy: bool) -> None:
+    if is_busy:
+        bench.ask(unit=2)
+    bench.line.change_rate(9600, bench.now)
+    if is_busy:
+        bench.pass_time(RATE_CHANGE_PAUSE - 0.01)
+        bench.respond(unit=2)
+    bench.ask()
+    bench.pass_time(RATE_CHANGE_PAUSE - 0.001)
+    assert READ_FRAME not in bench.written
+    bench.pass_time(0.002)
+    assert READ_FRAME in bench.written
+
+
 def test_noise_at_the_end_of_a_turnaround_puts_the_next_request_off(bench: Bench) -> None:
     bench.broadcast(WRITE)
     bench.ask()
@@ -685,6 +700,19 @@ def test_a_line_that_stays_loud_is_given_up_without_a_second_sending() -> None:
     bench.pass_time(5.0)
     assert bench.written == [READ_FRAME]
     assert is_empty(bench.line)
+
+
+def test_what_comes_behind_a_damaged_response_may_be_another_one() -> None:
+    """Before the second sending: so its late window opens."""
+    bench = Bench(retries=1, gap=0.5)
+    bench.ask()
+    bench.pass_time(REQUEST_TIME + 0.01)
+    bench.hear(RESPONSE_FRAME[:-2] + "00")
+    bench.pass_time(0.1)
+    assert bench.line.late_windows(bench.now) == 0
+    bench.hear("55")
+    assert bench.client.answers == ["83 0B"]
+    assert bench.line.late_windows(bench.now) == 1
 
 
 def test_what_comes_when_the_line_should_be_quiet_is_no_answer_to_what_is_sent_next(bench: Bench) -> None:

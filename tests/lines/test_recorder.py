@@ -145,3 +145,11 @@ def test_where_an_echo_is_expected_other_frames_are_kept():
     bench, ring = bench_with_ring(echo=True)
     bench.hear(frame(7, READ))
     assert [kind for kind, _, _ in heard(ring)] == ["another's request"]
+
+
+def test_what_a_full_queue_loses_has_how_many_waited_and_no_time():
+    bench, ring = bench_with_ring(queue=2)
+    for number in range(4):
+        bench.ask(f"03 00 10 00 0{number + 1}", client=Asker(f"10.0.0.{number // 3}:1"))
+    (record,) = (each for each in ring.after(0) if isinstance(each, Refused))
+    assert (record.error.result, record.count, record.until) == ("queue_full", 2, 0.0)

@@ -44,3 +44,9 @@ def test_the_response_comes_behind_the_echo_and_not_behind_another_frame() -> No
     assert expected.since == NEVER
     scanner.received(encode(1, READ), 1.1)
     assert expected.since == len(RESPONSE) + len(encode(1, READ))
+
+
+def test_a_damaged_request_may_look_like_a_damaged_response() -> None:
+    """So it is not taken for one: a response to a write repeats it."""
+    write = bytes.fromhex("06 00 01 00 05")
+    assert not AsciiScanner().is_damaged(encode(1, write)[:-3] + b"?\r\n", Expected(1, parse_request(write)))

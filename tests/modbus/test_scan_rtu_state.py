@@ -159,6 +159,19 @@ def test_a_response_whose_size_is_known_is_whole_only_at_that_size() -> None:
     assert places(scanner.received(encode(1, pdu)[-2:], 1.1)) == [(1, 9, 1.1, (1, pdu))]
 
 
+def test_a_frame_inside_a_response_waits_however_much_noise_came_before() -> None:
+    scanner, _ = scanning()
+    assert scanner.received(b"\x55" * 600, 1.0) == []
+    assert scanner.received(RESPONSE[:3] + OTHERS, 1.1) == []
+    assert places(scanner.end()) == [(603, 610, 1.1, (2, OTHERS[1:-2]))]
+
+
+def test_a_response_may_be_only_a_function() -> None:
+    scanner, _ = scanning(OWN)
+    scanner.received(encode(1, b"\x41"), 1.0)
+    assert places(scanner.tick(1.0 + SILENCE)) == [(0, 4, 1.0, (1, b"\x41"))]
+
+
 def test_each_frame_has_the_time_at_which_its_last_byte_was_read() -> None:
     """However much of it could have been the beginning of the response."""
     scanner, _ = scanning()
