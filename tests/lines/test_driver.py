@@ -278,3 +278,11 @@ async def test_a_connection_that_may_hold_back_a_request_is_closed_and_the_next_
     await asyncio.sleep(0.1)
     assert port.written == [READ_FRAME]
     driven.driver.close()
+
+
+async def test_when_it_is_closed_it_sends_nothing_more() -> None:
+    driven = Driven()
+    driven.ask()
+    driven.driver.close()
+    await asyncio.sleep(1.0)
+    assert driven.port.written == []

@@ -402,6 +402,13 @@ def test_who_must_not_overtake_its_own_older_requests_lets_the_others_go(waiting
     assert waiting.is_empty()
 
 
+def test_so_does_one_of_two(waiting: Waiting) -> None:
+    for pdu in ("03 00 01 00 01", "03 00 02 00 01", READ):
+        waiting.put("A", pdu)
+    waiting.put("B")
+    assert waiting.take_all() == ["A1", "B1", "A1", "A1"]
+
+
 def test_while_the_clients_turn_is_held_another_one_may_go_with_what_is_shared(waiting: Waiting) -> None:
     waiting.put("A", OTHER, unit=2)
     waiting.put("A")

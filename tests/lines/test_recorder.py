@@ -153,3 +153,22 @@ def test_what_a_full_queue_loses_has_how_many_waited_and_no_time():
         bench.ask(f"03 00 10 00 0{number + 1}", client=Asker(f"10.0.0.{number // 3}:1"))
     (record,) = (each for each in ring.after(0) if isinstance(each, Refused))
     assert (record.error.result, record.count, record.until) == ("queue_full", 2, 0.0)
+
+
+def test_whoever_is_refused_by_a_full_queue_has_no_time_either():
+    bench, ring = bench_with_ring(queue=1)
+    for number in range(3):
+        bench.ask(f"03 00 10 00 0{number + 1}")
+    (record,) = (each for each in ring.after(0) if isinstance(each, Refused))
+    assert (record.error.result, record.count, record.until) == ("queue_full", 1, 0.0)
+
+
+def test_what_a_resting_unit_is_asked_has_the_end_of_the_rest():
+    bench, ring = bench_with_ring(late_window=0.0)
+    for _ in range(3):
+        bench.ask()
+        bench.pass_time(0.3)
+    bench.ask()
+    (record,) = (each for each in ring.after(0) if isinstance(each, Refused))
+    assert (record.error.result, record.count) == ("resting", 3)
+    assert record.until == pytest.approx(bench.now + bench.devices[1].breaker.rest_left(bench.now))
