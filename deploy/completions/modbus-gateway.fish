@@ -81,7 +81,7 @@ complete -c modbus-gateway -n '__fish_seen_subcommand_from scan' -l control -r -
 complete -c modbus-gateway -n '__fish_seen_subcommand_from scan' -l port -r -d "scan this serial port: /dev/ttyUSB0, or rtu+tcp://host:port"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from scan' -l baud -r -d "its rate (default 19200)"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from scan' -l format -r -d "its character format (default 8E1, ASCII 7E1)"
-complete -c modbus-gateway -n '__fish_seen_subcommand_from scan' -l mode -x -a "rtu ascii" -d "its mode (default rtu)"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from scan' -l mode -x -a "rtu ascii" -d "what is spoken there (default rtu)"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from calibrate' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from calibrate' -l for -r -d "measure for so long, such as 10min"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from calibrate' -l active -d "read several sizes of each table (10 rounds, or as long as --for says)"
