@@ -267,7 +267,7 @@ async def test_a_driver_that_hangs_at_open_holds_nobody_up(virtual, user, monkey
         await open_serial(settings(virtual.path), user)
     before = descriptors()
     release.set()
-    await until(lambda: not serial_module._being_opened)
+    await until(lambda: str(virtual.path) not in serial_module._being_opened)
     await until(lambda: descriptors() <= before)  # what was opened for nobody is closed again
     async with opened(virtual.path, user):
         pass
