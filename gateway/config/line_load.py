@@ -26,7 +26,7 @@ _AREAS: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
 
 @dataclass(frozen=True, slots=True)
 class DeclaredPoll:
-    """A read that the config declares: `by` whom, of which device, how often. `what` names its addresses."""
+    """A read that the config declares: `by` which client, of which device, how often. `what` names its addresses."""
 
     by: str
     of: DeviceSettings

@@ -502,7 +502,7 @@ class Line:
         self._use(current, max(now, self._quiet_at))
 
     def _use(self, transaction: Transaction, until: float) -> None:
-        """The line was taken until then by whoever asked first for this."""
+        """The line was taken until then by the client that asked first for this."""
         origin = transaction.requests[0].origin
         client = origin.host or origin.client
         self.spent.usage.add(client, transaction.unit, transaction.asked.function, until - transaction.sent_at)

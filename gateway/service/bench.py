@@ -94,7 +94,7 @@ class _Read:
 async def bench(running: Running, question: Mapping[str, Any], is_there: Callable[[], bool]) -> BenchResult:
     """Read the units of `line`, or one `unit` of it, for so many `seconds`.
 
-    Each read is of so many `items` from `address` on. It ends sooner if whoever asks has left, or no unit answers.
+    Each read is of so many `items` from `address` on. It ends sooner if the client has left, or no unit answers.
 
     Raises:
         WrongQuestion: there is no such line or unit, nothing of it can be read, or a reload has changed the line.

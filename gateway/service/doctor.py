@@ -1,6 +1,6 @@
 """The verb `doctor`: reads units of which too little is known, and finds what is wrong on the lines.
 
-What can be seen of ports from outside, `service/outside.py` says; whoever asks for both puts them together.
+What can be seen of ports from outside, `service/outside.py` says; the caller puts them together.
 """
 
 import asyncio

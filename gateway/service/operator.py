@@ -43,7 +43,7 @@ class Question:
     """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
 
     def __init__(self, is_there: Callable[[], bool], client: str = CONTROL, host: str = "") -> None:
-        """`is_there` tells whether whoever asks, as the `client` at the address `host`, is still connected."""
+        """`is_there` tells whether the `client` at the address `host` is still connected."""
         self.client = client
         self.host = host
         self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (

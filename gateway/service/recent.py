@@ -66,7 +66,7 @@ class Recent:
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
 
     def users(self, line: GatewayLine, now: float) -> list[LineUser]:
-        """Who used `line`, the most time first; a request that others have shared is of whoever asked first."""
+        """Who used `line`, the most time first; a shared request counts for the client that asked first."""
         first = next((at for at, each in enumerate(self._samples) if line in each.busy), None)
         if first is None or now <= self._samples[first].at:
             return []

@@ -147,7 +147,7 @@ OTHERS: Final = "generic"
 
 @dataclass(eq=False)
 class ScannedUnit:
-    """A unit that may not be there: whom the questions of a scan are for. `heard` are its answers to the last one.
+    """A unit that may not be there, for the questions of a scan. `heard` are its answers to the last one.
 
     Beside each answer is how many seconds it took.
     """
@@ -191,7 +191,7 @@ class Scan:
         self._of = len(units)
         answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=limit)
         self._units = [_scanned(unit, answer_time, loop.time) for unit in units]
-        #: Of whom something was heard that is no answer, and how often.
+        #: How often something was heard of a unit that is no answer.
         self._garbled: dict[ScannedUnit, int] = {}
         self._windows_end = 0.0
         self._sent_by_others = line.sent

@@ -138,7 +138,7 @@ async def capture(gateway: Gateway, question: Question, host: str) -> AsyncItera
 def what_is_seen(gateway: Gateway, host: str) -> MaySee:
     """Whether a reader at this address may see the values of a record: those that he may read over HTTP.
 
-    Whoever may see what is written, and frames of unknown origin, has the right to read all there is.
+    Written values and frames of unknown origin are only for clients with the right to read everything.
     """
     rights = gateway.web.rights[host]
     if all(right >= READING for right in rights):

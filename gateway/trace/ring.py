@@ -1,4 +1,4 @@
-"""The last records, as many as fit into so many bytes. Whoever wants to follow looks here from time to time.
+"""The last records, as many as fit into so many bytes. A reader that follows looks here from time to time.
 
 So a reader costs the lines nothing, however slow it is: what it has not fetched in time is gone, and it is told how
 much that was (docs/adr/0017-trace.md).

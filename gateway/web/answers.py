@@ -72,7 +72,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """Whoever asks: as `client` in the log, from the address `host`. `is_there` tells whether he still waits."""
+    """A client: `client` in the log, at the address `host`. `is_there` tells whether it still waits."""
 
     client: str
     host: str

@@ -27,7 +27,7 @@ class Downloads:
         self._number = 0
 
     async def serve(self, request: web.Request, parts: AsyncIterator[bytes]) -> web.StreamResponse:
-        """Send a file; whoever takes nothing of it for some seconds is dropped.
+        """Send a file; a client that takes nothing of it for some seconds is dropped.
 
         Raises:
             ProblemError: there are too many.

@@ -32,13 +32,13 @@ Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
 #: How long the body of a request may take to arrive, in seconds.
 _BODY_TIME: Final = 10.0
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
-#: What only a proxy adds: whoever asks is elsewhere, although the connection comes from this machine.
+#: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
 _OF_PROXIES: Final = ("X-Forwarded-For", "X-Forwarded-User", "X-Real-IP", "Forwarded")
 
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Whoever asks from the address `host`: by name and role if he has logged in.
+    """The client at the address `host`: with name and role if it has logged in.
 
     `csrf` is what he has to send to change something. `token` is that of his session, if he has one.
     """
@@ -74,7 +74,7 @@ class Guard:
         self.cookie: Final = "__Host-mbgw" if settings.is_encrypted else "mbgw"
 
     def middleware(self, needs: Mapping[object, Need]) -> Middleware:
-        """Middleware that refuses whom the `needs` of handlers refuse; a handler that is not there needs `reading`."""
+        """Middleware that refuses clients by the `needs` of handlers; a handler that is not there needs `reading`."""
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -96,7 +96,7 @@ class Guard:
         return guard
 
     def visitor(self, request: web.Request) -> Visitor:
-        """Whoever asks."""
+        """The client of this request."""
         address = _address(request.remote or "")
         host = str(address or request.remote or "")
         by_proxy = address is not None and any(address in network for network in self._settings.proxy)

@@ -25,7 +25,7 @@ MOST_ADDRESSES: Final = 1000
 
 @dataclass(slots=True)
 class Session:
-    """A login of `user`. Whoever sends its token must send `csrf` too to change anything."""
+    """A login of `user`. A request with its token needs `csrf` too to change anything."""
 
     user: User
     csrf: str

@@ -1,6 +1,6 @@
 """Server-sent events: a bounded number of readers, and none that costs the lines anything.
 
-Whoever does not read is dropped: once more events wait for him than there is room for, or when he takes nothing for
+A client that does not read is dropped: once more events wait for it than there is room for, or when it takes none for
 some seconds. His browser comes again by itself.
 """
 
