@@ -40,7 +40,7 @@ _OF_PROXIES: Final = ("X-Forwarded-For", "X-Forwarded-User", "X-Real-IP", "Forwa
 class Visitor:
     """The client at the address `host`: with name and role if it has logged in.
 
-    `csrf` is what he has to send to change something. `token` is that of his session, if he has one.
+    `csrf` is what it has to send to change something. `token` is that of its session, if it has one.
     """
 
     host: str

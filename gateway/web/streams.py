@@ -1,7 +1,7 @@
 """Server-sent events: a bounded number of readers, and none that costs the lines anything.
 
 A client that does not read is dropped: once more events wait for it than there is room for, or when it takes none for
-some seconds. His browser comes again by itself.
+some seconds. Its browser connects again by itself.
 """
 
 import asyncio
