@@ -490,7 +490,8 @@ def test_whoever_looks_away_hears_the_same(
 ) -> None:
     said = [(as_said(piece, timing), silence) for piece, silence in traffic]
     away, here = (outcome(timing, said, virtual=virtual, looks_away=looks_away) for looks_away in (True, False))
-    assert away == here
+    assert away[:-1] == here[:-1]
+    assert away[-1] >= here[-1]
 
 
 def as_said(piece: object, timing: LineTiming) -> bytes:
@@ -501,13 +502,15 @@ def as_said(piece: object, timing: LineTiming) -> bytes:
     return ENCODERS[timing](unit, pdu)[begin:end]
 
 
-def outcome(timing: LineTiming, traffic: list[tuple[bytes, int]], *, virtual: bool, looks_away: bool) -> object:
+def outcome(
+    timing: LineTiming, traffic: list[tuple[bytes, int]], *, virtual: bool, looks_away: bool
+) -> tuple[object, ...]:
     """Answers, counts and events of three requests while this is on the line; each piece with a silence behind it.
 
     A second response is a foreign frame only if it came together with the first one.
     """
 
-    async def talk() -> object:
+    async def talk() -> tuple[object, ...]:
         async with Wired(timing, virtual=virtual, looks_away=looks_away) as wired:
             for pdu in (READ_TEN, READ, READ_TEN):
                 await wired.asks(pdu)
@@ -517,7 +520,8 @@ def outcome(timing: LineTiming, traffic: list[tuple[bytes, int]], *, virtual: bo
                 await asyncio.sleep(2.0)
             counts = {function: repr(replace(each, foreign_frames=0)) for function, each in wired.device.counts.items()}
             events = [type(event) for event in wired.events if not isinstance(event, ForeignFrame)]
-            return wired.client.answers, counts, events, wired.memory.written
+            foreign = sum(each.foreign_frames for each in wired.device.counts.values())
+            return wired.client.answers, counts, events, wired.memory.written, foreign
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         return runner.run(talk())
