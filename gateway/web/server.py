@@ -15,8 +15,11 @@ from gateway.web.answers import Answers
 from gateway.web.api import Api
 from gateway.web.assets import Assets
 from gateway.web.guard import Guard, Need
-from gateway.web.pages import Pages
+from gateway.web.pages.line import LinePage
+from gateway.web.pages.login import LoginPage
+from gateway.web.pages.overview import OverviewPage
 from gateway.web.problems import Handler, problems
+from gateway.web.renderer import Page, Renderer
 from gateway.web.sessions import Sessions
 from gateway.web.settings import HEADERS, WebSettings
 from gateway.web.streams import Streams
@@ -92,8 +95,19 @@ def _application(
     sessions = Sessions()
     guard = Guard(settings, table, sessions)
     api = Api(answers, guard, streams, may_write=settings.write)
-    pages = Pages(settings, answers, guard, table, sessions, Assets())
-    routes = [*_of_machines(answers), *api.routes(), *pages.routes()]
+    assets = Assets()
+    renderer = Renderer(assets)
+    pages: tuple[Page, ...] = (
+        OverviewPage(answers, renderer),
+        LinePage(answers, renderer),
+        LoginPage(settings, answers, guard, table, sessions, renderer),
+    )
+    routes = [
+        *_of_machines(answers),
+        *api.routes(),
+        *(route for page in pages for route in page.routes()),
+        ("GET", "/static/{name:.+}", assets.serve, "nothing"),
+    ]
     needs: dict[object, Need] = {handler: need for _, _, handler, need in routes}
     app = web.Application(
         middlewares=[connections.middleware, problems(answers), guard.middleware(needs)], client_max_size=_LARGEST_BODY

@@ -1,36 +1,30 @@
-"""The pages: made on the server, so that they are there at once and without JavaScript too."""
+"""Login and logout."""
 
 import asyncio
 from collections.abc import Sequence
 from math import ceil
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from aiohttp import web
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from gateway import __version__
-from gateway.errors import WrongQuestion
 from gateway.listeners.origin import Origins
 from gateway.ports.threads import ThreadPerCall
 from gateway.web.answers import Answers
 from gateway.web.api import session_as_json
-from gateway.web.assets import Assets
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
-from gateway.web.lines import last_facts, page_lines
 from gateway.web.problems import Handler, ProblemError
+from gateway.web.renderer import Renderer
 from gateway.web.sessions import LONGEST_SESSION, Attempts, Sessions
 from gateway.web.settings import WebSettings
 from gateway.web.user_table import UserTable
 from gateway.web.users import LONGEST_PASSWORD, is_password
 
-FOLDER: Final = Path(__file__).parent / "templates"
 #: Logins that wait at a time: each of them takes some tenths of a second of one processor.
 MOST_LOGINS: Final = 8
 
 
-class Pages:
-    """The handlers of the pages, and of login and logout."""
+class LoginPage:
+    """The handlers of `/login` and `/logout`."""
 
     def __init__(
         self,
@@ -39,56 +33,26 @@ class Pages:
         guard: Guard,
         table: UserTable,
         sessions: Sessions,
-        assets: Assets,
+        renderer: Renderer,
     ) -> None:
         self._settings = settings
         self._answers = answers
         self._guard = guard
         self._table = table
         self._sessions = sessions
-        self._assets = assets
+        self._renderer = renderer
         self._attempts = Attempts()
         self._origins = Origins()
         self._logins = 0
-        self._one_at_a_time = asyncio.Lock()
         self._one_login_at_a_time = asyncio.Lock()
-        self._templates = Environment(
-            loader=FileSystemLoader(FOLDER), autoescape=True, undefined=StrictUndefined, auto_reload=False
-        )
-        self._templates.globals["asset"] = assets.address
-        self._templates.globals["version"] = __version__
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
         """Method, path, handler, and what it needs."""
         return [
-            ("GET", "/", self.overview, "page"),
-            ("GET", "/lines/{name}", self.line, "page"),
             ("GET", "/login", self.login_page, "nothing"),
             ("POST", "/login", self.login, "nothing"),
             ("POST", "/logout", self.logout, "login"),
-            ("GET", "/static/{name:.+}", self._assets.serve, "nothing"),
         ]
-
-    async def overview(self, request: web.Request) -> web.Response:
-        """Lines, units, listeners and clients."""
-        status = self._answers.status()
-        return await self._page("overview.html", request, status=status, lines=tuple(page_lines(status)))
-
-    async def line(self, request: web.Request) -> web.Response:
-        """What a line, or another server, has done in the last seconds."""
-        name = request.match_info["name"]
-        line = next((each for each in page_lines(self._answers.status()) if each.name == name), None)
-        if line is None:
-            raise ProblemError(404, f"there is no line {name}")
-        facts, why = await self._last_facts(name, request[VISITOR].host)
-        return await self._page("line.html", request, line=line, status=line.status, facts=facts, why=why)
-
-    async def _last_facts(self, line: str, host: str) -> tuple[Sequence[dict[str, Any]], str]:
-        """The last transactions; or none, and why."""
-        try:
-            return await last_facts(self._answers, line, host), ""
-        except WrongQuestion as wrong:
-            return (), str(wrong)
 
     async def login_page(self, request: web.Request) -> web.Response:
         """The form."""
@@ -166,21 +130,9 @@ class Pages:
 
     async def _login_page(self, request: web.Request, why: str = "") -> web.Response:
         target = _local(request.query.get("next", ""))
-        return await self._page(
+        return await self._renderer.page(
             "login.html", request, why=why, target=target, has_users=self._settings.users is not None
         )
-
-    async def _page(self, template: str, request: web.Request, **content: Any) -> web.Response:
-        """A page, made in a thread: the lines do not wait for it."""
-        text = await self._rendered(template, {"visitor": request[VISITOR], "path": request.path, **content})
-        return web.Response(text=text, content_type="text/html", headers={"Cache-Control": "no-store"})
-
-    async def _rendered(self, template: str, content: dict[str, Any]) -> str:
-        loop = asyncio.get_running_loop()
-        async with self._one_at_a_time:
-            return await loop.run_in_executor(
-                ThreadPerCall("web page"), lambda: self._templates.get_template(template).render(content)
-            )
 
 
 def _wants_json(request: web.Request) -> bool:

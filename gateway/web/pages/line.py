@@ -1,0 +1,58 @@
+"""The page of a line, or of another server: what it has done in the last seconds."""
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any, Final
+
+from aiohttp import web
+
+from gateway.errors import WrongQuestion
+from gateway.web.answers import Answers, Which
+from gateway.web.guard import VISITOR, Need
+from gateway.web.pages.shown_lines import shown_lines
+from gateway.web.problems import Handler, ProblemError
+from gateway.web.renderer import Renderer
+
+#: The table without JavaScript: so many transactions of the last seconds at most.
+MOST_FACTS: Final = 20
+_LOOK_BACK: Final = 10
+_ABSENT: Final = dict.fromkeys(("result", "reason", "response", "request", "wait_ms", "elapsed_ms", "limit_ms"))
+
+
+class LinePage:
+    """The handler of `/lines/NAME`."""
+
+    def __init__(self, answers: Answers, renderer: Renderer) -> None:
+        self._answers = answers
+        self._renderer = renderer
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [("GET", "/lines/{name}", self.show, "page")]
+
+    async def show(self, request: web.Request) -> web.Response:
+        """One line.
+
+        Raises:
+            ProblemError: 404, there is none of this name.
+        """
+        name = request.match_info["name"]
+        line = next((each for each in shown_lines(self._answers.status()) if each.name == name), None)
+        if line is None:
+            raise ProblemError(404, f"there is no line {name}")
+        try:
+            facts, why = await self._last_facts(name, request[VISITOR].host), ""
+        except WrongQuestion as wrong:
+            facts, why = (), str(wrong)
+        return await self._renderer.page("line.html", request, line=line, status=line.status, facts=facts, why=why)
+
+    async def _last_facts(self, line: str, host: str) -> Sequence[dict[str, Any]]:
+        """The last transactions on a line that a reader at this address may see, the newest first."""
+        facts = [json.loads(text) for text in await self._answers.trace(Which(_LOOK_BACK, line), host).next(0)]
+        shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
+        return [{**_ABSENT, **fact, "clock": _clock(fact["time"])} for fact in reversed(shown[-MOST_FACTS:])]
+
+
+def _clock(time: float) -> str:
+    return datetime.fromtimestamp(time).astimezone().time().isoformat("milliseconds")
