@@ -12,7 +12,6 @@ import hmac
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
-from http.cookies import CookieError
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final, Literal
 from urllib.parse import quote, urlsplit
@@ -20,6 +19,7 @@ from urllib.parse import quote, urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
+from gateway.web.cookies import cookie
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.sessions import Sessions
 from gateway.web.settings import WebSettings
@@ -104,7 +104,7 @@ class Guard:
         if by_proxy and is_user_name(name):
             known = self._table.users.get(name)
             return Visitor(host, True, name, known.role if known else "viewer", self._csrf_of(name))
-        token = _cookie(request, self.cookie)
+        token = cookie(request, self.cookie)
         session = self._sessions.find(token, self._table.users, asyncio.get_running_loop().time()) if token else None
         if session is not None:
             session.used = asyncio.get_running_loop().time()
@@ -190,10 +190,3 @@ def _address(host: str) -> IPv4Address | IPv6Address | None:
     except ValueError:
         return None
     return (address.ipv4_mapped or address) if isinstance(address, IPv6Address) else address
-
-
-def _cookie(request: web.Request, name: str) -> str:
-    try:
-        return request.cookies.get(name, "")
-    except CookieError:
-        return ""

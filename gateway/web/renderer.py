@@ -12,9 +12,11 @@ from gateway import __version__
 from gateway.ports.threads import ThreadPerCall
 from gateway.web.assets import Assets
 from gateway.web.guard import VISITOR, Need
+from gateway.web.languages import LANGUAGES, Language, Texts, keep_choice, language_of
 from gateway.web.problems import Handler
 
 FOLDER: Final = Path(__file__).parent / "templates"
+_HEADERS: Final = {"Cache-Control": "no-store", "Vary": "Accept-Language, Cookie"}
 
 
 class Page(Protocol):
@@ -27,22 +29,43 @@ class Page(Protocol):
 class Renderer:
     """Makes pages, one at a time and in a thread: the lines do not wait for them."""
 
-    def __init__(self, assets: Assets) -> None:
+    def __init__(self, assets: Assets, *, is_encrypted: bool) -> None:
         self._one_at_a_time = asyncio.Lock()
-        self._templates = Environment(
-            loader=FileSystemLoader(FOLDER), autoescape=True, undefined=StrictUndefined, auto_reload=False
-        )
-        self._templates.globals["asset"] = assets.address
-        self._templates.globals["version"] = __version__
+        self._is_encrypted = is_encrypted
+        self._templates = {code: _templates(language, assets) for code, language in LANGUAGES.items()}
 
     async def page(self, template: str, request: web.Request, **content: Any) -> web.Response:
-        """The page that a template makes of this content, for who has sent the request."""
-        text = await self._rendered(template, {"visitor": request[VISITOR], "path": request.path, **content})
-        return web.Response(text=text, content_type="text/html", headers={"Cache-Control": "no-store"})
+        """The page that a template makes of this content, for who has sent the request, in his language."""
+        language = language_of(request)
+        others = [(each, str(request.rel_url.update_query(lang=each.code))) for each in LANGUAGES.values()]
+        frame = {
+            "visitor": request[VISITOR],
+            "path": request.path,
+            "other_languages": [(each, address) for each, address in others if each is not language],
+        }
+        text = await self._rendered(language, template, {**frame, **content})
+        response = web.Response(text=text, content_type="text/html", headers=_HEADERS)
+        keep_choice(request, response, is_encrypted=self._is_encrypted)
+        return response
 
-    async def _rendered(self, template: str, content: dict[str, Any]) -> str:
-        loop = asyncio.get_running_loop()
+    async def _rendered(self, language: Language, template: str, content: dict[str, Any]) -> str:
+        templates, loop = self._templates[language.code], asyncio.get_running_loop()
         async with self._one_at_a_time:
             return await loop.run_in_executor(
-                ThreadPerCall("web page"), lambda: self._templates.get_template(template).render(content)
+                ThreadPerCall("web page"), lambda: templates.get_template(template).render(content)
             )
+
+
+def _templates(language: Language, assets: Assets) -> Environment:
+    """The templates in one language: macros that are imported see the texts of their environment, and no others."""
+    templates = Environment(
+        loader=FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        auto_reload=False,
+        extensions=["jinja2.ext.i18n"],
+    )
+    texts = Texts(language)
+    templates.install_gettext_callables(texts.text, texts.counted, newstyle=True)  # type: ignore[attr-defined]
+    templates.globals |= {"word": texts.text, "language": language, "asset": assets.address, "version": __version__}
+    return templates

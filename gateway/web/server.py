@@ -96,7 +96,7 @@ def _application(
     guard = Guard(settings, table, sessions)
     api = Api(answers, guard, streams, may_write=settings.write)
     assets = Assets()
-    renderer = Renderer(assets)
+    renderer = Renderer(assets, is_encrypted=settings.is_encrypted)
     pages: tuple[Page, ...] = (
         OverviewPage(answers, renderer),
         LinePage(answers, renderer),

@@ -1,5 +1,7 @@
 // Frames of Modbus as they stand on a line, and what each of their bytes means.
-import { TEXTS } from "./texts.js";
+import { textsOf } from "./texts.js";
+
+const TEXTS = await textsOf("frames");
 
 const AREAS = { 1: "coils", 2: "discrete", 3: "holding", 4: "input", 5: "coils", 6: "holding", 15: "coils", 16: "holding", 22: "holding", 23: "holding" };
 const READS = new Set([1, 2, 3, 4]);
@@ -27,7 +29,7 @@ export function requestInWords(pdu) {
 export function responseInWords(pdu, request) {
   const [code] = pdu;
   if (code === undefined) return TEXTS.withheld;
-  if (code & 0x80) return TEXTS.exception(pdu[1]);
+  if (code & 0x80) return exceptionInWords(pdu[1]);
   if (READS.has(code) || code === 23) return values(pdu.slice(2), code, READS.has(request[0]) ? word(request, 3) : undefined);
   return AREAS[code] ? TEXTS.written : TEXTS.functionNamed(code);
 }
@@ -44,7 +46,7 @@ function pduParts(pdu, isRequest) {
   const [code] = pdu;
   const part = (from, to, means) => ({ bytes: hexOf(pdu.slice(from, to)), means });
   const head = part(0, 1, TEXTS.functions[code & 0x7f] ?? TEXTS.functionNamed(code & 0x7f));
-  if (code & 0x80) return [head, part(1, 2, TEXTS.exception(pdu[1]))];
+  if (code & 0x80) return [head, part(1, 2, exceptionInWords(pdu[1]))];
   if (isRequest && READS.has(code)) return [head, part(1, 3, TEXTS.from(word(pdu, 1))), part(3, 5, TEXTS.count(word(pdu, 3)))];
   if (READS.has(code) || (code === 23 && !isRequest)) return [head, part(1, 2, TEXTS.size(pdu[1])), part(2, undefined, values(pdu.slice(2), code))];
   if (code === 5 || code === 6) return [head, part(1, 3, TEXTS.from(word(pdu, 1))), part(3, 5, value(pdu))];
@@ -57,6 +59,8 @@ function pduParts(pdu, isRequest) {
 
 const span = (first, count) => (count > 1 ? `${first}-${first + count - 1}` : `${first}`);
 const value = (pdu) => (pdu[0] === 5 ? (pdu[3] ? TEXTS.on : TEXTS.off) : `${word(pdu, 3)}`);
+
+const exceptionInWords = (code) => TEXTS.exception(hexOf([code]), TEXTS.exceptions[code]);
 
 function values(data, code, count) {
   const isBits = code === 1 || code === 2 || code === 15;

@@ -1,6 +1,9 @@
 // The line strip: what a line did in the last seconds, to scale. Requests stand above the middle, responses below it.
-import { TEXTS } from "./texts.js";
+import { textsOf } from "./texts.js";
 import { bytesOf, charactersOf, parts, requestInWords, responseInWords } from "./frames.js";
+import { ms, percent, seconds } from "./quantities.js";
+
+const TEXTS = await textsOf("strip");
 
 const KEPT = 120; // seconds
 const MOST_KEPT = 20000; // transactions of a line
@@ -205,7 +208,7 @@ class Strip {
     this.showSpan();
   }
   showSpan() {
-    this.spanText.textContent = TEXTS.span(this.span);
+    this.spanText.textContent = seconds(this.span);
   }
   pin(item) {
     this.pinned = item;
@@ -479,7 +482,7 @@ class Strip {
     }
     const busy = sums.request + sums.think + sums.response + sums.lost;
     sums.free = Math.max(0, this.span - busy);
-    setText(this.summary, isConnected ? TEXTS.counts(counts.requests / this.span, counts) : TEXTS.reconnecting);
+    setText(this.summary, isConnected ? countsInWords(counts, this.span) : TEXTS.reconnecting);
     if (this.isFull) this.showShares(sums);
     if (this.isFull) this.showLegend();
   }
@@ -493,7 +496,7 @@ class Strip {
     const total = Object.values(sums).reduce((sum, each) => sum + each, 0) || 1;
     for (const [name, part] of this.shareParts) {
       part.style.setProperty("--share", (sums[name] / total).toFixed(4));
-      setText(part.querySelector("b"), TEXTS.percent(sums[name] / total));
+      setText(part.querySelector("b"), percent(sums[name] / total));
     }
   }
 
@@ -517,6 +520,11 @@ class Strip {
     const index = this.items.indexOf(item), before = this.items[index - 1];
     this.detail.replaceChildren(...detailOf(item, this.line, before ? item.begin - before.end : undefined));
   }
+}
+
+function countsInWords({ requests, timeout, failed, broken, foreign }, span) {
+  const perSecond = requests / span;
+  return TEXTS.counts(perSecond.toFixed(perSecond < 10 ? 1 : 0), timeout, failed, broken, foreign);
 }
 
 // What one transaction was
@@ -584,9 +592,9 @@ function showTable(strip) {
     const row = document.createElement("tr"), { fact } = item;
     const state = element("td", "", "");
     state.append(element("span", "state " + (FAILED.has(item.state) || item.state === "refused" ? "down" : item.state === "ok" || item.state === "answered" ? "up" : "failing"), TEXTS.states[item.state]));
-    const took = fact.elapsed_ms === undefined ? "" : TEXTS.ms(fact.elapsed_ms), limit = fact.limit_ms === undefined ? "" : TEXTS.ms(fact.limit_ms);
+    const took = fact.elapsed_ms === undefined ? "" : ms(fact.elapsed_ms), limit = fact.limit_ms === undefined ? "" : ms(fact.limit_ms);
     const cells = [element("td", "", clock(item.end, 3)), element("td", "", titleOf(item)), state, element("td", "", item.kind === "exchange" || item.kind === "answered" ? outcomeOf(item) : TEXTS.owners[fact.owner] ?? fact.reason ?? "")];
-    row.append(...cells, ...[fact.wait_ms === undefined ? "" : TEXTS.ms(fact.wait_ms), took, limit].map((text) => element("td", "number", text)));
+    row.append(...cells, ...[fact.wait_ms === undefined ? "" : ms(fact.wait_ms), took, limit].map((text) => element("td", "number", text)));
     return row;
   });
   body.replaceChildren(...rows);

@@ -1,0 +1,26 @@
+export const TEXTS = {
+  read: (area, span) => `read ${area} ${span}`,
+  write: (area, span, value) => `write ${area} ${span} = ${value}`,
+  written: "written",
+  withheld: "withheld by [[access]]",
+  areas: { coils: "coils", discrete: "discrete", input: "input", holding: "holding" },
+  functions: {
+    1: "read coils", 2: "read discrete", 3: "read holding", 4: "read input", 5: "write coil", 6: "write register", 7: "exception status", 8: "diagnostics",
+    11: "event counter", 12: "event log", 15: "write coils", 16: "write registers", 17: "server ID", 20: "read file", 21: "write file", 22: "mask write", 23: "read and write",
+    24: "read FIFO", 43: "identification",
+  },
+  functionNamed: (code) => `function ${code}`,
+  exception: (code, meaning) => `exception ${code}${meaning ? `, ${meaning}` : ""}`,
+  exceptions: {
+    1: "illegal function", 2: "illegal data address", 3: "illegal data value", 4: "server device failure", 5: "acknowledge", 6: "server device busy",
+    8: "memory parity error", 10: "gateway path unavailable", 11: "gateway target device failed to respond",
+  },
+  address: "address",
+  from: (address) => `from ${address}`,
+  count: (count) => `count ${count}`,
+  size: (bytes) => `${bytes} ${bytes === 1 ? "byte" : "bytes"}`,
+  data: "data",
+  on: "on",
+  off: "off",
+  more: (shown, count) => `${shown} and ${count} more`,
+};

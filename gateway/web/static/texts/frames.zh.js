@@ -1,0 +1,26 @@
+export const TEXTS = {
+  read: (area, span) => `读${area} ${span}`,
+  write: (area, span, value) => `写${area} ${span} = ${value}`,
+  written: "已写入",
+  withheld: "按 [[access]] 不予显示",
+  areas: { coils: "线圈", discrete: "离散输入", input: "输入寄存器", holding: "保持寄存器" },
+  functions: {
+    1: "读线圈", 2: "读离散输入", 3: "读保持寄存器", 4: "读输入寄存器", 5: "写单个线圈", 6: "写单个寄存器", 7: "读异常状态", 8: "诊断",
+    11: "读事件计数器", 12: "读事件日志", 15: "写多个线圈", 16: "写多个寄存器", 17: "读服务器标识", 20: "读文件记录", 21: "写文件记录", 22: "屏蔽写寄存器", 23: "读写寄存器",
+    24: "读 FIFO 队列", 43: "读设备标识",
+  },
+  functionNamed: (code) => `功能码 ${code}`,
+  exception: (code, meaning) => `异常 ${code}${meaning ? `，${meaning}` : ""}`,
+  exceptions: {
+    1: "非法功能", 2: "非法数据地址", 3: "非法数据值", 4: "从站设备故障", 5: "已确认，处理中", 6: "从站设备忙",
+    8: "存储奇偶校验错误", 10: "网关路径不可用", 11: "网关目标设备未响应",
+  },
+  address: "地址",
+  from: (address) => `起始 ${address}`,
+  count: (count) => `数量 ${count}`,
+  size: (bytes) => `${bytes} 字节`,
+  data: "数据",
+  on: "接通",
+  off: "断开",
+  more: (shown, count) => `${shown} 等，另有 ${count} 个`,
+};
