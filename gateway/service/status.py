@@ -3,6 +3,7 @@
 Counts are since the start. Durations have their unit in their name.
 """
 
+import asyncio
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, replace
 from typing import Final, Literal
@@ -23,6 +24,8 @@ from gateway.timing.measured import NEVER, Phases, Times
 
 #: How many users of a line are told.
 MOST_USERS: Final = 20
+#: The lines never wait longer for it than this, in seconds.
+_SLICE: Final = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +234,24 @@ class Status:
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
     """The status of `gateway` at `now`, with rates from `recent` if given."""
-    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    return _status(gateway, now, recent, tuple(_unit(owner, device, now) for owner, device in _devices(gateway)))
+
+
+async def status_in_slices(gateway: Gateway, recent: Recent | None = None) -> Status:
+    """The status of `gateway`, with pauses for its lines: each unit is shown as it was when it was its turn."""
+    now = asyncio.get_running_loop().time
+    units: list[UnitStatus] = []
+    until = now() + _SLICE
+    for owner, device in _devices(gateway):
+        if now() >= until:
+            await asyncio.sleep(0)
+            until = now() + _SLICE
+        units.append(_unit(owner, device, now()))
+    await asyncio.sleep(0)
+    return _status(gateway, now(), recent, tuple(units))
+
+
+def _status(gateway: Gateway, now: float, recent: Recent | None, units: tuple[UnitStatus, ...]) -> Status:
     return Status(
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
@@ -239,10 +259,15 @@ def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status
         lines=tuple(_line(each, recent, now) for each in gateway.lines),
         servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
-        units=tuple(_unit(owner, device, now) for owner in owners for device in owner.devices.values()),
+        units=units,
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
     )
+
+
+def _devices(gateway: Gateway) -> list[tuple[GatewayLine | GatewayUpstream, Device]]:
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    return [(owner, device) for owner in owners for device in owner.devices.values()]
 
 
 def _listener(listener: Listener) -> ListenerStatus:

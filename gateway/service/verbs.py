@@ -15,7 +15,7 @@ from gateway.service.operator import ask, picture
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.scans import scan
-from gateway.service.status import status
+from gateway.service.status import status_in_slices
 from gateway.service.trace import Clock, lines, page, stories
 
 
@@ -46,7 +46,7 @@ class _Verbs:
 
     async def status(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         running = self._running
-        return {"status": status(running.gateway, asyncio.get_running_loop().time(), running.recent)}
+        return {"status": await status_in_slices(running.gateway, running.recent)}
 
     async def reload(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         outcome = await asyncio.shield(self._reloader.order())

@@ -121,6 +121,7 @@ class _Answers:
         self._exposition = metrics.exposition
         self.content_type: str = metrics.CONTENT_TYPE
         self._status: told.Status | None = None
+        self._one_status_at_a_time = asyncio.Lock()
         self._texts = Texts()
 
     async def metrics(self) -> bytes:
@@ -157,12 +158,13 @@ class _Answers:
             else "no line is up, and there is no image"
         )
 
-    def status(self) -> told.Status:
+    async def status(self) -> told.Status:
         """That of now, or of less than a second ago."""
-        now = asyncio.get_running_loop().time()
-        if self._status is None or now - self._status.at >= _STATUS_KEPT:
-            self._status = told.status(self._running.gateway, now, self._running.recent)
-        return self._status
+        async with self._one_status_at_a_time:
+            now = asyncio.get_running_loop().time()
+            if self._status is None or now - self._status.at >= _STATUS_KEPT:
+                self._status = await told.status_in_slices(self._running.gateway, self._running.recent)
+            return self._status
 
     def units(self) -> Sequence[UnitPicture]:
         return pictures(self._running.gateway)

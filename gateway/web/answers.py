@@ -125,8 +125,8 @@ class Answers(Protocol):
     def users_rejected(self, reason: str) -> None:
         """The file with the users has changed and cannot be used."""
 
-    def status(self) -> Status:
-        """How the gateway is doing: the same object for a second."""
+    async def status(self) -> Status:
+        """How the gateway is doing: the same object for a second, made with pauses in which the lines work."""
 
     def units(self) -> Sequence[Unit]:
         """Every unit."""

@@ -55,7 +55,7 @@ class Api:
         self._streams = streams
         self._downloads = Downloads()
         self._may_write = may_write
-        self._document = document(answers.types)
+        self._document = document(answers.types, guard.cookie)
         #: The status that was written last, and its text.
         self._written: Status | None = None
         self._text = ""
@@ -95,7 +95,7 @@ class Api:
     async def status(self, _request: web.Request) -> web.Response:
         """How the gateway is doing: written once for all who ask within a second, in a thread."""
         async with self._one_at_a_time:
-            status = self._answers.status()
+            status = await self._answers.status()
             if status is not self._written:
                 loop = asyncio.get_running_loop()
                 self._text = await loop.run_in_executor(ThreadPerCall("web status"), _text, status)
@@ -104,12 +104,12 @@ class Api:
 
     async def lines(self, _request: web.Request) -> web.Response:
         """The lines, those where we are the server, and other servers."""
-        status = self._answers.status()
+        status = await self._answers.status()
         return _json({"lines": status.lines, "servers": status.servers, "upstreams": status.upstreams})
 
     async def line(self, request: web.Request) -> web.Response:
         """One of them."""
-        status, name = self._answers.status(), request.match_info["name"]
+        status, name = await self._answers.status(), request.match_info["name"]
         for each in (*status.lines, *status.servers, *status.upstreams):
             if each.name == name:
                 return _json(each)
@@ -121,7 +121,7 @@ class Api:
 
     async def unit(self, request: web.Request) -> web.Response:
         """A unit, with its points and its part of the status."""
-        unit, status = self._answers.unit(_wanted(request)), self._answers.status()
+        unit, status = self._answers.unit(_wanted(request)), await self._answers.status()
         parts = (*status.units, *status.images, *status.mirrors)
         found = next((each for each in parts if each.unit == unit.unit), None)
         return _json({**_fields(unit), "status": found})

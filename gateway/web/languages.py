@@ -77,8 +77,13 @@ class Texts:
             self._table.update(json.loads(file.read_text(encoding="utf-8")))
 
     def text(self, english: str) -> str:
-        """A text of a template, or a word of the gateway; what has no translation stays English."""
+        """A text of a template; what has no translation stays English."""
         return self._table.get(english, english)
+
+    def word(self, english: str) -> str:
+        """A word of the gateway, also with the code of an exception: `timeout`, `exception 0A`."""
+        name, space, code = english.partition(" ")
+        return self.text(name) + space + code if name == "exception" else self.text(english)
 
     def counted(self, one: str, many: str, count: int) -> str:
         """A text that differs with a number; the table has the plural."""

@@ -27,8 +27,11 @@ _WRITING: Final = (*_ASKING, 408, 413, 415)
 _VALUE: Final[Schema] = {"type": ["number", "string", "null"]}
 
 
-def document(types: Mapping[str, type]) -> dict[str, Any]:
-    """The document. `types` are the dataclasses of status, with the names `Status`, `Unit` and those of each list."""
+def document(types: Mapping[str, type], cookie: str) -> dict[str, Any]:
+    """The document. `types` are the dataclasses of status, with the names `Status`, `Unit` and those of each list.
+
+    `cookie` is that of a session.
+    """
     return {
         "openapi": "3.1.0",
         "info": {
@@ -41,7 +44,7 @@ def document(types: Mapping[str, type]) -> dict[str, Any]:
             "schemas": {**schemas_of(types), **_schemas()},
             "securitySchemes": {
                 "token": {"type": "http", "scheme": "bearer"},
-                "session": {"type": "apiKey", "in": "cookie", "name": "mbgw"},
+                "session": {"type": "apiKey", "in": "cookie", "name": cookie},
             },
         },
         "security": [{}, {"token": []}, {"session": []}],

@@ -67,5 +67,5 @@ def _templates(language: Language, assets: Assets) -> Environment:
     )
     texts = Texts(language)
     templates.install_gettext_callables(texts.text, texts.counted, newstyle=True)  # type: ignore[attr-defined]
-    templates.globals |= {"word": texts.text, "language": language, "asset": assets.address, "version": __version__}
+    templates.globals |= {"word": texts.word, "language": language, "asset": assets.address, "version": __version__}
     return templates

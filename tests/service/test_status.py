@@ -7,7 +7,7 @@ from dataclasses import asdict, astuple, replace
 import pytest
 
 from gateway.lines.counts import Counts
-from gateway.service.status import LineStatus, RangeStatus, Status, UnitStatus, status
+from gateway.service.status import LineStatus, RangeStatus, Status, UnitStatus, status, status_in_slices
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import Client, GatewayBench, gateway_bench
 
@@ -305,3 +305,15 @@ async def test_a_server_line_shows_what_it_serves_and_what_became_of_its_request
         await asyncio.sleep(0.1)
         assert (snapshot(bench).servers[0].state, snapshot(bench).servers[0].reason) == ("down", "unplugged")
         assert json.dumps(asdict(server))
+
+
+async def test_lines_work_while_the_status_of_many_units_is_made(monkeypatch):
+    monkeypatch.setattr("gateway.service.status._SLICE", 0.0)
+    units = ", ".join(f"{{ unit = {unit} }}" for unit in range(1, 101))
+    async with gateway_bench(f'[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{units}]') as bench:
+        making, turns = asyncio.create_task(status_in_slices(bench.gateway, bench.recent)), 0
+        while not making.done():
+            await asyncio.sleep(0)
+            turns += 1
+        assert turns > 100
+        assert making.result() == snapshot(bench)

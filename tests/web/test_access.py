@@ -286,6 +286,13 @@ async def test_with_https_the_cookie_is_secure(tmp_path):
         assert "Secure" in page.headers["Set-Cookie"].split("; ")
 
 
+@pytest.mark.parametrize(("certificate", "cookie"), [(None, "mbgw"), ("crt", "__Host-mbgw")])
+async def test_the_document_of_the_api_names_the_cookie_that_is_sent(tmp_path, certificate, cookie):
+    async with web_bench(CONFIG, tmp_path, certificate=certificate and tmp_path / certificate) as bench:
+        document = (await bench.browser().get("/api/v1/openapi.json")).json
+        assert document["components"]["securitySchemes"]["session"]["name"] == cookie
+
+
 @pytest.mark.parametrize("path", ["/", "/login", "/static/page.css", "/api/v1/status", "/healthz", "/nothing"])
 async def test_each_response_says_what_a_browser_may_do_with_it(bench, path):
     headers = (await bench.browser().get(path)).headers

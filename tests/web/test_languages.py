@@ -14,7 +14,7 @@ import gateway.errors
 from gateway.errors import RequestError
 from gateway.service.status import LineStatus, UnitStatus
 from gateway.web.guard import Role
-from gateway.web.languages import COOKIE, ENGLISH, FOLDER, LANGUAGES, preferred
+from gateway.web.languages import COOKIE, ENGLISH, FOLDER, LANGUAGES, Texts, preferred
 from gateway.web.renderer import FOLDER as TEMPLATES
 from kit.browser import web_bench
 
@@ -95,6 +95,20 @@ async def test_a_wrong_password_is_told_in_the_language_of_the_page(browser):
 
 async def test_states_of_the_gateway_are_translated(browser):
     assert '<span class="state up">正常</span>' in (await browser.get("/lines/hall?lang=zh")).text
+
+
+@pytest.mark.parametrize(
+    ("word", "chinese"),
+    [
+        ("not tried", "未尝试"),
+        ("exception 02", "异常响应 02"),
+        ("exception 0A", "异常响应 0A"),
+        ("news", "news"),
+        ("", ""),
+    ],
+)
+def test_a_word_may_have_a_number(word, chinese):
+    assert Texts(LANGUAGES["zh"]).word(word) == chinese
 
 
 @cache

@@ -38,7 +38,8 @@ class LinePage:
             ProblemError: 404, there is none of this name.
         """
         name = request.match_info["name"]
-        line = next((each for each in shown_lines(self._answers.status()) if each.name == name), None)
+        status = await self._answers.status()
+        line = next((each for each in shown_lines(status) if each.name == name), None)
         if line is None:
             raise ProblemError(404, f"there is no line {name}")
         try:

@@ -24,5 +24,5 @@ class OverviewPage:
 
     async def show(self, request: web.Request) -> web.Response:
         """How everything is."""
-        status = self._answers.status()
+        status = await self._answers.status()
         return await self._renderer.page("overview.html", request, status=status, lines=tuple(shown_lines(status)))
