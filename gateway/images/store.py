@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Final
 
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.images.database import FILE_NAME, Database, Item, open_database
+from gateway.images.database import FILE_NAME, Item, open_database
 from gateway.images.persistent import Change, Done
 from gateway.modbus.codes import Area
+from gateway.ports.database import Database
 from gateway.ports.threads import ThreadPerCall
 
 #: How often changes of `keep_soon` are written, in seconds: the most that a crash loses.

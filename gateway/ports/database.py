@@ -1,0 +1,232 @@
+"""An SQLite database with one table in the state folder, for one process at a time.
+
+Each row has a checksum, because SQLite does not detect a bit that a worn flash card has flipped. A file that is damaged
+or from another program is moved aside, never overwritten; what can still be read of it is kept.
+
+All calls block.
+"""
+
+import os
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import Any, Final, NamedTuple
+
+from gateway.errors import StateError
+from gateway.ports.ownership import give_to_owner_of_folder
+
+#: Only this process can open the database, and a finished transaction is on the disk.
+_OURS_ALONE: Final = "PRAGMA locking_mode = EXCLUSIVE"
+_MODES: Final = """
+    PRAGMA journal_mode = WAL;
+    PRAGMA synchronous = FULL;
+"""
+#: The suffixes of a database's files.
+_PARTS: Final = ("", "-wal", "-shm", "-journal")
+
+Row = tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The one table of a database: `columns` with their types, the first `keys` of which are the primary key.
+
+    `check_sum` is that of a row, which is kept beside it. `application` and `version` are in the header of the file.
+    `needed_by` says in messages what the file is for.
+    """
+
+    name: str
+    columns: tuple[tuple[str, str], ...]
+    keys: int
+    check_sum: Callable[[Row], int]
+    application: int
+    version: int
+    needed_by: str
+
+    @property
+    def set_up(self) -> str:
+        """The statements that make an empty file this database."""
+        columns = ", ".join(f"{name} {kind} NOT NULL" for name, kind in (*self.columns, ("check_sum", "INTEGER")))
+        return f"""
+            BEGIN IMMEDIATE;
+            CREATE TABLE IF NOT EXISTS {self.name} ({columns}, PRIMARY KEY ({self._names(self.keys)})) WITHOUT ROWID;
+            PRAGMA application_id = {self.application};
+            PRAGMA user_version = {self.version};
+            COMMIT;
+        """
+
+    @property
+    def select(self) -> str:
+        """The statement that reads all of it."""
+        return f"SELECT {self._names()}, check_sum FROM {self.name}"  # noqa: S608 - the names are those of the program
+
+    @property
+    def insert(self) -> str:
+        """The statement that writes a row."""
+        return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.columns) + 1))})"  # noqa: S608
+
+    @property
+    def delete(self) -> str:
+        """The statement that deletes a row by its key."""
+        keys = " AND ".join(f"{name} = ?" for name, _ in self.columns[: self.keys])
+        return f"DELETE FROM {self.name} WHERE {keys}"  # noqa: S608
+
+    def _names(self, count: int | None = None) -> str:
+        return ", ".join(name for name, _ in self.columns[:count])
+
+
+class Database:
+    """An open file. No second process can open it meanwhile."""
+
+    def __init__(self, connection: sqlite3.Connection, table: Table) -> None:
+        self._connection = connection
+        self._table = table
+        self._turn = Lock()
+
+    def write(self, rows: Iterable[Row], gone: Iterable[Row] = ()) -> None:
+        """Write all of the rows and delete those with the keys `gone`, or do nothing; it is on the disk on return.
+
+        Raises:
+            sqlite3.Error: the disk is full or fails.
+        """
+        written = [(*row, self._table.check_sum(row)) for row in rows]
+        with self._turn, self._connection:
+            self._connection.execute("BEGIN IMMEDIATE")
+            self._connection.executemany(self._table.delete, gone)
+            self._connection.executemany(self._table.insert, written)
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._turn, suppress(sqlite3.Error):  # the next start repairs it
+            self._connection.close()
+
+
+class Opened(NamedTuple):
+    """An open database and what it holds. `damage` says what was wrong with it, in words; empty if nothing was."""
+
+    database: Database
+    rows: tuple[Row, ...]
+    damage: str = ""
+
+
+def open_table(file: Path, table: Table) -> Opened:
+    """Open or create the database `file`. A damaged one is moved aside first.
+
+    Raises:
+        StateError: it is in use or from a later version, or it cannot be read, made or moved.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return _open(file, table)
+    except sqlite3.Error as error:
+        raise StateError(_explain_permission(file) or f"{file}: {error}{_advice(error, table)}") from error
+    except OSError as error:
+        raise StateError(f"{file}: {error.strerror}; {table.needed_by} need a folder to write in") from error
+
+
+def _advice(error: sqlite3.Error, table: Table) -> str:
+    """What an operator can do about it."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the high bits are the extended error code
+    if code == sqlite3.SQLITE_BUSY:
+        return "; is another modbus-gateway running?"
+    if code in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
+        return f"; {table.needed_by} need a folder to write in"
+    return ""
+
+
+def _explain_permission(file: Path) -> str:
+    """The message if a permission is missing; empty otherwise."""
+    for part in filter(Path.exists, _parts(file)):
+        if not os.access(part, os.R_OK | os.W_OK, effective_ids=True):
+            return f"{part}: no permission to read and write it; as root: chown --reference={part.parent} {part}"
+    return ""
+
+
+def _parts(file: Path) -> Iterator[Path]:
+    return (Path(f"{file}{part}") for part in _PARTS)
+
+
+def _open(file: Path, table: Table) -> Opened:
+    rows: list[Row] = []
+    try:
+        database = _load(file, table, rows)
+    except sqlite3.OperationalError:  # in use, no permission, disk full: the file may be good
+        raise
+    except sqlite3.DatabaseError as error:
+        return _recreate(file, table, rows, str(error))
+    return Opened(database, tuple(rows))
+
+
+def _recreate(file: Path, table: Table, rows: list[Row], damage: str) -> Opened:
+    aside = _move_aside(file)
+    database = _load(file, table, [])
+    database.write(rows)
+    return Opened(database, tuple(rows), f"{damage}; it is now {aside}; {len(rows)} values of it could be read")
+
+
+def _move_aside(file: Path) -> Path:
+    aside = file.with_name(f"{file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S}")
+    for part, part_aside in zip(_parts(file), _parts(aside), strict=True):
+        with suppress(FileNotFoundError):
+            part.rename(part_aside)
+    return aside
+
+
+def _load(file: Path, table: Table, rows: list[Row]) -> Database:
+    """Open `file` and read it into `rows`.
+
+    Raises:
+        sqlite3.OperationalError: it cannot be opened at the moment.
+        sqlite3.DatabaseError: it is damaged, or from another program; `rows` has what could be read.
+    """
+    if file.exists() and not file.stat().st_size:
+        raise sqlite3.DatabaseError("it is empty")
+    connection = sqlite3.connect(file, timeout=0, isolation_level=None, check_same_thread=False)
+    connection.text_factory = partial(str, encoding="utf-8", errors="replace")
+    try:
+        connection.execute(_OURS_ALONE)
+        is_new = _is_new(connection, file, table)
+        connection.executescript(_MODES)  # which changes the file, so it must be ours
+        if is_new:
+            connection.executescript(table.set_up)
+        for part in filter(Path.exists, _parts(file)):
+            give_to_owner_of_folder(part)
+        _read(connection, table, rows)
+    except BaseException:
+        connection.close()
+        raise
+    return Database(connection, table)
+
+
+def _is_new(connection: sqlite3.Connection, file: Path, table: Table) -> bool:
+    """Whether the file is still empty. Otherwise it must be of this program and version."""
+    application, version, tables = (
+        connection.execute(question).fetchone()[0]
+        for question in ("PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master")
+    )
+    if application == table.application and version > table.version:
+        raise StateError(f"{file} was written by a later version of modbus-gateway; move it away to start without it")
+    if tables and application != table.application:
+        raise sqlite3.DatabaseError("it is a database of another program")
+    return not tables
+
+
+def _read(connection: sqlite3.Connection, table: Table, rows: list[Row]) -> None:
+    wrong = 0
+    with closing(connection.execute(table.select)) as stored:
+        for *columns, check_sum in stored:
+            row = tuple(columns)
+            if table.check_sum(row) == check_sum:
+                rows.append(row)
+            else:
+                wrong += 1
+    if wrong:
+        raise sqlite3.DatabaseError(f"{wrong} values have a wrong checksum")
+    (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if verdict != "ok":
+        raise sqlite3.DatabaseError(verdict)
