@@ -90,7 +90,7 @@ def _serve(plan: Plan, file: Path, control: Path, fan_out: FanOut) -> None:
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        run_exactly(_run(plan, file, control, _State(memory, store, left_behind), fan_out))
+        run_exactly(_run(plan, file, control, _State(memory, store, left_behind, folder), fan_out))
 
 
 class _State(NamedTuple):
@@ -99,6 +99,7 @@ class _State(NamedTuple):
     memory: Memory
     store: Store
     left_behind: LeftBehind
+    folder: Path
 
 
 async def _run(plan: Plan, file: Path, control: Path, state: _State, fan_out: FanOut) -> None:
@@ -120,7 +121,7 @@ async def _run(plan: Plan, file: Path, control: Path, state: _State, fan_out: Fa
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
     async with (
         control_open(control, verbs(running, reloader), emit),
-        web_pages(plan.web, running, reloader, fan_out),
+        web_pages(plan.web, running, reloader, fan_out, state.folder),
     ):
         garbage.settle()
         await serve(running, stop, systemd, reloader)

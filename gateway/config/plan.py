@@ -137,7 +137,8 @@ class LogSettings:
 class WebPlan:
     """Where the gateway answers over HTTP, by which names, and the files that say who is let in.
 
-    Requests of a `proxy` name their user themselves. Operators may `write` if that is set.
+    Requests of a `proxy` name their user themselves. Operators may `write` if that is set. The `history` is kept over a
+    restart.
     """
 
     bind: Address
@@ -148,6 +149,7 @@ class WebPlan:
     key: SecretFile | None = None
     proxy: tuple[Network, ...] = ()
     write: bool = False
+    history: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -477,6 +479,7 @@ def _web(web: Web) -> WebPlan:
         key=web.key,
         proxy=web.proxy or (),
         write=web.write,
+        history=web.history,
     )
 
 

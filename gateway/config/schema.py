@@ -577,6 +577,11 @@ class Web(Table):
     write: bool = Field(
         False, description="Whether users with the role `operator` may write coils and registers through it."
     )
+    history: bool = Field(
+        True,
+        description="Whether `history.sqlite` in the state directory keeps what units did in the last day and lines in "
+        "the last week. If not, it is gone after a restart.",
+    )
 
 
 class Control(Table):

@@ -7,7 +7,7 @@ could not be written is written with what comes later. A power cut loses what ha
 import asyncio
 import sqlite3
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -57,11 +57,10 @@ async def history_kept(
 
     `clock` gives seconds since 1970.
     """
-    loop = asyncio.get_running_loop()
-    history, look = History(), Look(loop.time())
+    history, look = History(), Look()
 
-    def add() -> None:
-        uses = look.take(running.gateway, loop.time())
+    async def add() -> None:
+        uses = await look.take(running.gateway)
         history.add(clock(), uses.lines, uses.units)
 
     file = None if folder is None else HistoryFile(folder / FILE_NAME, history, running.emit)
@@ -73,15 +72,15 @@ async def history_kept(
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
-        add()
+        await add()
         if file is not None:
             await file.close()
 
 
-async def _keep_adding(add: Callable[[], None]) -> None:
+async def _keep_adding(add: Callable[[], Awaitable[None]]) -> None:
     while True:
         await asyncio.sleep(LOOK_EVERY)
-        add()
+        await add()
 
 
 async def _guarded(work: Coroutine[None, None, None], emit: Emit) -> None:

@@ -1,6 +1,7 @@
 """What lines and units have done since the last look at their counters: nothing is counted twice for it."""
 
-from collections.abc import Iterator, Mapping
+import asyncio
+from collections.abc import Mapping
 from operator import attrgetter, sub
 from typing import Final, NamedTuple
 
@@ -9,6 +10,9 @@ from gateway.lines.counts import RESULTS
 from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.timing.history import LineUse, UnitUse
+
+#: The lines never wait longer for a look than this, in seconds.
+_SLICE: Final = 0.0005
 
 _RESULTS: Final = attrgetter(*RESULTS)
 _FAILED: Final = attrgetter("bad_frame", "ambiguous", "line_lost")
@@ -39,40 +43,44 @@ class Uses(NamedTuple):
 class Look:
     """Compares the counters with those of the time before. What a reload has built begins at 0."""
 
-    def __init__(self, now: float) -> None:
-        self._at = now
+    def __init__(self) -> None:
+        self._at = asyncio.get_running_loop().time()
         self._units: dict[_LookedAt, _Total] = {}
         self._busy: dict[_Part, float] = {}
 
-    def take(self, gateway: Gateway, now: float) -> Uses:
-        """What lines and units have done since the last time; it is `now`, in seconds of the loop's clock."""
-        seconds, self._at = now - self._at, now
+    async def take(self, gateway: Gateway) -> Uses:
+        """What lines and units have done since the last time; with pauses, in which lines work."""
+        now = asyncio.get_running_loop().time
+        seconds, self._at = now() - self._at, now()
         lines: dict[str, LineUse] = {}
         units: dict[str, UnitUse] = {}
         totals: dict[_LookedAt, _Total] = {}
         busy: dict[_Part, float] = {}
+        until = now() + _SLICE
         parts: tuple[_Part, ...] = (*gateway.lines, *gateway.upstreams)
         for part in parts:
             sent = failed = 0
             for device in _devices(part):
+                if now() >= until:
+                    await asyncio.sleep(0)
+                    until = now() + _SLICE
                 totals[device] = total = _total(device)
                 before = self._units.get(device, _NOTHING)
-                resting = seconds if device.breaker.is_resting(now) else 0.0
+                resting = seconds if device.breaker.is_resting(now()) else 0.0
                 sent += total.sent - before.sent
                 failed += total.use.timeouts + total.use.failed - before.use.timeouts - before.use.failed
                 if isinstance(device, Device) and (resting or total != before):
                     units[device.name] = UnitUse(*map(sub, total.use, before.use))._replace(resting=resting)
-            busy[part] = _busy_seconds(part, now)
+            busy[part] = _busy_seconds(part, now())
             more = max(0.0, busy[part] - self._busy.get(part, 0.0))
             lines[part.name] = LineUse(seconds, more, 0.0 if part.reconnector.is_open else seconds, sent, failed)
         self._units, self._busy = totals, busy
         return Uses(lines, units)
 
 
-def _devices(part: _Part) -> Iterator[_LookedAt]:
-    if isinstance(part, GatewayLine):
-        yield part.every_device
-    yield from part.devices.values()
+def _devices(part: _Part) -> list[_LookedAt]:
+    all_of_them = [part.every_device] if isinstance(part, GatewayLine) else []
+    return [*all_of_them, *part.devices.values()]
 
 
 def _total(device: _LookedAt) -> _Total:

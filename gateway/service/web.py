@@ -1,7 +1,8 @@
 """`[web]`: metrics and health over HTTP. Its libraries are loaded only if configured."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping, Sequence
+import time
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import asdict
 from errno import EINVAL
@@ -16,11 +17,13 @@ from gateway.modbus.pdu import exception_response
 from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import status as told
+from gateway.service.history import history_kept
 from gateway.service.operator import Question, UnitPicture, picture, pictures, send
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
 from gateway.service.secret_files import path_of, refuse_if_exposed
 from gateway.service.trace_reader import Texts, TraceReader, capture
+from gateway.timing.history import History, Past
 from gateway.web.answers import Answer, Asker, Which
 
 #: The package's extra with the libraries.
@@ -30,12 +33,17 @@ _STATUS_KEPT: Final = 1.0
 
 
 @asynccontextmanager
-async def web_pages(plan: WebPlan | None, running: Running, reloader: Reloader, fan_out: FanOut) -> AsyncIterator[None]:
-    """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more."""
+async def web_pages(
+    plan: WebPlan | None, running: Running, reloader: Reloader, fan_out: FanOut, folder: Path | None = None
+) -> AsyncIterator[None]:
+    """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more.
+
+    The history is kept in the `folder`.
+    """
     async with AsyncExitStack() as stack:
         if plan is not None:
             try:
-                await stack.enter_async_context(_open(plan, running, reloader, fan_out))
+                await stack.enter_async_context(_open(plan, running, reloader, fan_out, folder))
             except ModuleNotFoundError as error:
                 running.emit(events.WebClosed(str(plan.bind), _MISSING.format(error.name)))
             except OSError as error:
@@ -48,7 +56,9 @@ async def web_pages(plan: WebPlan | None, running: Running, reloader: Reloader, 
 
 
 @asynccontextmanager
-async def _open(plan: WebPlan, running: Running, reloader: Reloader, fan_out: FanOut) -> AsyncIterator[None]:
+async def _open(
+    plan: WebPlan, running: Running, reloader: Reloader, fan_out: FanOut, folder: Path | None
+) -> AsyncIterator[None]:
     server = import_module("gateway.web.server")
     settings = server.WebSettings(
         host=plan.bind.host,
@@ -61,7 +71,10 @@ async def _open(plan: WebPlan, running: Running, reloader: Reloader, fan_out: Fa
         proxy=plan.proxy,
         write=plan.write,
     )
-    async with server.web_open(settings, _Answers(running, reloader, fan_out)) as address:
+    async with (
+        history_kept(running, folder if plan.history else None) as history,
+        server.web_open(settings, _Answers(running, reloader, fan_out, history)) as address,
+    ):
         running.emit(events.WebUp(address))
         yield
 
@@ -112,10 +125,19 @@ class _Answers:
         "Reload": Outcome,
     }
 
-    def __init__(self, running: Running, reloader: Reloader, fan_out: FanOut) -> None:
+    def __init__(
+        self,
+        running: Running,
+        reloader: Reloader,
+        fan_out: FanOut,
+        history: History,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
         self._running = running
         self._reloader = reloader
         self._fan_out = fan_out
+        self._history = history
+        self._clock = clock
         self._read = import_module("gateway.service.metrics").read
         metrics = import_module("gateway.observe.metrics")
         self._exposition = metrics.exposition
@@ -165,6 +187,9 @@ class _Answers:
             if self._status is None or now - self._status.at >= _STATUS_KEPT:
                 self._status = await told.status_in_slices(self._running.gateway, self._running.recent)
             return self._status
+
+    def past(self, slots: int) -> Past:
+        return self._history.last(self._clock(), slots)
 
     def units(self) -> Sequence[UnitPicture]:
         return pictures(self._running.gateway)

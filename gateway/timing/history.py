@@ -113,6 +113,13 @@ class Slot:
         return slot
 
 
+class Past(NamedTuple):
+    """Slots one after another, the first with this number; None where the gateway did not run."""
+
+    first: int
+    slots: Sequence[Slot | None]
+
+
 class Changes(NamedTuple):
     """Slots that a file does not have yet, and the numbers of those that it has no longer to keep."""
 
@@ -146,10 +153,10 @@ class History:
                 self._slots[slot.number] = slot
         self._forget()
 
-    def last(self, time: float, count: int) -> Sequence[Slot | None]:
-        """The last `count` slots up to the one at `time`, the oldest first; None where there is none."""
+    def last(self, time: float, count: int) -> Past:
+        """The last `count` slots up to the one at `time`."""
         end = slot_at(time) + 1
-        return [self._slots.get(number) for number in range(end - count, end)]
+        return Past(end - count, [self._slots.get(number) for number in range(end - count, end)])
 
     def changes(self) -> Changes:
         """What has changed since the last time."""

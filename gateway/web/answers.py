@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from gateway.profiles.point import Point
+from gateway.timing.history import Past
 
 
 class Unit(Protocol):
@@ -127,6 +128,9 @@ class Answers(Protocol):
 
     async def status(self) -> Status:
         """How the gateway is doing: the same object for a second, made with pauses in which the lines work."""
+
+    def past(self, slots: int) -> Past:
+        """What lines and units did in the last slots of time, up to the present one."""
 
     def units(self) -> Sequence[Unit]:
         """Every unit."""

@@ -16,6 +16,7 @@ from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.web import _Answers
+from gateway.timing.history import History
 from gateway.web.server import serving
 from gateway.web.settings import WebSettings
 from kit.gateway_bench import PATIENCE, GatewayBench, gateway_bench
@@ -25,6 +26,8 @@ CHEAP_HASH = "$scrypt$ln=1,r=1,p=1$AAAAAAAAAAAAAAAAAAAAAA==$PQkVTyyHF9mCETQ+ge6t
 PASSWORD = "correct horse"
 USERS = f"anna:operator:{CHEAP_HASH}\nvera:viewer:{CHEAP_HASH}\n"
 HOST = "127.0.0.1:8502"
+#: When virtual time begins: the first of May 2026, 12:00 UTC.
+CLOCK = 1_777_636_800.0
 
 
 class Page(NamedTuple):
@@ -154,13 +157,14 @@ class Browser:
 
 
 class WebBench(NamedTuple):
-    """A gateway with a web page. `connect` makes the protocol of a connection."""
+    """A gateway with a web page. `connect` makes the protocol of a connection; the `history` is the test's to fill."""
 
     inner: GatewayBench
     running: Running
     fan_out: FanOut
     connect: Any
     users: Path
+    history: History
 
     def browser(self, host: str = "127.0.0.1", name: str = HOST) -> Browser:
         return Browser(self.connect, host, name)
@@ -188,8 +192,10 @@ async def web_bench(config: str, folder: Path, **settings: Any):
 
         reloader = Reloader(file, running, rebuild, Notifier({}))
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
-        async with serving(replace(asked, **settings), _Answers(running, reloader, fan_out)) as connect:
-            yield WebBench(home, running, fan_out, connect, users)
+        history = History()
+        answers = _Answers(running, reloader, fan_out, history, lambda: CLOCK + loop.time())
+        async with serving(replace(asked, **settings), answers) as connect:
+            yield WebBench(home, running, fan_out, connect, users, history)
 
 
 def _page(data: bytes, method: str) -> Page:
