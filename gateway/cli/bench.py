@@ -44,17 +44,18 @@ def run(args: argparse.Namespace) -> int:
         result = daemon.ask("bench", **question).get("bench")
     if not isinstance(result, dict):
         raise DaemonError("the daemon's answer has no measurement in it")
-    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _as_text(result))
+    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else show_bench(result))
     return PROBLEM_FOUND if result["failed"] else FINE
 
 
-def _as_text(result: Mapping[str, Any]) -> str:
+def show_bench(result: Mapping[str, Any]) -> str:
+    """The measurement as tables and notes."""
     reads = [
         (str(one["unit"]), one["name"], f"{one['area']} {one['address']}", str(one["items"]), _ms(one["line_time_ms"]))
         for one in result["reads"]
     ]
     expected, measured = result["expected_per_second"], result["measured_per_second"]
-    rates = [("by arithmetic", f"{expected:.2f}", _each(expected)), ("measured", f"{measured:.2f}", _each(measured))]
+    rates = [("by arithmetic", *_rate(expected)), ("measured", *_rate(measured))]
     parts = [
         f"Line {result['line']}",
         align([("UNIT", "DEVICE", "READS FROM", "ITEMS", "LINE TIME"), *reads], "  "),
@@ -66,24 +67,28 @@ def _as_text(result: Mapping[str, Any]) -> str:
 
 def _notes(result: Mapping[str, Any]) -> Iterator[str]:
     total = result["answered"] + result["exceptions"] + result["failed"]
-    share = result["measured_per_second"] / result["expected_per_second"]
+    expected = result["expected_per_second"]
+    share = result["measured_per_second"] / expected if expected else None
     yield (
         f"{total} reads in {show_duration(result['seconds'])}: {result['answered']} answered, "
         f"{result['exceptions']} exceptions, {result['failed']} failed; line busy {result['busy_share']:.0%}"
     )
-    yield f"measured is {share:.1%} of the arithmetic"
+    if share is not None:
+        yield f"measured is {share:.1%} of the arithmetic"
     if result["failed"]:
         yield f"the last failure: {result['last_failure']}; modbus-gateway doctor {result['line']} looks for the cause"
     if result["exceptions"]:
         yield "exceptions are shorter than answers: choose registers that exist, with --at and --items"
     if result["others"]:
         yield f"other clients had {result['others']} requests on the line meanwhile"
-    if abs(share - 1) > _CLOSE and not all(one["answer_time_known"] for one in result["reads"]):
+    if (share is None or abs(share - 1) > _CLOSE) and not all(one["answer_time_known"] for one in result["reads"]):
         yield "the profile has no answer times, so the arithmetic has none: see modbus-gateway calibrate"
 
 
-def _each(per_second: float) -> str:
-    return _ms(1000 / per_second) if per_second else "-"
+def _rate(per_second: float | None) -> tuple[str, str]:
+    """Reads in a second, and the time of one."""
+    each = _ms(1000 / per_second) if per_second else "-"
+    return "-" if per_second is None else f"{per_second:.2f}", each
 
 
 def _ms(milliseconds: float) -> str:

@@ -51,8 +51,8 @@ def rates_as_json(rates: Iterable[ReadRate]) -> list[dict[str, Any]]:
             "area": one.area,
             "items": one.items,
             "line_time_ms": round(1000 * one.time, 3),
-            "per_second": round(one.alone, 3),
-            "per_second_in_turn": None if one.in_turn is None else round(one.in_turn, 3),
+            "per_second": _rounded(one.alone),
+            "per_second_in_turn": _rounded(one.in_turn),
             "answer_time_known": one.has_time,
         }
         for one in rates
@@ -61,6 +61,10 @@ def rates_as_json(rates: Iterable[ReadRate]) -> list[dict[str, Any]]:
 
 def _time(seconds: float) -> str:
     return f"{1000 * seconds:.1f} ms"
+
+
+def _rounded(per_second: float | None) -> float | None:
+    return None if per_second is None else round(per_second, 3)
 
 
 def _rate(per_second: float | None) -> str:

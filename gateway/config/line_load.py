@@ -48,13 +48,14 @@ class ReadRate(NamedTuple):
 
     So it can be repeated `alone` times a second if nothing else is asked, and `in_turn` times if every device of the
     line is read likewise; None where the devices are not known. If the profile of the device `has_time` for it, that
-    is part of the time; else the device is assumed to answer at once.
+    is part of the time; else the device is assumed to answer at once. Both are None if nothing takes any time: on a
+    line without a wire, as far as the config says.
     """
 
     area: Area
     items: int
     time: float
-    alone: float
+    alone: float | None
     in_turn: float | None
     has_time: bool
 
@@ -113,7 +114,7 @@ def _rate(line: LinePlan, device: DeviceSettings, area: Area, count: int) -> Rea
     time = _time_of_read(line, device, count)
     round_trip = 0.0 if line.passes_through else sum(_time_of_read(line, each, count) for each in line.devices)
     has_time = READERS[area][0] in device.profile.timing.rows
-    return ReadRate(area, count, time, 1 / time, 1 / round_trip if round_trip else None, has_time)
+    return ReadRate(area, count, time, 1 / time if time else None, 1 / round_trip if round_trip else None, has_time)
 
 
 def _time_of_read(line: LinePlan, device: DeviceSettings, count: int) -> float:

@@ -57,7 +57,7 @@ class BenchResult:
     """What a line carried in `seconds`: reads by what became of them.
 
     `others` are the frames that it carried for other clients meanwhile. Both rates are reads in a second; the
-    arithmetic takes a line that carries nothing else.
+    arithmetic takes a line that carries nothing else, and is None if nothing takes any time there.
     """
 
     line: str
@@ -69,11 +69,12 @@ class BenchResult:
     others: int = 0
     busy_share: float = 0.0
     last_failure: str = ""
-    expected_per_second: float = field(init=False)
+    expected_per_second: float | None = field(init=False)
     measured_per_second: float = 0.0
 
     def __post_init__(self) -> None:
-        self.expected_per_second = round(1000 * len(self.reads) / sum(one.line_time_ms for one in self.reads), 3)
+        time = sum(one.line_time_ms for one in self.reads)
+        self.expected_per_second = round(1000 * len(self.reads) / time, 3) if time else None
 
 
 @dataclass(slots=True, eq=False)

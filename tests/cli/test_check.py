@@ -333,6 +333,16 @@ def test_the_picture_as_json(config, capsys):
     ]
 
 
+def test_reads_of_a_device_without_a_wire_take_no_time_that_is_known(config, capsys):
+    file = config('[[line]]\nport = "/dev/null"\nmode = "ascii"\nwire = "direct"\ndevices = [{ unit = 1 }]')
+    assert main(["check", "--json", file]) == 0
+    reads = json.loads(capsys.readouterr().out)["lines"][0]["units"][0]["reads"]
+    rates = {(one["line_time_ms"], one["per_second"], one["per_second_in_turn"]) for one in reads}
+    assert rates == {(0.0, None, None)}
+    assert main(["check", file]) == 0
+    assert "0.0 ms     -              -" in capsys.readouterr().out
+
+
 SERVED = (
     FILE
     + """

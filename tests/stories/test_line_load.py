@@ -1,10 +1,12 @@
 """What a line can carry, by arithmetic, and what it carries at its real pace: in virtual time."""
 
 import asyncio
-from dataclasses import replace
+import re
+from dataclasses import asdict, replace
 
 import pytest
 
+from gateway.cli.bench import show_bench
 from gateway.config.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
 from gateway.service.bench import bench
@@ -96,6 +98,19 @@ async def test_the_rates_that_check_shows_are_those_of_bench():
         in_turn = await measured(running)
     assert alone.measured_per_second == pytest.approx(rate.alone, rel=CLOSE)
     assert in_turn.measured_per_second / 3 == pytest.approx(rate.in_turn, rel=CLOSE)
+
+
+async def test_a_line_without_a_wire_is_measured_only():
+    async with gateway_bench(
+        MINTS.format(baud=9600).replace('"serial"', '"direct"').replace('"mint"', '"generic"')
+    ) as it:
+        mints(it, 9600)
+        result = await measured(it, seconds=1)
+    assert result.expected_per_second is None
+    assert result.measured_per_second > 10
+    shown = show_bench(asdict(result))
+    assert re.search(r"by arithmetic +- +-", shown)
+    assert "of the arithmetic" not in shown
 
 
 async def test_a_line_is_busy_with_its_polls_as_foretold():
