@@ -4,8 +4,9 @@ A response does not say which request it answers, nor whose. So the first of the
 
 | owner            | rule                                                                                           |
 |------------------|------------------------------------------------------------------------------------------------|
-| the request      | it is the first that fits the request on the line and began after it. If it may answer another |
-|                  | client's request, it is ambiguous: it is not believed, and the next rules find its owner       |
+| the request      | it is the first that fits the request on the line and began after it; the request ends there.  |
+|                  | If it may answer another client's request, it is ambiguous: it is not believed, and the next   |
+|                  | rules find its owner                                                                           |
 | another client   | it fits a request of another client: the oldest, and one response for each request             |
 | a late response  | it fits a request of ours whose response is overdue, the oldest, and began after it            |
 | an echo          | it is a copy of our request that may come from the adapter; see `_is_echo`                     |
@@ -60,45 +61,44 @@ class Attribution:
         self.foreign: dict[int, deque[ForeignRequest]] = {}
         self.doubts: list[ForeignRequest] = []
         self.overheard = Overheard()
+        #: Where our last request ended; NEVER while it is on the line.
+        self.ended_at = 0
         #: Of how many requests in a row a copy was received besides the response.
         self.echoes_in_a_row = 0
         self._windows = windows
         self._patience = patience
         #: The request of the last late response.
         self.late: SentRequest
-        #: Our last request; when and where it was sent; whether it is on the line, or where that ended; whether its
-        #: response has come.
+        #: Our last request; where it was sent; whether it is on the line; whether its response has come.
         self._asked: Transaction | None = None
-        self._sent_at: float
         self._place: int
         self._is_on_line = False
-        self._ended_at = 0
         self._is_answered = False
         #: Copies of it that were received besides the response; until when one is an echo; whether that has come.
         self._copies = 0
         self._echo_until: float
         self._had_echo = False
 
-    def begin(self, transaction: Transaction, now: float, position: int, echo_until: float) -> None:
+    def begin(self, transaction: Transaction, position: int, echo_until: float) -> None:
         """The request is sent at this place. A copy of it before `echo_until` is an echo."""
         self.echoes_in_a_row = self.echoes_in_a_row + 1 if self._copies else 0
         self._copies = 0
         self._echo_until = echo_until
         self._had_echo = False
         self._asked = transaction
-        self._sent_at, self._place = now, position
+        self._place = position
         self._is_on_line = transaction.expects_answer
-        self._ended_at = NEVER
+        self.ended_at = NEVER
         self._is_answered = False
         if self.doubts:
             self.doubts = []
         if self.foreign:
-            self._forget(transaction, now)
+            self._forget(transaction)
 
     def end(self, position: int) -> None:
         """The request is over at this place. Frames from before it may still follow."""
         self._is_on_line = False
-        self._ended_at = min(self._ended_at, position)
+        self.ended_at = min(self.ended_at, position)
 
     def owner(self, token: Token) -> Owner:
         """The owner of a frame. To be called once for each, in order."""
@@ -131,8 +131,7 @@ class Attribution:
             return False
         if token.start < asked.expected.since or not asked.accepts(token.frame):
             return False
-        if self._is_answered:
-            return False
+        self.end(token.end)
         self._is_answered = True
         self.doubts = self._doubts_about(token.frame, asked) if self.foreign else []
         return not self.doubts
@@ -149,7 +148,7 @@ class Attribution:
             for unit in {frame.unit, asked.unit}
             for request in self.foreign.get(unit, ())
             if request.asked.function == function
-            and request.at + self._patience(request.asked, asked.device.answer_time) >= self._sent_at
+            and request.at + self._patience(request.asked, asked.device.answer_time) >= asked.sent_at
             and (request.frame != sent or request.end <= self._place)
         ]
 
@@ -187,7 +186,7 @@ class Attribution:
         self._copies += self._is_on_line or is_echo_shaped
         if is_echo_shaped:
             return True
-        if token.start >= self._ended_at:
+        if token.start >= self.ended_at:
             return False  # it may be another client's request
         is_first, self._had_echo = not self._had_echo, True
         is_echo = is_first and token.at < self._echo_until
@@ -214,20 +213,20 @@ class Attribution:
     def _count_stray_response(self, token: Token) -> None:
         """A frame without an owner may be a second response to our last request, or come after its late window."""
         asked = self._asked
-        if asked is None or self._is_on_line or token.is_damaged or not asked.accepts(token.frame):
+        if asked is None or token.start < self.ended_at or token.is_damaged or not asked.accepts(token.frame):
             return
         if self._is_answered:
             self.overheard.count_second_response(token.frame.unit)
         else:
             self.overheard.count_belated(token.frame.unit, token.at - asked.ends_at)
 
-    def _forget(self, asked: Transaction, now: float) -> None:
+    def _forget(self, asked: Transaction) -> None:
         """Forget requests that nothing can answer any more. The answer times of other units are not known here."""
         for unit, requests in list(self.foreign.items()):
             while requests:
                 answer_time = asked.device.answer_time
                 patience = self._patience(requests[0].asked, answer_time) if unit == asked.unit else _LONGEST
-                if requests[0].at + patience >= now:
+                if requests[0].at + patience >= asked.sent_at:
                     break
                 requests.popleft()
             self._drop_empty(unit)

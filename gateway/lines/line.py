@@ -359,11 +359,10 @@ class Line:
             self._fail_overdue(overdue, now)
 
     def _take_idle(self, size: int, now: float) -> None:
-        if not self._receiver.late_responses:
-            self.unasked_bytes += size
+        self.unasked_bytes += size
         self._report_late(now)
         resting = self._scheduler.resting
-        if resting:
+        if size and resting:
             self._scheduler.record_frames(self._receiver.responding(resting))
         self._go_on(now)
 
@@ -447,7 +446,6 @@ class Line:
     def _finish(self, current: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
         """The transaction is over; without an outcome it waits to be sent again."""
         self._receiver.stop()
-        self._report_late(now)
         if isinstance(outcome, Frame):
             self._scheduler.recorder.exchange(current, outcome.pdu, now, outcome.unit)
         else:
@@ -466,7 +464,7 @@ class Line:
             current.device.finished(current, response)
             if self.observer is not None:
                 self.observer(current, response, now)
-            self._go_on(now)
+            self._take_idle(self._receiver.take_behind(), now)
         finally:
             if response is not None:
                 current.respond(response.pdu, now)

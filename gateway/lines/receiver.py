@@ -88,6 +88,8 @@ class Receiver:
         self._began_at = 0
         self._text = bytearray()
         self._frames: list[tuple[Token, Owner]] = []
+        #: What came behind the response, together with it.
+        self._behind: list[Token] = []
 
     def tune(self, budget: Budget, silence: float, *, virtual: bool) -> None:
         """Set the times of the line and the silence that ends a frame of unknown size. See Line.port_up."""
@@ -103,7 +105,7 @@ class Receiver:
         # Another client's copy takes as long as our request, by its own clock, and cannot begin before that was sent.
         soon = min(self._silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
-        self._attribution.begin(transaction, now, scanner.position, echo_until)
+        self._attribution.begin(transaction, scanner.position, echo_until)
         echo.record_copies(self._attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)
         self._pace.begin()
@@ -183,10 +185,20 @@ class Receiver:
 
     def stop(self) -> None:
         """The request is over; only late responses may come."""
+        if self._current is None:
+            return
         self._attribution.end(self._scanner.position)
         for token in self._scanner.end():
             self._note(token, self._attribution.owner(token))
         self._current = None
+
+    def take_behind(self) -> int:
+        """Attribute what came behind the response, on the idle line. Returns how many bytes that were."""
+        if self._behind:
+            tokens, self._behind = self._behind, []
+            self._frames.clear()
+            self._attribute(tokens)
+        return self._scanner.position - self._attribution.ended_at
 
     def has_damaged_response(self, now: float) -> bool:
         """Whether what was received is the response, damaged, so that no other one comes."""
@@ -208,18 +220,16 @@ class Receiver:
             self._scanner.late = self._windows.expected()
 
     def _attribute(self, tokens: list[Token]) -> Outcome:
-        """Find the owners of all these frames: none can be the response to a later request."""
-        response: Token | None = None
-        for token in tokens:
+        """Find the owners of these frames, up to the one that ends the request."""
+        for count, token in enumerate(tokens, 1):
             owner = self._attribution.owner(token)
-            if owner == "the request":
-                response = token
-            else:
+            is_response = owner == "the request"
+            if not is_response:
                 self._note(token, owner)
-        current = self._current
-        if current is None or not (response or self._attribution.doubts):
-            return None
-        return self._finish(current, response)
+            if self._current is not None and (is_response or self._attribution.doubts):
+                self._behind = tokens[count:]
+                return self._finish(self._current, token, is_response=is_response)
+        return None
 
     def _note(self, token: Token, owner: Owner) -> None:
         """Keep and report a frame that is not the response."""
@@ -232,18 +242,20 @@ class Receiver:
         if len(self._frames) < _FRAMES:
             self._frames.append((token, owner))
 
-    def _finish(self, current: Transaction, response: Token | None) -> Outcome:
+    def _finish(self, current: Transaction, token: Token, *, is_response: bool) -> Outcome:
         """A response came. It is ambiguous if it may be for another client's request."""
         self._echo.record_response()
-        end = self._scanner.position if response is None else response.start
+        end = token.start if is_response else token.end
         if self._frames or end > current.expected.since:
             if self._has_noise(end):
                 current.counts.noise += 1
                 count = end - self._began_at
                 self._recorder.noise(bytes(self._text[:count]), count, current.ends_at)
             self._notice_echo(current)
-        if response is not None:
-            return response.frame
+        self._behind += self._scanner.end()
+        self._current = None
+        if is_response:
+            return token.frame
         self._report.other_client(current, self._attribution.doubts[0].frame)
         return AmbiguousResponse()
 

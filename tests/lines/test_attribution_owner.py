@@ -39,7 +39,8 @@ class Table:
     def begin(self, pdu: str = READ, unit: int = 1, now: float = NOW) -> Transaction:
         transaction = self.transaction(pdu, unit)
         transaction.expected = Expected(transaction.answers_from, transaction.asked, self.position)
-        self.attribution.begin(transaction, now, self.position, ECHO_UNTIL)
+        transaction.sent_at = now
+        self.attribution.begin(transaction, self.position, ECHO_UNTIL)
         return transaction
 
     def owner(self, pdu: str, unit: int = 1, at: float = NOW + 0.1, *, is_damaged: bool = False) -> str:

@@ -137,6 +137,14 @@ def test_a_second_answer_is_heard_behind_the_first(awaits_second: bool) -> None:
     assert len(heard) == 1 + awaits_second
 
 
+def test_a_second_answer_may_come_together_with_the_first() -> None:
+    bench = Scanning()
+    question, asker = bench.scan(unit=9)
+    bench.hear(frame(9, ANSWER) + frame(9, "83 02"))
+    assert [heard.pdu.hex(" ") for heard in question.device.heard] == ["03 02 00 07", "83 02"]
+    assert asker.answers == [ANSWER]
+
+
 def test_a_unit_in_its_late_window_is_not_asked_again_before_that_ends() -> None:
     bench = Scanning()
     question, _ = bench.scan(unit=9)

@@ -424,11 +424,15 @@ def test_a_request_that_its_device_cannot_have_never_reaches_the_line(bench: Ben
 # --- several frames at once ---
 
 
-def test_a_second_response_in_one_chunk_is_dropped_and_counted(bench: Bench) -> None:
+@pytest.mark.parametrize("chunks", [[2 * RESPONSE_FRAME], 2 * [RESPONSE_FRAME]], ids=["together", "apart"])
+def test_a_second_response_is_dropped_and_counted_as_one(bench: Bench, chunks: list[str]) -> None:
     bench.ask()
-    bench.hear(2 * RESPONSE_FRAME)
+    for chunk in chunks:
+        bench.hear(chunk)
     assert bench.client.answers == [RESPONSE]
-    assert (bench.counts.responses, bench.counts.foreign_frames) == (1, 1)
+    assert (bench.counts.responses, bench.counts.foreign_frames) == (1, 0)
+    assert bench.line.overheard.second_responses == {1: 1}
+    assert bench.line.unasked_bytes == len(bytes.fromhex(RESPONSE_FRAME))
 
 
 @pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
@@ -441,7 +445,7 @@ def test_the_next_client_does_not_get_the_second_copy_of_a_response(timing: Line
     bench.hear(2 * bench.frame(1, RESPONSE))
     assert bench.written == [bench.frame(1, READ), bench.frame(1, OTHER)]
     assert (bench.client.answers, second.answers) == ([RESPONSE], [])
-    assert bench.counts.foreign_frames == 1
+    assert bench.line.overheard.second_responses == {1: 1}
     bench.respond("03 02 00 07")
     assert second.answers == ["03 02 00 07"]
 

@@ -1,0 +1,105 @@
+"""However the bytes that come at one time are cut into chunks, the same comes of them."""
+
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.events import UnitRecovered
+from gateway.lines.breaker import FAILURES
+from gateway.timing.characters import LineTiming
+from kit.line_bench import ASCII, READ, RESPONSE, TIMING, Bench
+
+MODES = pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+
+#: Frames of all kinds, each from here to there, and other bytes.
+FRAMES = st.sampled_from(
+    [
+        *((1, pdu) for pdu in (RESPONSE, "03 02 00 07", "83 02", READ, "03 00 30 00 01", "06 00 01 00 05", "41 01 02")),
+        *((2, pdu) for pdu in (RESPONSE, READ, "83 06")),
+    ]
+)
+PIECES = st.tuples(FRAMES, st.sampled_from([0, 0, 0, 2, 5]), st.sampled_from([99, 99, 99, 3, 5, 7]))
+#: What is asked or comes at one time, and how much time passes then.
+STEPS = st.tuples(
+    st.sampled_from(["", "", READ, "03 00 20 00 01", "06 00 01 00 05", "41 01"]),
+    st.lists(st.one_of(PIECES, st.binary(max_size=4)), max_size=4),
+    st.sampled_from([0.0, 0.01, 0.03, 0.3, 1.0]),
+)
+
+
+TOGETHER = pytest.mark.parametrize("is_together", [True, False], ids=["together", "apart"])
+
+
+@MODES
+@TOGETHER
+def test_the_true_answer_that_comes_behind_an_ambiguous_one_is_late(timing: LineTiming, is_together: bool) -> None:
+    bench = Bench(timing=timing)
+    bench.ask()
+    bench.respond("03 00 30 00 01")
+    hear(bench, is_together, (1, "03 02 00 07"), (1, RESPONSE))
+    assert (bench.client.answers, bench.counts.late_responses) == (["83 0B"], 1)
+    assert bench.line.late_windows(bench.now) == 0
+
+
+@MODES
+@TOGETHER
+def test_a_unit_that_rests_is_heard_behind_the_answer_of_another(timing: LineTiming, is_together: bool) -> None:
+    bench = Bench(timing=timing)
+    for _ in range(FAILURES):
+        bench.ask(unit=2)
+        bench.pass_time(1.0)
+    assert bench.asks(unit=2) == "83 0B"
+    bench.ask()
+    hear(bench, is_together, (1, RESPONSE), (2, "03 04 00 07 00 08"))
+    assert len(bench.told(UnitRecovered)) == 1
+
+
+def hear(bench: Bench, is_together: bool, *frames: tuple[int, str]) -> None:
+    data = [bench.frame(unit, pdu) for unit, pdu in frames]
+    for chunk in [" ".join(data)] if is_together else data:
+        bench.hear(chunk)
+
+
+@pytest.mark.search
+@MODES
+@pytest.mark.parametrize(
+    "settings", [{}, {"virtual": False}, {"echo": True, "virtual": False}, {"retries": 1}], ids=str
+)
+@given(steps=st.lists(STEPS, max_size=6), sizes=st.lists(st.integers(1, 12), min_size=1, max_size=20))
+def test_the_same_comes_of_them(
+    timing: LineTiming, settings: dict[str, object], steps: list[tuple[str, list[object], float]], sizes: list[int]
+) -> None:
+    outcomes = []
+    for cut in ([4096], sizes):
+        bench = Bench(timing=timing, gap=0.005, **settings)  # no request leaves between two chunks
+        for pdu, pieces, seconds in steps:
+            if pdu:
+                bench.ask(pdu)
+                bench.pass_time(0.02)
+            data = b"".join(as_bytes(bench, piece) for piece in pieces)
+            for chunk in chunks(data, cut):
+                bench.hear(chunk.hex())
+            bench.pass_time(seconds)
+        bench.pass_time(300.0)
+        line = bench.line
+        heard = line.overheard, line.unasked_bytes
+        events = sorted(type(event).__name__ for event in bench.events)
+        outcomes.append((bench.client.answers, repr(bench.counts), repr(heard), events, bench.written))
+    assert outcomes[0] == outcomes[1]
+
+
+def as_bytes(bench: Bench, piece: object) -> bytes:
+    if isinstance(piece, bytes):
+        return piece
+    (unit, pdu), begin, end = piece
+    return bytes.fromhex(bench.frame(unit, pdu))[begin:end]
+
+
+def chunks(data: bytes, sizes: list[int]) -> Iterator[bytes]:
+    at, number = 0, 0
+    while at < len(data):
+        size = sizes[number % len(sizes)]
+        yield data[at : at + size]
+        at, number = at + size, number + 1
