@@ -8,7 +8,7 @@ from gateway.errors import PortError
 from gateway.events import ConnectionRenewed, Emit
 from gateway.lines.line import Line
 from gateway.lines.scheduler import earliest
-from gateway.lines.transaction import ScanTransaction, Transaction
+from gateway.lines.transaction import Transaction
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import CharacterErrors, Port
 from gateway.ports.wire import Wire, settled
@@ -40,12 +40,6 @@ class LineDriver:
         if self.line.is_quiet(now):
             self._read_port()
         self._boundary.run(self.line.submit, transaction, now)
-
-    def ask_when_idle(self, question: ScanTransaction, now: float) -> None:
-        """Take over the question of a scan, for the line's idle time."""
-        if self.line.is_quiet(now):
-            self._read_port()
-        self._boundary.run(self.line.ask_when_idle, question, now)
 
     def port_up(self, port: Port) -> None:
         """The port is open."""

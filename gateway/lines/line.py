@@ -44,7 +44,7 @@ from gateway.lines.report import Report
 from gateway.lines.scheduler import Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
-from gateway.lines.transaction import ScanTransaction, Transaction
+from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
@@ -204,21 +204,12 @@ class Line:
             self._follow_rate(now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction: it is sent in its turn, or fails."""
+        """Take over a transaction: it is sent in its turn, that of a scan when nobody else waits, or fails."""
         is_down = self._state in ("down", "last")
         rejection = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if rejection is not None:
             self._refuse(transaction, rejection, now)
         elif not self.is_busy:
-            self._go_on(now)
-
-    def ask_when_idle(self, question: ScanTransaction, now: float) -> None:
-        """Take over the question of a scan: it is sent when nobody else waits, or fails when the line goes down."""
-        if self._state in ("down", "last"):
-            question.fail(errors.LineDown())
-            return
-        self._scheduler.ask_when_idle(question)
-        if not self.is_busy:
             self._go_on(now)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:

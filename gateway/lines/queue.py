@@ -153,11 +153,8 @@ class WaitingQueue:
         return late
 
     def waits_since(self) -> float:
-        """When the request came that waits longest, if any does. What waits to be sent again came long ago."""
-        expiries = self._expiries
-        while expiries and expiries[0][1] not in self._waiting:
-            expiries.popleft()
-        return -inf if self._repeats else expiries[0][0] - self._max_wait
+        """When the request came that waits longest, or earlier. What waits to be sent again came long ago."""
+        return -inf if self._repeats else self._expiries[0][0] - self._max_wait
 
     def given_up(self, now: float) -> list[Transaction]:
         """Remove the transactions that it is too late to send again."""

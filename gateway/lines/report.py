@@ -28,7 +28,7 @@ class Report:
         device = transaction.device
         self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
-    def given_up(self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool = False) -> None:
+    def given_up(self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool) -> None:
         """No valid response came; `received` came instead, `is_echo` if that is the request."""
         if received:
             transaction.device.counts.received_instead.append(received)

@@ -15,15 +15,14 @@ from gateway.lines.recorder import Recorder
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived, Stall
-from gateway.lines.transaction import Destination, Transaction
+from gateway.lines.transaction import Destination, ScanTransaction, Transaction
 from gateway.modbus.scan import Expected
 
 
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `expired`, `given_up` and `put_back` are those of its queue. `ask_when_idle` takes the request of a scan.
-    `recorder` is the line's.
+    `expired`, `given_up` and `put_back` are those of its queue. `recorder` is the line's.
     """
 
     def __init__(
@@ -42,7 +41,6 @@ class Scheduler:
         self.expired = self._queue.expired
         self.given_up = self._queue.given_up
         self.put_back = self._queue.put_back
-        self.ask_when_idle = self._idle.put
 
     def __len__(self) -> int:
         """How many requests wait."""
@@ -50,6 +48,9 @@ class Scheduler:
 
     def put(self, transaction: Transaction, now: float) -> RequestError | None:
         """Let a transaction wait for its turn, or return why it cannot be sent."""
+        if isinstance(transaction, ScanTransaction):
+            self._idle.put(transaction)
+            return None
         rejection = self.rejection(transaction, now)
         if rejection is not None:
             return rejection

@@ -286,7 +286,7 @@ class Scan:
         request = Request(unit.unit, pdu, origin, self._now())
         patience = self._line.patience
         question = ScanTransaction(request, parse_request(pdu), unit, awaits_second=awaits_second, patience=patience)
-        self._line.driver.ask_when_idle(question, self._now())
+        self._line.driver.submit(question, self._now())
         try:
             async with asyncio.timeout(PATIENCE):
                 error, _ = await origin.outcome

@@ -8,7 +8,6 @@ from gateway.modbus.codes import MAX_PDU
 
 #: Above this rate the silences are fixed (S 2.5.1.1).
 FASTEST_SCALED_BAUD: Final = 19200
-T15_FIXED: Final = 0.000750
 T35_FIXED: Final = 0.001750
 
 Mode = Literal["rtu", "ascii"]
@@ -65,11 +64,6 @@ class LineTiming:
         # RTU: unit, PDU, CRC.  ASCII: two digits for each byte of unit, PDU and LRC, between : and CR LF.
         object.__setattr__(self, "_each", 2 if self.mode == "ascii" else 1)
         object.__setattr__(self, "_around", 7 if self.mode == "ascii" else 3)
-
-    @property
-    def t15(self) -> float:
-        """The longest gap inside an RTU frame (S 2.5.1.1)."""
-        return T15_FIXED if self.baud > FASTEST_SCALED_BAUD else 1.5 * self.character
 
     @property
     def t35(self) -> float:

@@ -199,7 +199,7 @@ class Upstream:
         """The time limit has ended. Failures of requests that were under way together count as one."""
         instead = self._finish(identifier, transaction)
         self._outstanding[identifier] = transaction
-        self._report.given_up(transaction, now, received=instead)
+        self._report.given_up(transaction, now, received=instead, is_echo=False)
         device = transaction.device
         if transaction.ends_at >= self._failed_at.get(device, 0.0):
             self._failed_at[device] = now

@@ -116,6 +116,16 @@ async def test_while_a_request_is_on_the_line_nobody_looks_for_the_next_one() ->
     driven.driver.close()
 
 
+@pytest.mark.parametrize("virtual", [True, False])
+async def test_a_line_is_virtual_while_its_port_is_open_and_says_so(virtual: bool) -> None:
+    driven = Driven()
+    driven.port.virtual = virtual
+    assert driven.driver.is_virtual == virtual
+    driven.driver.port_down(PortError("pulled"))
+    assert not driven.driver.is_virtual
+    driven.driver.close()
+
+
 async def test_it_answers_0b_when_the_limit_has_passed() -> None:
     driven = Driven()
     driven.ask()

@@ -43,7 +43,7 @@ class Scanning(Bench):
         asker = Asker("control")
         request = asker.ask(QUESTION, unit=unit, now=self.now)
         question = ScanTransaction(request, parse_request(request.pdu), Unit(unit), awaits_second=awaits_second)
-        self.line.ask_when_idle(question, self.now)
+        self.line.submit(question, self.now)
         return question, asker
 
 

@@ -106,6 +106,7 @@ def test_what_came_instead_of_an_answer_is_kept_up_to_a_bound():
     bench.pass_time(1.0)
     (record,) = ring.after(0)
     assert isinstance(record, Incident)
+    assert record.error.result == "bad_frame"
     assert record.heard[: len(broken)] == broken
     assert len(record.heard) == 256
 
@@ -119,6 +120,15 @@ def test_so_is_what_came_before_a_read_is_sent_again():
     bench.pass_time(0.5)
     (record,) = (each for each in ring.after(0) if isinstance(each, Incident))
     assert (record.error, record.heard) == (None, b"\x55\xaa")
+
+
+def test_a_read_that_is_sent_again_at_once_has_no_late_window():
+    bench, ring = bench_with_ring(retries=1)
+    bench.ask()
+    bench.hear("55 AA")
+    bench.pass_time(0.3)
+    (record,) = (each for each in ring.after(0) if isinstance(each, Incident))
+    assert (record.error, record.late_until) == (None, 0.0)
 
 
 def test_a_lost_port_has_nothing_of_the_request_before():

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response, parse_request
 from gateway.modbus.rtu import encode
@@ -257,3 +258,20 @@ def test_a_response_with_a_damaged_byte_is_a_damaged_frame() -> None:
     assert scanner.received(RESPONSE[4:6], 1.1, damaged=True) == []
     (token,) = scanner.received(RESPONSE[6:], 1.2)
     assert token.is_damaged
+
+
+# --- frames that nobody has asked for ---
+
+
+def test_a_frame_of_the_largest_size_is_found_though_it_tells_that_only_in_its_third_byte() -> None:
+    server_id = bytes((17, MAX_PDU - 2)) + bytes(MAX_PDU - 2)
+    assert [token.frame for token in RtuScanner(SILENCE).received(encode(9, server_id), 1.0)] == [(9, server_id)]
+
+
+def test_what_has_begun_before_a_hole_is_not_completed_behind_it() -> None:
+    """Its size ends on a frame that begins like it."""
+    scanner = RtuScanner(SILENCE)
+    begun, other = bytes.fromhex("01 03 14 00 00 00 00 00"), encode(1, bytes.fromhex("03 14 00 00 01"))
+    assert scanner.received(begun, 1.0) == []
+    tokens = scanner.received(bytes(25 - len(begun) - len(other)) + other, 1.0 + 2 * HOLE)
+    assert [(token.start, token.frame.pdu) for token in tokens] == [(25 - len(other), other[1:-2])]

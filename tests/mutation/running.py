@@ -31,13 +31,14 @@ TESTS: Final = ("tests/lines", "tests/modbus", "tests/routing", "tests/timing")
 #: Processor time of a test of a mutant, as a multiple of that without it, and in seconds; what takes longer is killed.
 PATIENCE: Final = 5.0
 SECONDS: Final = 1.0
-#: Seconds on the clock for all tests of a mutant.
+#: Seconds on the clock for all tests of a mutant. Behind that nothing is known of it: the machine may be busy.
 LONGEST: Final = 600
+_OUT_OF_TIME: Final = f"signal {signal.SIGKILL:d}"
 #: Memory of a mutant, in bytes.
 MEMORY: Final = 3 * 2**30
 
 _PYTEST: Final = (
-    *("-x", "-q", "--no-header", "--tb=no", "--capture=no", "--hypothesis-profile=mutants"),
+    *("-x", "-q", "--no-header", "--tb=no", "--capture=no", "--timeout=0", "--hypothesis-profile=mutants"),
     *(
         "-W",
         "ignore::pytest.PytestAssertRewriteWarning",
@@ -239,7 +240,10 @@ class Runner:
 
     def _end(self, mutant: Mutant, status: int) -> None:
         how = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else f"status {os.WEXITSTATUS(status)}"
-        mutant.keep(is_killed=status != 0, how=how)
+        if how == _OUT_OF_TIME:
+            print(f"  undecided after {LONGEST} s: {mutant.module.name}: {mutant.change}", file=sys.stderr, flush=True)
+        else:
+            mutant.keep(is_killed=status != 0, how=how)
         self._done += 1
         if self._done % 100 == 0:
             print(f"  {self._done} mutants in {monotonic() - self._begin:.0f} s", file=sys.stderr, flush=True)

@@ -5,7 +5,8 @@ import pytest
 from gateway.events import AccessDenied, Event, RequestRefused
 from gateway.request import Request
 from gateway.routing.access import NOTHING, READING, EntryPoint, Rights, Row
-from gateway.routing.router import Counts
+from gateway.routing.router import Counts, Router
+from gateway.trace.ring import Ring
 from kit.asker import Asker
 from kit.router import router
 
@@ -75,6 +76,15 @@ def test_what_reaches_no_target_is_counted() -> None:
     for unit, pdu in ((7, "03 00 00 00 01"), (7, "06 00 00 00 01"), (8, "03 00 00 00 01"), (8, "06 00 00 00 01")):
         made.submit(reader.ask(pdu, unit=unit), 0.0)
     assert made.counts == Counts(no_route=2, denied=1)
+
+
+def test_what_reaches_no_target_is_in_the_trace() -> None:
+    ring, reader = Ring(2**16), Asker(host=READER)
+    made = Router(EntryPoint("scada"), lambda: 0.0, [].append, ring=ring)
+    made.routes, made.rights = {7: Echo()}, Rights([Row(READING)], made.entry)
+    for unit, pdu in ((8, "03 00 00 00 01"), (7, "06 00 00 00 01"), (7, "03 00 00 00 01")):
+        made.submit(reader.ask(pdu, unit=unit), 0.0)
+    assert [(record.unit, record.error.result) for record in ring.after(0)] == [(8, "no_route"), (7, "denied")]
 
 
 def test_other_rights_hold_from_the_next_request_on() -> None:

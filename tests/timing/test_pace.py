@@ -26,6 +26,11 @@ def test_no_device_answers_before_it_has_noticed_the_end_of_the_request():
     assert pace.time_of(READ_TEN, NO_TABLE) == pytest.approx(33 * CHARACTER + 0.004)
 
 
+def test_a_response_of_unknown_size_takes_at_least_no_time():
+    pace = Pace(RTU, gap=0.0, frame_end=0.004)
+    assert pace.time_of(parse_request(bytes.fromhex("41 01")), NO_TABLE) == pytest.approx(5 * CHARACTER + 0.004)
+
+
 def test_an_ascii_read_takes_two_characters_for_each_byte():
     # : AA 03 0000 000A LL CR LF, and : AA 03 14 and 40 digits LL CR LF; ten bits for 7E1.
     pace = Pace(ASCII, gap=0.0, frame_end=0.0)
