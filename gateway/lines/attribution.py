@@ -62,7 +62,7 @@ class Attribution:
         self.doubts: list[ForeignRequest] = []
         self.overheard = Overheard()
         #: Where our last request ended; NEVER while it is on the line.
-        self.ended_at = 0
+        self.ended_at: int
         #: Of how many requests in a row a copy was received besides the response.
         self.echoes_in_a_row = 0
         self._windows = windows
@@ -72,12 +72,12 @@ class Attribution:
         #: Our last request; where it was sent; whether it is on the line; whether its response has come.
         self._asked: Transaction | None = None
         self._place: int
-        self._is_on_line = False
-        self._is_answered = False
+        self._is_on_line: bool
+        self._is_answered: bool
         #: Copies of it that were received besides the response; until when one is an echo; whether that has come.
         self._copies = 0
         self._echo_until: float
-        self._had_echo = False
+        self._had_echo: bool
 
     def begin(self, transaction: Transaction, position: int, echo_until: float) -> None:
         """The request is sent at this place. A copy of it before `echo_until` is an echo."""

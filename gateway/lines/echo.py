@@ -22,7 +22,7 @@ class EchoDetector:
     def __init__(self, report: Report, *, is_configured: bool) -> None:
         self.is_configured = is_configured
         self.is_suspected = False
-        self.is_virtual = True
+        self.is_virtual: bool
         self._report = report
         #: Early responses in a row, without one in time between them.
         self._early_responses = 0

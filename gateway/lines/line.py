@@ -86,7 +86,7 @@ class Line:
         self._current: Transaction | None = None
         self._diagnosis = NOTHING
         self._quiet_at = 0.0
-        self._renewed_until = 0.0
+        self._renewed_until: float
         self._tune(latency=0.0)
 
     @property

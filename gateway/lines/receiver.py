@@ -69,13 +69,13 @@ class Receiver:
     ) -> None:
         is_ascii = settings.timing.mode == "ascii"
         self.late_responses: list[LateResponse] = []
-        self.damaged_at: float | None = None
+        self.damaged_at: float | None
         self._windows = windows
         self._echo = echo
         self._report = report
         self._recorder = recorder
-        self._budget = Budget(settings.timing, 0.0)
-        self._silence = 0.0
+        self._budget: Budget
+        self._silence: float
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
         self._attribution = Attribution(windows, self._patience)
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
@@ -85,7 +85,7 @@ class Receiver:
         #: The request on the line, the place where it began, the first bytes since then, and the frames that are not
         #: its response. On the idle line: the last frames.
         self._current: Transaction | None = None
-        self._began_at = 0
+        self._began_at: int
         self._text = bytearray()
         self._frames: list[tuple[Token, Owner]] = []
         #: What came behind the response, together with it.

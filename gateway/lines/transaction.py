@@ -198,8 +198,8 @@ class ScanTransaction(Transaction):
         asked: RequestPdu,
         device: Destination,
         *,
-        awaits_second: bool = False,
-        patience: float = 0.0,
+        awaits_second: bool,
+        patience: float,
     ) -> None:
         super().__init__(request, asked, device)
         self.outstanding = 1 if awaits_second else 0

@@ -55,7 +55,7 @@ class RtuScanner(Scanner):
         self._is_silent = True
         #: The place of the request, and the size of its echo.
         self._sent_at: int
-        self._echo_size = 0
+        self._echo_size: int
         #: The size of the response as long as all bytes can be its beginning, else 0; those bytes, and their pieces.
         self._size = 0
         self._coming = b""

@@ -42,7 +42,9 @@ class Scanning(Bench):
     def scan(self, unit: int = 9, *, awaits_second: bool = True) -> tuple[ScanTransaction, Asker]:
         asker = Asker("control")
         request = asker.ask(QUESTION, unit=unit, now=self.now)
-        question = ScanTransaction(request, parse_request(request.pdu), Unit(unit), awaits_second=awaits_second)
+        question = ScanTransaction(
+            request, parse_request(request.pdu), Unit(unit), awaits_second=awaits_second, patience=0.0
+        )
         self.line.submit(question, self.now)
         return question, asker
 

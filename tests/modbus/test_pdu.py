@@ -53,6 +53,22 @@ def test_a_refusal_shows_the_rule_and_the_bytes():
 
 
 @pytest.mark.parametrize(
+    ("pdu", "rule"),
+    [
+        ("03 00 00 00", "the length must be 5 bytes"),
+        ("41" + 253 * "00", "the length must be 1 to 253 bytes"),
+        ("14 06 06 00 04 00 07 00", "the byte count must be 7 to 245, and that of the bytes after it"),
+        ("10 00 01 00 01 02 00 0A 00", "the byte count must be 0 to 247, and that of the bytes after it"),
+        ("15 0A 06 00 04 00 07 00 02 06 AF", "the byte count must be 9 to 251, and that of the bytes after it"),
+    ],
+)
+def test_a_refusal_says_which_lengths_there_are(pdu, rule):
+    with pytest.raises(errors.IllegalDataValue) as refused:
+        parse_request(bytes.fromhex(pdu))
+    assert f": {rule}: " in str(refused.value)
+
+
+@pytest.mark.parametrize(
     "pdu",
     [
         pytest.param(bytes.fromhex("01 00 00 07 D0"), id="2000 coils"),
@@ -106,17 +122,29 @@ def test_what_is_no_answer_is_not_accepted(response):
 
 
 @pytest.mark.parametrize(
-    ("request_pdu", "response"),
+    ("request_pdu", "repeated"),
     [
-        ("05 00 AC FF 00", "05 00 AC 00 00"),
-        ("06 00 01 00 03", "06 00 02 00 03"),
-        ("0F 00 13 00 0A 02 CD 01", "0F 00 13 00 09"),
-        ("10 00 01 00 02 04 00 0A 01 02", "10 00 02 00 02"),
-        ("16 00 04 00 F2 00 25", "16 00 04 00 F2 00 24"),
+        ("05 00 AC FF 00", 5),
+        ("06 00 01 00 03", 5),
+        ("08 00 00 A5 37 00 01", 7),
+        ("08 00 01 FF 00", 5),
+        ("08 00 02 00 00", 3),
+        ("08 00 0A 00 00", 5),
+        ("08 00 0B 00 00", 3),
+        ("0F 00 13 00 0A 02 CD 01", 5),
+        ("10 00 01 00 02 04 00 0A 01 02", 5),
+        ("15 0B 06 00 04 00 07 00 02 06 AF 04 BE", 13),
+        ("16 00 04 00 F2 00 25", 7),
     ],
 )
-def test_a_write_must_be_echoed(request_pdu, response):
-    assert not parse_request(bytes.fromhex(request_pdu)).accepts(bytes.fromhex(response))
+def test_a_response_repeats_so_much_of_its_request(request_pdu, repeated):
+    asked = parse_request(bytes.fromhex(request_pdu))
+    size = 5 if asked.function in {8, 15, 16} and repeated <= 5 else repeated
+    for at in range(size):
+        response = bytearray(asked.data[:size])
+        assert asked.accepts(bytes(response))
+        response[at] ^= 1
+        assert asked.accepts(bytes(response)) == (at >= repeated)
 
 
 def test_an_exception_response_has_bit_7_and_a_code():
