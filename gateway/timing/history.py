@@ -106,8 +106,8 @@ class Slot:
         slot = cls(number)
         try:
             content = json.loads(text)
-            slot.lines = {name: LineUse(*use) for name, use in content["lines"].items()}
-            slot.units = {name: UnitUse(*use) for name, use in content["units"].items()}
+            slot.lines = {name: LineUse().plus(LineUse(*use)) for name, use in content["lines"].items()}
+            slot.units = {name: UnitUse().plus(UnitUse(*use)) for name, use in content["units"].items()}
         except (AttributeError, LookupError, RecursionError, TypeError) as error:
             raise ValueError(str(error)) from error
         return slot
