@@ -3,7 +3,7 @@
 import asyncio
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, Final, NoReturn
@@ -14,10 +14,12 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.ports.threads import ThreadPerCall
 from gateway.profiles.point import Point
+from gateway.timing.history import LINE_SLOTS, STEP, UNIT_SLOTS
 from gateway.web.answers import Answers, Asker, Status, Unit, Which
 from gateway.web.downloads import Downloads
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
 from gateway.web.openapi import document
+from gateway.web.past import line_past, slots_in, unit_past
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.streams import Streams
 from gateway.web.values import Ask, Outcome, point_named, read, values_at, write
@@ -28,6 +30,9 @@ _NUMBER: Final = re.compile(r"\d{1,3}")
 _SECONDS: Final = re.compile(r"[0-9]{1,5}")
 #: A reader of the trace may begin so many seconds before.
 LONGEST_LOOK_BACK: Final = 3600
+#: How many hours of a history are kept.
+MOST_HOURS_OF_A_LINE: Final = LINE_SLOTS * STEP // 3600
+MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
 #: A reload takes no longer than this, in seconds.
 _RELOAD_TIME: Final = 45.0
 
@@ -70,8 +75,10 @@ class Api:
             ("GET", "/api/v1/status", self.status, "reading"),
             ("GET", "/api/v1/lines", self.lines, "reading"),
             ("GET", "/api/v1/lines/{name}", self.line, "reading"),
+            ("GET", "/api/v1/lines/{name}/history", self.line_history, "reading"),
             ("GET", "/api/v1/units", self.units, "reading"),
             ("GET", units, self.unit, "reading"),
+            ("GET", f"{units}/history", self.unit_history, "reading"),
             ("GET", f"{units}/points", self.read_points, "reading"),
             ("GET", f"{units}/points/{{name}}", self.read_point, "reading"),
             ("GET", f"{units}/{_AREA}/{_SPAN}", self.read_values, "reading"),
@@ -114,6 +121,23 @@ class Api:
             if each.name == name:
                 return _json(each)
         raise ProblemError(404, f"there is no line {name}")
+
+    async def line_history(self, request: web.Request) -> web.Response:
+        """What a line, or another server, did in the last hours."""
+        name, hours = request.match_info["name"], _hours(request, MOST_HOURS_OF_A_LINE)
+        status = await self._answers.status()
+        if all(each.name != name for each in (*status.lines, *status.upstreams)):
+            raise ProblemError(404, f"there is no history of a line {name}")
+        return await _json_of(partial(line_past, self._answers.past(slots_in(hours)), name))
+
+    async def unit_history(self, request: web.Request) -> web.Response:
+        """What a unit on a line, or behind another server, did in the last hours."""
+        unit, hours = self._answers.unit(_wanted(request)), _hours(request, MOST_HOURS_OF_A_UNIT)
+        status = await self._answers.status()
+        found = next((each for each in status.units if each.unit == unit.unit), None)
+        if found is None:
+            raise ProblemError(404, f"there is no history of {unit.name}, which is not on a line")
+        return await _json_of(partial(unit_past, self._answers.past(slots_in(hours)), found.line, found.name))
 
     async def units(self, _request: web.Request) -> web.Response:
         """Every unit, without its points."""
@@ -256,6 +280,17 @@ def _which(request: web.Request, usual: int) -> Which:
     return Which(int(seconds), query.get("line"), None if unit is None else _unit_in(unit))
 
 
+def _hours(request: web.Request, most: int) -> int:
+    """How far back a history is asked for."""
+    query = request.query
+    if unknown := sorted(set(query) - {"hours"}):
+        raise ProblemError(400, f"{unknown[0]}: there is only hours")
+    hours = query.get("hours", "24")
+    if not _NUMBER.fullmatch(hours) or not 1 <= int(hours) <= most:
+        raise ProblemError(400, f"hours: a whole number from 1 to {most}")
+    return int(hours)
+
+
 def _place(request: web.Request) -> tuple[Area, list[Point]]:
     first, _, last = request.match_info["span"].partition("-")
     area, query = Area(request.match_info["area"]), request.query
@@ -301,6 +336,12 @@ def _text(body: object) -> str:
 
 def _json(body: object) -> web.Response:
     return _json_response(_text(body))
+
+
+async def _json_of(make: Callable[[], object]) -> web.Response:
+    """What `make` returns; it is called, and written, in a thread."""
+    loop = asyncio.get_running_loop()
+    return _json_response(await loop.run_in_executor(ThreadPerCall("web history"), lambda: _text(make())))
 
 
 def _json_response(text: str) -> web.Response:

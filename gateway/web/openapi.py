@@ -6,6 +6,8 @@ from typing import Any, Final
 from gateway import __version__
 from gateway.modbus.codes import Area
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
+from gateway.timing.history import LINE_SLOTS, STEP, UNIT_SLOTS
+from gateway.web.past import TYPES as PAST_TYPES
 from gateway.web.schemas import Schema, schemas_of
 
 _WHATS: Final = {
@@ -41,7 +43,7 @@ def document(types: Mapping[str, type], cookie: str) -> dict[str, Any]:
         },
         "paths": _paths(),
         "components": {
-            "schemas": {**schemas_of(types), **_schemas()},
+            "schemas": {**schemas_of({**types, **PAST_TYPES}), **_schemas()},
             "securitySchemes": {
                 "token": {"type": "http", "scheme": "bearer"},
                 "session": {"type": "apiKey", "in": "cookie", "name": cookie},
@@ -71,8 +73,16 @@ def _paths() -> dict[str, Any]:
             "parameters": [_in_path("name", {"type": "string"}, "Its name")],
             "get": _get("One of them", {"anyOf": [_ref("Line"), _ref("Server"), _ref("Upstream")]}, (404,)),
         },
+        "/api/v1/lines/{name}/history": {
+            "parameters": [_in_path("name", {"type": "string"}, "Its name"), _hours(LINE_SLOTS)],
+            "get": _get("What it did in the last hours", _ref("LinePast"), (400, 404)),
+        },
         "/api/v1/units": {"get": _get("Every unit", _ref("Units"))},
         units: {"parameters": unit, "get": _get("A unit, its points and its status", _ref("UnitWithStatus"), (404,))},
+        f"{units}/history": {
+            "parameters": [*unit, _hours(UNIT_SLOTS)],
+            "get": _get("What a unit did in the last hours", _ref("UnitPast"), (400, 404)),
+        },
         f"{units}/points": {
             "parameters": unit,
             "get": _get("All points that can be read", _ref("Values"), _ASKING),
@@ -281,6 +291,11 @@ def _address() -> Schema:
 
 def _new_value() -> Schema:
     return {"type": ["number", "string", "boolean"]}
+
+
+def _hours(slots: int) -> dict[str, Any]:
+    hours = {"type": "integer", "minimum": 1, "maximum": slots * STEP // 3600, "default": 24}
+    return {"name": "hours", "in": "query", "schema": hours, "description": "So many hours up to now"}
 
 
 def _in_path(name: str, schema: Schema, what: str) -> dict[str, Any]:

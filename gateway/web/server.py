@@ -15,6 +15,7 @@ from gateway.web.answers import Answers
 from gateway.web.api import Api
 from gateway.web.assets import Assets
 from gateway.web.guard import Guard, Need
+from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.line import LinePage
 from gateway.web.pages.login import LoginPage
 from gateway.web.pages.overview import OverviewPage
@@ -97,9 +98,10 @@ def _application(
     api = Api(answers, guard, streams, may_write=settings.write)
     assets = Assets()
     renderer = Renderer(assets, is_encrypted=settings.is_encrypted)
+    heat_map = HeatMap()
     pages: tuple[Page, ...] = (
-        OverviewPage(answers, renderer),
-        LinePage(answers, renderer),
+        OverviewPage(answers, renderer, heat_map),
+        LinePage(answers, renderer, heat_map),
         LoginPage(settings, answers, guard, table, sessions, renderer),
     )
     routes = [

@@ -281,7 +281,7 @@ async def test_a_disk_that_fails_is_told_once_and_nothing_is_lost(tmp_path, monk
         slots = bench.last(4)
     async with bench_with_history(tmp_path) as bench:
         await asyncio.sleep(LOOK_EVERY + 1)
-        assert [each.units for each in bench.last(4)] == [each.units for each in slots]
+        assert [_requests(each) for each in bench.last(4)] == [_requests(each) for each in slots] == [1, 0, 0, 0]
 
 
 async def test_a_second_gateway_has_a_history_of_its_own(tmp_path):
@@ -301,3 +301,7 @@ async def test_a_defect_ends_the_history_and_nothing_else(tmp_path, monkeypatch)
         assert failed.part == "history"
         monkeypatch.undo()
         assert await bench.home.client().asks(1, READ) == "03 02 00 00"
+
+
+def _requests(slot) -> int:
+    return slot.units["silo"].requests if "silo" in slot.units else 0

@@ -1,5 +1,6 @@
 """The page of a line, or of another server: what it has done in the last seconds."""
 
+import asyncio
 import json
 from collections.abc import Sequence
 from datetime import datetime
@@ -8,8 +9,11 @@ from typing import Any, Final
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
+from gateway.timing.history import UNIT_SLOTS
 from gateway.web.answers import Answers, Which
 from gateway.web.guard import VISITOR, Need
+from gateway.web.pages.busy import busy_outline, hours
+from gateway.web.pages.heat_map import HeatMap, ShownUnits, ticks
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
@@ -23,9 +27,10 @@ _ABSENT: Final = dict.fromkeys(("result", "reason", "response", "request", "wait
 class LinePage:
     """The handler of `/lines/NAME`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer) -> None:
+    def __init__(self, answers: Answers, renderer: Renderer, heat_map: HeatMap) -> None:
         self._answers = answers
         self._renderer = renderer
+        self._heat_map = heat_map
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
         """Method, path, handler, and what it needs."""
@@ -46,7 +51,20 @@ class LinePage:
             facts, why = await self._last_facts(name, request[VISITOR].host), ""
         except WrongQuestion as wrong:
             facts, why = (), str(wrong)
-        return await self._renderer.page("line.html", request, line=line, status=line.status, facts=facts, why=why)
+        past, now = self._answers.past(UNIT_SLOTS), asyncio.get_running_loop().time()
+        units = tuple(unit for unit in status.units if unit.line == name)
+        return await self._renderer.page(
+            "line.html",
+            request,
+            line=line,
+            status=line.status,
+            facts=facts,
+            why=why,
+            # The template calls these in the thread that makes the page.
+            busy_outline=lambda: busy_outline(past, name),
+            hours=lambda: hours(past, name),
+            shown_units=lambda: ShownUnits(units, self._heat_map.rows(status.units, past, now), ticks(past)),
+        )
 
     async def _last_facts(self, line: str, host: str) -> Sequence[dict[str, Any]]:
         """The last transactions on a line that a reader at this address may see, the newest first."""

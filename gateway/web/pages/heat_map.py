@@ -1,0 +1,134 @@
+"""How units have answered in the last day: a row of a picture for each, with a column for each slot of the history.
+
+What a column tells is told by its height, its pattern and its colour.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from time import sleep
+from typing import Any, Final
+
+from gateway.timing.history import STEP, Past, Slot, UnitUse
+from gateway.web.past import mean_share, together
+
+#: The height of the picture, and of each kind of column; the kinds in the order of the legend.
+HEIGHT: Final = 12
+KINDS: Final = {"fine": 4, "slow": 6, "exceptions": 6, "few": 8, "many": 10, "none": 12, "idle": 1}
+#: From this share of requests on there are many without an answer, or with an exception.
+_MANY: Final = 0.1
+_EXCEPTIONS: Final = 0.05
+#: From this mean share of the limit on, answers are slow.
+_SLOW: Final = 0.6
+#: How long rows are shown again, in seconds: any number of readers costs no more than one.
+_KEPT: Final = 10.0
+_TICKS: Final = 6
+
+_GAP: Final = " "
+_LETTERS: Final = dict(zip("fseomni", KINDS, strict=True))
+_LETTER_OF: Final = {kind: letter for letter, kind in _LETTERS.items()}
+_RUN: Final = re.compile(r"(\S)\1*")
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """The slot with the most requests without an answer, from when to when."""
+
+    begin: str
+    end: str
+    unanswered: int
+    requests: int
+
+
+@dataclass(frozen=True, slots=True)
+class HeatRow:
+    """A unit in the last day: outlines of its columns by kind, and sums. `limit_share` is the mean one of responses."""
+
+    columns: tuple[tuple[str, str], ...]
+    use: UnitUse
+    limit_share: float | None
+    worst: Worst | None
+
+    @property
+    def unanswered_share(self) -> float:
+        """The share of requests without an answer."""
+        return self.use.unanswered / self.use.requests if self.use.requests else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ShownUnits:
+    """Units in the order of the page with their rows, the times of day along these, and how many units are left out."""
+
+    units: tuple[Any, ...]
+    rows: Mapping[str, HeatRow]
+    ticks: Sequence[str]
+    kinds: Mapping[str, int] = field(default_factory=lambda: KINDS)
+    left_out: int = 0
+
+
+class HeatMap:
+    """Makes rows, in the thread that makes a page."""
+
+    def __init__(self) -> None:
+        self._made_at = -_KEPT
+        self._names: tuple[str, ...] = ()
+        self._rows: Mapping[str, HeatRow] = {}
+
+    def rows(self, units: Sequence[Any], past: Past, now: float) -> Mapping[str, HeatRow]:
+        """The rows of units by name, at most some seconds old; `now` is the time of any clock that goes on."""
+        names = tuple(unit.name for unit in units)
+        if names != self._names or now - self._made_at >= _KEPT:
+            rows = {}
+            for unit in units:
+                rows[unit.name] = _row(past, unit.line, unit.name)
+                sleep(0)  # the lines need the interpreter
+            self._names, self._made_at, self._rows = names, now, rows
+        return self._rows
+
+
+def ticks(past: Past) -> list[str]:
+    """The times of day along the picture."""
+    step = len(past.slots) // _TICKS
+    return [clock(past.first + place) for place in range(0, len(past.slots), step)]
+
+
+def clock(number: int) -> str:
+    """When a slot begins, as a time of day of this machine."""
+    return f"{datetime.fromtimestamp(number * STEP).astimezone():%H:%M}"
+
+
+def kind_of(use: UnitUse | None) -> str:
+    """What kind of column tells this."""
+    if use is None or not use.requests:
+        return "idle"
+    lost, share = use.unanswered / use.requests, mean_share(use) or 0.0
+    if lost:
+        return "none" if lost == 1.0 else "many" if lost >= _MANY else "few"
+    if use.exceptions / use.requests >= _EXCEPTIONS:
+        return "exceptions"
+    return "slow" if share >= _SLOW else "fine"
+
+
+def _row(past: Past, line: str, unit: str) -> HeatRow:
+    letters = "".join(_letter(slot, line, unit) for slot in past.slots)
+    outlines: dict[str, list[str]] = {}
+    for run in _RUN.finditer(letters):
+        kind, width = _LETTERS[run[1]], run.end() - run.start()
+        height = KINDS[kind]
+        outlines.setdefault(kind, []).append(f"M{run.start()} {HEIGHT}v-{height}h{width}v{height}z")
+    use = together(slot.units.get(unit) for slot in past.slots if slot is not None)
+    columns = tuple((kind, "".join(outlines[kind])) for kind in KINDS if kind in outlines)
+    return HeatRow(columns, use, mean_share(use), _worst(past, unit) if use.unanswered else None)
+
+
+def _letter(slot: Slot | None, line: str, unit: str) -> str:
+    if slot is None or line not in slot.lines:
+        return _GAP
+    return _LETTER_OF[kind_of(slot.units.get(unit))]
+
+
+def _worst(past: Past, unit: str) -> Worst:
+    uses = ((slot.units[unit], slot.number) for slot in past.slots if slot is not None and unit in slot.units)
+    use, number = max(uses, key=lambda each: each[0].unanswered)
+    return Worst(clock(number), clock(number + 1), use.unanswered, use.requests)

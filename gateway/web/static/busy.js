@@ -1,0 +1,87 @@
+// Draws the busy share of a line with uPlot, over a day or a week; without it the server's own picture stays.
+import { textsOf } from "./texts.js";
+import { percent } from "./quantities.js";
+
+const TEXTS = await textsOf("busy");
+const EVERY = 60000; // milliseconds
+const SPANS = [24, 168]; // hours
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+async function fetched(line, hours) {
+  const response = await fetch(`/api/v1/lines/${encodeURIComponent(line)}/history?hours=${hours}`, { redirect: "error" });
+  if (!response.ok) throw new Error(response.status);
+  const { step_s: step, slots } = await response.json();
+  const known = new Map(slots.map((slot) => [slot.time, slot]));
+  const last = Math.floor(Date.now() / 1000 / step) * step;
+  const times = Array.from({ length: (hours * 3600) / step }, (_, place) => last - (hours * 3600) + step * (place + 1));
+  const column = (value) => times.map((time) => (known.has(time) ? value(known.get(time)) : null));
+  return [times, column((slot) => slot.busy_share), column((slot) => (slot.sent ? slot.failed / slot.sent : 0))];
+}
+
+class Busy {
+  constructor(figure) {
+    this.figure = figure;
+    this.hours = SPANS[0];
+    this.plot = undefined;
+    const bar = document.createElement("div");
+    bar.className = "controls";
+    this.buttons = SPANS.map((hours) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = TEXTS.span(hours);
+      button.addEventListener("click", () => this.show(hours));
+      bar.append(button);
+      return button;
+    });
+    this.bar = bar;
+    this.sizes = new ResizeObserver(() => this.plot?.setSize(this.size()));
+  }
+
+  size() {
+    return { width: Math.floor(this.figure.clientWidth), height: 220 };
+  }
+
+  async show(hours) {
+    let data;
+    try {
+      data = await fetched(this.figure.dataset.busy, hours);
+    } catch {
+      return; // what is shown stays
+    }
+    this.hours = hours;
+    this.buttons.forEach((button, at) => button.setAttribute("aria-pressed", String(SPANS[at] === hours)));
+    if (this.plot) return this.plot.setData(data);
+    this.figure.prepend(this.bar);
+    const place = this.figure.querySelector(".plot");
+    place.replaceChildren();
+    this.plot = new uPlot(this.options(), data, place);
+    this.sizes.observe(this.figure);
+  }
+
+  options() {
+    const axis = { stroke: colour("--quiet"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { stroke: colour("--grid"), width: 1 }, font: "12px system-ui, sans-serif" };
+    const share = (_, value) => (value === null || value === undefined ? "–" : percent(value));
+    const clock = new Intl.DateTimeFormat(document.documentElement.lang, { weekday: "short", hour: "2-digit", minute: "2-digit" });
+    const date = (_, value) => (value ? clock.format(value * 1000) : "–");
+    const times = (_, values) => values.map((value) => TEXTS.tick(new Date(value * 1000), this.hours > 24));
+    return {
+      ...this.size(),
+      cursor: { drag: { x: true, y: false } },
+      scales: { y: { range: [0, 1] } },
+      axes: [{ ...axis, values: times }, { ...axis, values: (_, values) => values.map((value) => `${Math.round(100 * value)} %`), size: 56 }],
+      series: [
+        { label: TEXTS.time, value: date },
+        { label: TEXTS.busy, stroke: colour("--accent"), width: 1.5, fill: colour("--accent") + "33", paths: uPlot.paths.stepped({ align: 1 }), spanGaps: false, points: { show: false }, value: share },
+        { label: TEXTS.failed, stroke: colour("--bad"), width: 1.5, dash: [4, 3], paths: uPlot.paths.stepped({ align: 1 }), spanGaps: false, points: { show: false }, value: share },
+      ],
+    };
+  }
+}
+
+if (globalThis.uPlot) {
+  for (const figure of document.querySelectorAll("figure[data-busy]")) {
+    const busy = new Busy(figure);
+    busy.show(SPANS[0]);
+    setInterval(() => document.hidden || busy.show(busy.hours), EVERY);
+  }
+}

@@ -1,0 +1,71 @@
+// Tells the numbers of the place in a heat map that is pointed at; on the link of a unit, ← and → do the same.
+import { textsOf } from "./texts.js";
+import { ms, percent } from "./quantities.js";
+
+const TEXTS = await textsOf("heat");
+const KEPT = 60000; // milliseconds
+const SLOTS = 144; // of a picture
+const past = new Map(); // what the server has told of a unit, and when
+let shown; // the unit and the slot that are told
+
+async function historyOf(unit) {
+  const known = past.get(unit);
+  if (known && performance.now() - known.at < KEPT) return known.slots;
+  const response = await fetch(`/api/v1/units/${encodeURIComponent(unit)}/history`, { redirect: "error" });
+  if (!response.ok) throw new Error(response.status);
+  const { step_s: step, slots } = await response.json();
+  const found = { step, slots: new Map(slots.map((slot) => [Math.floor(slot.time / step), slot])) };
+  past.set(unit, { at: performance.now(), slots: found });
+  return found;
+}
+
+const time = (seconds) => new Date(seconds * 1000).toLocaleTimeString(document.documentElement.lang, { hour: "2-digit", minute: "2-digit" });
+
+function words(slot) {
+  if (!slot) return TEXTS.gap;
+  if (!slot.requests) return TEXTS.idle;
+  const lost = [TEXTS.timeouts(slot.timeouts), TEXTS.failed(slot.failed), TEXTS.notSent(slot.not_sent), TEXTS.exceptions(slot.exceptions)];
+  const answer = slot.answer_ms === null ? "" : TEXTS.answer(ms(slot.answer_ms), percent(slot.limit_share));
+  const rest = slot.resting_s ? TEXTS.resting(slot.resting_s.toFixed(0)) : "";
+  return [TEXTS.requests(slot.requests), ...lost, answer, rest].filter(Boolean).join(" · ");
+}
+
+async function tell(row, place) {
+  const unit = row.dataset.unit;
+  const reading = row.closest("section").querySelector("[data-reading]");
+  shown = { unit, place };
+  try {
+    const { step, slots } = await historyOf(unit);
+    if (shown?.unit !== unit || shown.place !== place) return;
+    const number = Math.floor(Date.now() / 1000 / step) - SLOTS + 1 + place;
+    reading.textContent = `${unit}, ${time(number * step)}–${time((number + 1) * step)}: ${words(slots.get(number))}`;
+    mark(row, place);
+  } catch {
+    reading.textContent = "";
+  }
+}
+
+function mark(row, place) {
+  document.querySelectorAll("svg.map .mark").forEach((each) => each.remove());
+  const bar = document.createElementNS("http://www.w3.org/2000/svg", "rect");
+  for (const [name, value] of Object.entries({ class: "mark", x: place, y: 0, width: 1, height: 12 })) bar.setAttribute(name, value);
+  row.querySelector("svg.map").append(bar);
+}
+
+document.addEventListener("pointermove", (event) => {
+  const picture = event.target.closest?.("table[data-heat] svg.map");
+  if (!picture) return;
+  const box = picture.getBoundingClientRect();
+  const place = Math.min(SLOTS - 1, Math.max(0, Math.floor(((event.clientX - box.left) / box.width) * SLOTS)));
+  const row = picture.closest("tr");
+  if (shown?.unit !== row.dataset.unit || shown.place !== place) tell(row, place);
+});
+
+document.addEventListener("keydown", (event) => {
+  const row = event.target.closest?.("table[data-heat] tr[data-unit]");
+  const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (!row || !by || event.ctrlKey || event.altKey || event.metaKey) return;
+  event.preventDefault();
+  const place = shown?.unit === row.dataset.unit ? shown.place + by : SLOTS - 1;
+  tell(row, Math.min(SLOTS - 1, Math.max(0, place)));
+});
