@@ -4,9 +4,9 @@ import textwrap
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from gateway.cli.pdus import exception_in_words, request_in_words
 from gateway.cli.trace_rows import clock
 from gateway.service.capture import heard_frame
+from gateway.trace.pdus import exception_in_words, request_in_words
 
 Story = Mapping[str, Any]
 

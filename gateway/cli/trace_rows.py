@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Any, NamedTuple
 
-from gateway.cli.pdus import exception_in_words, frame_in_words, request_in_words, response_in_words
+from gateway.trace.pdus import exception_in_words, frame_in_words, request_in_words, response_in_words
 
 Fact = Mapping[str, Any]
 

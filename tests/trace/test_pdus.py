@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.cli.pdus import frame_in_words, request_in_words, response_in_words
+from gateway.trace.pdus import frame_in_words, request_in_words, response_in_words
 
 
 @pytest.mark.parametrize(
