@@ -4,10 +4,11 @@ A fact is an object as JSON has them, with `kind` and `time` (seconds since 1970
 are hexadecimal. Nothing is decoded here: that is done where it is read, and not beside the lines.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from gateway.errors import RequestError, WrongQuestion
+from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.service.build import Gateway
 from gateway.service.operator import find_unit, names
 from gateway.service.parts import GatewayLine, GatewayServer
@@ -21,40 +22,77 @@ MOST_STORIES: Final = 50
 #: Of so many records before a failure it is looked up what it waited behind.
 _LOOK_BACK: Final = 4 * STEP
 
+#: What can become of a request: `failed` are all but the first two.
+RESULTS: Final = (
+    *("ok", "exception", "failed", "timeout", "bad_frame", "ambiguous", "line_lost", "sent_again", "not_answered"),
+    *("resting", "overdue", "queue_full", "expired", "line_down", "no_route", "denied", "unwanted", "refused"),
+    *("echo_suspected", "stale"),
+)
+
 _OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then modbus-gateway reload'
 
 Fact = dict[str, Any]
 Clock = tuple[float, float]
 """The time of the event loop, and that of the day, at the same moment."""
 Tell = Callable[[Record, Clock, Mapping[int, str]], Any]
+Choose = Callable[[Sequence[Record]], Sequence[Record]]
 
 
-def page(gateway: Gateway, question: Mapping[str, Any], clock: Clock, tell: Tell | None = None) -> dict[str, Any]:
+def page(
+    gateway: Gateway,
+    question: Mapping[str, Any],
+    clock: Clock,
+    tell: Tell | None = None,
+    choose: Choose = lambda records: records,
+) -> dict[str, Any]:
     """The facts from number `after` on; or those of the last `since` seconds, or the last few: as many as one step has.
 
-    `line` and `unit` (number or name) choose among them. `next` is the number to ask for next, `missed` is how many
-    records before were gone already, and `is_all` says that there are no more at the moment. `tell` makes of a record
-    what stands in place of its fact.
+    `line`, `unit` (number or name), `function`, `client` and `result` choose among them, and then `choose` does. `next`
+    is the number to ask for next, `missed` is how many records before were gone already, and `is_all` says that there
+    are no more at the moment. `tell` makes of a record what stands in place of its fact.
 
     Raises:
-        WrongQuestion: nothing is kept, or there is no such line or unit.
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
     ring = gateway.ring
-    if not ring.is_on:
-        raise WrongQuestion(_OFF)
-    is_wanted = _filter(gateway, question.get("line"), question.get("unit"))
+    is_wanted = wanted(gateway, question)
     number = _number(gateway, question, clock)
     records = ring.after(number)
     following = max(number, ring.first) + len(records)
     begins_at = ring.begins_at
     names_of = names(gateway.plan)
+    chosen = choose([record for record in records if is_wanted(record)])
     return {
-        "facts": [(tell or fact)(record, clock, names_of) for record in records if is_wanted(record)],
+        "facts": [(tell or fact)(record, clock, names_of) for record in chosen],
         "next": following,
         "missed": max(0, ring.first - number),
         "is_all": following == ring.added,
         "reaches_back_s": 0.0 if begins_at is None else round(clock[0] - begins_at, 3),
     }
+
+
+def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], bool]:
+    """Whether a record is among those that `line`, `unit`, `function`, `client` and `result` choose.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
+    """
+    if not gateway.ring.is_on:
+        raise WrongQuestion(_OFF)
+    is_there = _filter(gateway, question.get("line"), question.get("unit"))
+    function, client, result = (question.get(name) for name in ("function", "client", "result"))
+    if result is not None and result not in RESULTS:
+        raise WrongQuestion(f'there is no result "{result}"; there are {", ".join(RESULTS)}')
+
+    def is_wanted(record: Record) -> bool:
+        return (
+            is_there(record)
+            and (function is None or _function(record) == function)
+            and (client is None or _asked_by(record, client))
+            and (result is None or _has_result(record, result))
+        )
+
+    return is_wanted
 
 
 def stories(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> dict[str, Any]:
@@ -147,6 +185,39 @@ def _unit_called(gateway: Gateway, who: str) -> int | None:
         return find_unit(gateway.plan, int(who) if who.isdecimal() else who)
     except WrongQuestion:
         return None
+
+
+def _function(record: Record) -> int | None:
+    """The function of a request, or of a frame that was heard."""
+    if isinstance(record, Heard):
+        is_frame = record.kind != "noise" and len(record.frame) > 1
+        return record.frame[1] & ~EXCEPTION_BIT if is_frame else None
+    pdu = getattr(record, "request", b"")
+    return pdu[0] if pdu else None
+
+
+def _asked_by(record: Record, who: str) -> bool:
+    """Whether a client asked for it that is called so, or has this address."""
+    clients = [getattr(record, "client", ""), *_clients(record)]
+    return any(who in (client, client.rpartition(":")[0].strip("[]"), client.rpartition("@")[2]) for client in clients)
+
+
+def _has_result(record: Record, result: str) -> bool:
+    found = _result(record)
+    return found == result or (result == "failed" and found not in ("", "ok", "exception"))
+
+
+def _result(record: Record) -> str:
+    """What became of a request; empty for what is none."""
+    if not isinstance(record, Exchange | Refused | Answered):
+        return ""
+    error = getattr(record, "error", None)
+    if error is not None:
+        return str(error.result)
+    response = getattr(record, "response", None)
+    if response is None:
+        return "sent_again" if isinstance(record, Incident) else "not_answered"
+    return "exception" if response[0] & EXCEPTION_BIT else "ok"
 
 
 def _is_of(record: Record, unit: int) -> bool:

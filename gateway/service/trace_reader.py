@@ -15,9 +15,12 @@ from gateway.ports.threads import ThreadPerCall
 from gateway.routing.access import READING, Right
 from gateway.service.build import Gateway
 from gateway.service.capture import description, packets
-from gateway.service.trace import Clock, Fact, fact, lines, page
+from gateway.service.operator import names
+from gateway.service.sampling import Sample
+from gateway.service.trace import Clock, Fact, fact, lines, page, wanted
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import Exchange, Heard, PortChanged, Record
+from gateway.trace.ring import STEP
 
 #: How often to look for what is new, after how long for more of what there is, how often the time is told, in seconds.
 _STEP: Final = 0.1
@@ -27,6 +30,11 @@ _CLOCK_EVERY: Final = 1.0
 _MOST_TEXTS: Final = 1024
 #: The PDUs and bytes in facts: None where a reader may not see them.
 _VALUES: Final = ("request", "response", "heard", "frame")
+
+#: What chooses among the records.
+_CHOICES: Final = ("line", "unit", "function", "client", "result")
+#: So many records are looked at for the latest ones, at most.
+MOST_LOOKED_AT: Final = 20_000
 
 Question = Mapping[str, Any]
 MaySee = Callable[[Record], bool]
@@ -54,16 +62,19 @@ class Texts:
 class TraceReader:
     """What happens, for one reader at the address `host`: facts as JSON, and the time each second.
 
-    It is lost when what it asked for is there no longer: the ring, its line or its unit.
+    If the question says how many `per_second`, it tells with the time how many others there were. It is lost when what
+    it asked for is there no longer: the ring, its line or its unit.
 
     Raises:
-        WrongQuestion: nothing is kept, or there is no such line or unit.
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
 
     def __init__(self, gateway: Callable[[], Gateway], question: Question, host: str, texts: Texts) -> None:
         self.is_lost = False
         self._gateway = gateway
-        self._chosen = {name: question[name] for name in ("line", "unit") if question.get(name) is not None}
+        self._chosen = _choices(question)
+        per_second = question.get("per_second")
+        self._sample = None if per_second is None else Sample(per_second, asyncio.get_running_loop().time())
         self._host = host
         self._texts = texts
         self._told_at = 0.0
@@ -94,29 +105,57 @@ class TraceReader:
                 return self._texts.of(record, clock, names_of)
             return json.dumps(without_values(fact(record, clock, names_of)), ensure_ascii=False)
 
-        found = page(gateway, {**self._chosen, **place}, clock, tell)
+        found = page(gateway, {**self._chosen, **place}, clock, tell, self._choose)
         self._after, self._is_up_to_date = found["next"], found["is_all"]
         told: list[str] = found["facts"]
         if found["missed"] and "after" in place:
             told.insert(0, json.dumps({"kind": "missed", "time": round(clock[1], 6), "count": found["missed"]}))
         if found["is_all"] and clock[0] - self._told_at >= _CLOCK_EVERY:
             self._told_at = clock[0]
-            told.append(json.dumps({"kind": "clock", "time": round(clock[1], 6)}))
+            told.append(json.dumps({"kind": "clock", "time": round(clock[1], 6), **self._left_out()}))
         return told
+
+    def _choose(self, records: Sequence[Record]) -> Sequence[Record]:
+        return records if self._sample is None else self._sample.of(records, asyncio.get_running_loop().time())
+
+    def _left_out(self) -> Mapping[str, int]:
+        return {} if self._sample is None else {"left_out": self._sample.taken()}
+
+
+async def latest(gateway: Gateway, question: Question, host: str, most: int) -> Sequence[Fact]:
+    """The last facts, the newest first, as a reader at the address `host` may see them: `most` at most.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
+    """
+    clock, ring = _clock(), gateway.ring
+    is_wanted, may_see, names_of = wanted(gateway, question), what_is_seen(gateway, host), names(gateway.plan)
+    found: list[Fact] = []
+    number = ring.added
+    last = number - MOST_LOOKED_AT
+    while len(found) < most and number > max(ring.first, last):
+        begin = max(ring.first, number - STEP)
+        for record in reversed(ring.after(begin, number - begin)):
+            if is_wanted(record) and len(found) < most:
+                told = fact(record, clock, names_of)
+                found.append(told if may_see(record) else without_values(told))
+        number = begin
+        await asyncio.sleep(0)
+    return found
 
 
 async def capture(gateway: Gateway, question: Question, host: str) -> AsyncIterator[bytes]:
     """A capture file of what the ring has of the last `seconds`, part by part.
 
     Raises:
-        WrongQuestion: nothing is kept, or there is no such line or unit.
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
     loop = asyncio.get_running_loop()
     told = lines(gateway)
     modes = {line["name"]: line["mode"] for line in told}
     descriptions = {line["name"]: description(line) for line in told}
     writer, may_see = Writer(f"modbus-gateway {__version__}"), what_is_seen(gateway, host)
-    chosen = {name: question[name] for name in ("line", "unit") if question.get(name) is not None}
+    chosen = _choices(question)
 
     def tell(record: Record, clock: Clock, names_of: Mapping[int, str]) -> Fact | None:
         return fact(record, clock, names_of) if may_see(record) else None
@@ -133,6 +172,10 @@ async def capture(gateway: Gateway, question: Question, host: str) -> AsyncItera
         if found["next"] >= end:
             return
         found = page(gateway, {**chosen, "after": found["next"]}, _clock(), tell)
+
+
+def _choices(question: Question) -> Question:
+    return {name: question[name] for name in _CHOICES if question.get(name) is not None}
 
 
 def what_is_seen(gateway: Gateway, host: str) -> MaySee:

@@ -22,7 +22,8 @@ from gateway.service.operator import Question, UnitPicture, picture, pictures, s
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
 from gateway.service.secret_files import path_of, refuse_if_exposed
-from gateway.service.trace_reader import Texts, TraceReader, capture
+from gateway.service.trace import Fact
+from gateway.service.trace_reader import Texts, TraceReader, capture, latest
 from gateway.timing.history import History, Past
 from gateway.web.answers import Answer, Asker, Which
 
@@ -211,6 +212,9 @@ class _Answers:
 
     def trace(self, which: Which, host: str) -> TraceReader:
         return TraceReader(lambda: self._running.gateway, asdict(which), host, self._texts)
+
+    async def latest(self, which: Which, host: str, most: int) -> Sequence[Fact]:
+        return await latest(self._running.gateway, asdict(which), host, most)
 
     def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
         return capture(self._running.gateway, asdict(which), host)

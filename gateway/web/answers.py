@@ -82,11 +82,18 @@ class Asker:
 
 @dataclass(frozen=True, slots=True)
 class Which:
-    """Which records: those of the last `seconds`, of one line and one unit, or of all."""
+    """Which records: those of the last `seconds`, of one line, unit, function, client and result, or of all.
+
+    A stream has all of them, or at most so many `per_second`.
+    """
 
     seconds: int
     line: str | None = None
     unit: int | str | None = None
+    function: int | None = None
+    client: str | None = None
+    result: str | None = None
+    per_second: int | None = None
 
 
 class EventSource(Protocol):
@@ -152,8 +159,11 @@ class Answers(Protocol):
         """What happened, and happens, for a reader at the address `host`.
 
         Raises:
-            WrongQuestion: nothing is kept, or there is no such line or unit.
+            WrongQuestion: nothing is kept, or there is no such line, unit or result.
         """
+
+    async def latest(self, which: Which, host: str, most: int) -> Sequence[Mapping[str, Any]]:
+        """What happened last, the newest first, for a reader at the address `host`; it may raise as `trace` does."""
 
     def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
         """A capture file of what happened, part by part; the first one may raise as `trace` does."""

@@ -27,12 +27,14 @@ from gateway.web.values import Ask, Outcome, point_named, read, values_at, write
 _SPAN: Final = r"{span:\d{1,5}(?:-\d{1,5})?}"
 _AREA: Final = f"{{area:{'|'.join(Area)}}}"
 _NUMBER: Final = re.compile(r"\d{1,3}")
-_SECONDS: Final = re.compile(r"[0-9]{1,5}")
+_DIGITS: Final = re.compile(r"[0-9]{1,5}")
 #: A reader of the trace may begin so many seconds before.
 LONGEST_LOOK_BACK: Final = 3600
 #: How many hours of a history are kept.
 MOST_HOURS_OF_A_LINE: Final = LINE_SLOTS * STEP // 3600
 MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
+#: The most records that a sample has in a second.
+MOST_PER_SECOND: Final = 2000
 #: A reload takes no longer than this, in seconds.
 _RELOAD_TIME: Final = 45.0
 
@@ -206,13 +208,13 @@ class Api:
     async def trace(self, request: web.Request) -> web.StreamResponse:
         """What happens on the lines, as it happens."""
         visitor = request[VISITOR]
-        source = self._answers.trace(_which(request, usual=0), visitor.host)
+        source = self._answers.trace(which(request.query, usual=0, others=("per_second",)), visitor.host)
         return await self._streams.serve(request, source, partial(self._guard.is_valid, visitor))
 
     async def capture(self, request: web.Request) -> web.StreamResponse:
         """What has happened, as a file for Wireshark."""
         return await self._downloads.serve(
-            request, self._answers.capture(_which(request, usual=30), request[VISITOR].host)
+            request, self._answers.capture(which(request.query, usual=30), request[VISITOR].host)
         )
 
     async def reload(self, _request: web.Request) -> web.Response:
@@ -269,15 +271,34 @@ def _unit_in(text: str) -> int | str:
     return int(text) if _NUMBER.fullmatch(text) else text
 
 
-def _which(request: web.Request, usual: int) -> Which:
-    """Which records of the trace are asked for."""
-    query = request.query
-    if unknown := sorted(set(query) - {"line", "unit", "seconds"}):
-        raise ProblemError(400, f"{unknown[0]}: there are only line, unit and seconds")
-    seconds, unit = query.get("seconds", str(usual)), query.get("unit")
-    if not _SECONDS.fullmatch(seconds) or int(seconds) > LONGEST_LOOK_BACK:
-        raise ProblemError(400, f"seconds: a whole number from 0 to {LONGEST_LOOK_BACK}")
-    return Which(int(seconds), query.get("line"), None if unit is None else _unit_in(unit))
+def which(query: Mapping[str, str], usual: int, others: Sequence[str] = ()) -> Which:
+    """Which records of the trace are asked for.
+
+    Raises:
+        ProblemError: 400, a parameter is unknown, or no number where it has to be one.
+    """
+    known = ("line", "unit", "function", "client", "result", "seconds", *others)
+    if unknown := sorted(set(query) - set(known)):
+        raise ProblemError(400, f"{unknown[0]}: there are only {', '.join(known)}")
+    seconds, unit = _number(query, "seconds", 0, LONGEST_LOOK_BACK), query.get("unit")
+    return Which(
+        usual if seconds is None else seconds,
+        query.get("line"),
+        None if unit is None else _unit_in(unit),
+        _number(query, "function", 1, 127),
+        query.get("client"),
+        query.get("result"),
+        _number(query, "per_second", 1, MOST_PER_SECOND),
+    )
+
+
+def _number(query: Mapping[str, str], name: str, least: int, most: int) -> int | None:
+    text = query.get(name)
+    if text is None:
+        return None
+    if not _DIGITS.fullmatch(text) or not least <= int(text) <= most:
+        raise ProblemError(400, f"{name}: a whole number from {least} to {most}")
+    return int(text)
 
 
 def _hours(request: web.Request, most: int) -> int:
@@ -285,10 +306,8 @@ def _hours(request: web.Request, most: int) -> int:
     query = request.query
     if unknown := sorted(set(query) - {"hours"}):
         raise ProblemError(400, f"{unknown[0]}: there is only hours")
-    hours = query.get("hours", "24")
-    if not _NUMBER.fullmatch(hours) or not 1 <= int(hours) <= most:
-        raise ProblemError(400, f"hours: a whole number from 1 to {most}")
-    return int(hours)
+    hours = _number(query, "hours", 1, most)
+    return 24 if hours is None else hours
 
 
 def _place(request: web.Request) -> tuple[Area, list[Point]]:

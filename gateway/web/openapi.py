@@ -99,7 +99,7 @@ def _paths() -> dict[str, Any]:
             "put": _put("Write values, with one request", _ref("NewValues")),
         },
         "/api/v1/events": {"get": _events()},
-        "/api/v1/trace": {"parameters": _of_trace(usual=0), "get": _trace()},
+        "/api/v1/trace": {"parameters": [*_of_trace(usual=0), _per_second()], "get": _trace()},
         "/api/v1/trace.pcapng": {"parameters": _of_trace(usual=30), "get": _capture()},
         "/api/v1/reload": {"post": _reload()},
     }
@@ -253,13 +253,24 @@ def _capture() -> dict[str, Any]:
 
 def _of_trace(usual: int) -> list[dict[str, Any]]:
     seconds = {"type": "integer", "minimum": 0, "maximum": 3600, "default": usual}
+    function = {"type": "integer", "minimum": 1, "maximum": 127}
     return [
         {"name": "line", "in": "query", "schema": {"type": "string"}, "description": "A line or other server"},
         {"name": "unit", "in": "query", "schema": {"type": "string"}, "description": "A unit ID, or a name"},
+        {"name": "function", "in": "query", "schema": function, "description": "A function code"},
+        {"name": "client", "in": "query", "schema": {"type": "string"}, "description": "A client, or its address"},
+        {"name": "result", "in": "query", "schema": {"type": "string"}, "description": _RESULT},
         {"name": "seconds", "in": "query", "schema": seconds, "description": "Records of so many seconds before now"},
     ]
 
 
+def _per_second() -> dict[str, Any]:
+    schema = {"type": "integer", "minimum": 1, "maximum": 2000}
+    what = "At most so many records a second; `clock` then has in `left_out` how many others there were"
+    return {"name": "per_second", "in": "query", "schema": schema, "description": what}
+
+
+_RESULT: Final = "ok, exception, failed (all others), or one of these: timeout, resting, queue_full, denied, ..."
 _CSRF: Final = {"name": "X-CSRF-Token", "in": "header", "required": True, "schema": {"type": "string"}}
 
 

@@ -177,3 +177,30 @@ def test_a_wrong_check_sum_stays_wrong(heard: bytes, mode: str, is_damaged: bool
         assert heard_frame(frame, "rtu") == (frame, False)
     if heard.startswith(b":0203020000F8"):
         assert heard_frame(frame, "rtu") == (frame, True)
+
+
+async def test_records_are_chosen_by_function_client_and_result() -> None:
+    async with gateway_bench(CONFIG) as home:
+        home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+        one, other = home.client("10.2.0.7:5000"), home.client("[2001:db8::1]:5000")
+        await one.asks(41, READ)
+        await one.asks(41, "04 00 00 00 01")
+        await other.asks(43, READ)  # nobody is there
+        await other.asks(41, "03 00 C8 00 01")  # the device has no such address
+        await one.asks(99, READ)
+
+        def units(**question: Any) -> list[int]:
+            return [fact["unit"] for fact in ask(home, since=60, **question)["facts"] if "unit" in fact]
+
+        assert units(function=4) == [41]
+        assert units(function=3) == [41, 43, 41, 99]
+        assert units(client="10.2.0.7") == [41, 41, 99]
+        assert units(client="2001:db8::1") == units(client="[2001:db8::1]:5000") == [43, 41]
+        assert units(client="10.2.0") == []
+        assert units(result="ok") == [41, 41]
+        assert units(result="exception") == [41]
+        assert units(result="failed") == [43, 99]
+        assert units(result="timeout") == [43]
+        assert units(result="no_route", client="10.2.0.7", function=3) == [99]
+        with pytest.raises(WrongQuestion, match="no result"):
+            ask(home, result="good")

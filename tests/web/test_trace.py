@@ -2,11 +2,13 @@
 
 import asyncio
 import json
+import re
 from struct import unpack_from
 
 import pytest
 
-from gateway.service.operator import ask
+from gateway.request import Request
+from gateway.service.operator import Question, ask
 from gateway.trace.records import Answered, PortChanged
 from gateway.web.downloads import MOST_DOWNLOADS
 from gateway.web.streams import WRITE_TIME
@@ -108,6 +110,29 @@ async def test_a_line_and_a_unit_are_chosen_by_number_or_name(asked):
     assert [fact["unit"] for fact in await read(asked, "?seconds=60&unit=oven")] == [47]
 
 
+async def test_function_client_and_result_choose_among_the_records(asked):
+    await asked.browser().get("/api/v1/units/46/input/0-1")
+    assert [fact["unit"] for fact in await read(asked, "?seconds=60&function=4")] == [46]
+    assert len(await read(asked, "?seconds=60&client=127.0.0.1")) == 5
+    assert await read(asked, "?seconds=60&client=10.0.0.1") == []
+    assert await read(asked, "?seconds=60&result=failed") == []
+    assert len(packets(await download(asked, f"{CAPTURE}?seconds=60&function=4&result=ok"))) == 2
+
+
+async def test_a_sample_has_so_many_a_second_and_the_time_tells_how_many_more_there_were(bench):
+    ring, now = bench.running.gateway.ring, asyncio.get_running_loop().time
+    wire = bench.browser().open(f"{TRACE}?per_second=10")
+    await asyncio.sleep(1)
+    for _ in range(10):
+        for _ in range(30):
+            ring.answer(Request(200, bytes.fromhex("0300000001"), Question(lambda: True), now()), b"", now(), "")
+        await asyncio.sleep(0.1)
+    await asyncio.sleep(2)
+    assert 10 <= len(told(wire)) <= 20
+    assert len(told(wire)) + sum(map(int, re.findall(rb'"left_out": (\d+)', wire.received))) == 300
+    wire.close()
+
+
 async def test_the_time_is_told_each_second(bench):
     wire = bench.browser().open(TRACE)
     await asyncio.sleep(5.5)
@@ -124,6 +149,9 @@ async def test_the_time_is_told_each_second(bench):
         ("?seconds=-1", 400),
         ("?seconds=1.5", 400),
         ("?second=1", 400),
+        ("?function=0", 400),
+        ("?function=x", 400),
+        ("?result=good", 404),
     ],
 )
 @pytest.mark.parametrize("path", [TRACE, CAPTURE])
