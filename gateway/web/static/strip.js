@@ -1,6 +1,6 @@
 // The line strip: what a line did in the last seconds, to scale. Requests stand above the middle, responses below it.
 import { textsOf } from "./texts.js";
-import { bytesOf, charactersOf, parts, requestInWords, responseInWords } from "./frames.js";
+import { FAILED, clock, detailOf, element, itemOf, named, outcomeOf, stateOf, titleOf } from "./transactions.js";
 import { ms, percent, seconds } from "./quantities.js";
 
 const TEXTS = await textsOf("strip");
@@ -16,35 +16,6 @@ const LANES = {
   full: { height: 224, left: 76, wait: [6, 40], middle: 116, half: 56, axis: 188 },
   compact: { height: 62, left: 0, wait: [2, 12], middle: 36, half: 22, axis: 0 },
 };
-
-/** What stands in a record of the trace, with the times of its parts in seconds: `begin, left, back, end`. */
-function itemOf(fact, line) {
-  const character = line.baud ? line.bits / line.baud : 0;
-  const onWire = (hex) => charactersOf(bytesOf(hex).length, line.mode) * character;
-  const item = { fact, unit: fact.unit, kind: fact.kind, received: fact.received ?? fact.time, begin: fact.time, left: fact.time, back: fact.time, end: fact.time };
-  if (fact.kind === "exchange") {
-    item.begin = fact.sent;
-    item.left = Math.max(fact.sent, fact.time - fact.elapsed_ms / 1000);
-    item.back = fact.response ? Math.max(item.left, fact.time - onWire(fact.response)) : fact.time;
-    item.state = fact.result ? (fact.heard ? "broken" : fact.result === "timeout" ? "timeout" : "failed") : fact.sent_again ? (fact.heard ? "broken" : "timeout") : fact.response?.[0] >= "8" ? "exception" : "ok";
-  } else if (fact.kind === "answered") {
-    item.begin = fact.received - onWire(fact.request);
-    item.left = fact.received;
-    item.back = fact.time;
-    item.end = fact.time + (fact.response ? onWire(fact.response) : 0);
-    item.received = item.begin;
-    item.state = fact.response ? "answered" : "silent";
-  } else if (fact.kind === "heard") {
-    item.unit = undefined;
-    item.begin = item.left = item.back = fact.time - (fact.owner === "noise" ? Math.max(1, fact.count) : bytesOf(fact.frame).length + 2) * (line.mode === "ascii" ? 2 : 1) * character;
-    item.state = { noise: "noise", "a damaged frame": "broken", "a late response": "late" }[fact.owner] ?? "foreign";
-  } else {
-    item.state = fact.kind;
-  }
-  return item;
-}
-
-const FAILED = new Set(["timeout", "failed", "broken"]);
 
 class Strip {
   constructor(figure) {
@@ -504,7 +475,7 @@ class Strip {
     const key = this.order.map((unit) => `${unit}${this.names.get(unit) ?? ""}`).join() + theme.ground;
     if (key === this.legendKey) return;
     this.legendKey = key;
-    const units = this.order.map((unit) => entry(TEXTS.named(unit, this.names.get(unit)), (pen) => {
+    const units = this.order.map((unit) => entry(named(unit, this.names.get(unit)), (pen) => {
       pen.fillStyle = this.ink(unit).fill;
       pen.fillRect(0, 0, 18, 12);
     }));
@@ -527,61 +498,6 @@ function countsInWords({ requests, timeout, failed, broken, foreign }, span) {
   return TEXTS.counts(perSecond.toFixed(perSecond < 10 ? 1 : 0), timeout, failed, broken, foreign);
 }
 
-// What one transaction was
-
-function titleOf(item) {
-  const { fact } = item;
-  if (item.kind === "port") return fact.reason ? TEXTS.portLost(fact.reason) : TEXTS.portOpen;
-  if (item.kind === "heard") return `${TEXTS.states[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + TEXTS.unit(bytesOf(fact.frame)[0])}`;
-  return `${TEXTS.named(fact.unit, fact.name)}: ${requestInWords(bytesOf(fact.request))}`;
-}
-
-function outcomeOf(item) {
-  const { fact } = item;
-  if (fact.response) return responseInWords(bytesOf(fact.response), bytesOf(fact.request));
-  return fact.reason || TEXTS.states[item.state];
-}
-
-function detailOf(item, line, gap) {
-  const { fact } = item;
-  const head = element("p", "what");
-  head.append(element("time", "", clock(item.end, 3)), element("strong", "", titleOf(item)));
-  const state = element("span", "state " + (item.state === "ok" || item.state === "answered" ? "up" : FAILED.has(item.state) || item.state === "refused" ? "down" : "failing"), TEXTS.states[item.state]);
-  if (item.kind !== "port") head.append(state);
-  const made = [head];
-  if (item.kind === "exchange") {
-    const wait = fact.wait_ms, asked = 1000 * (item.left - item.begin);
-    const times = FAILED.has(item.state)
-      ? TEXTS.timesLost(wait, asked, 1000 * (item.end - item.left), fact.limit_ms)
-      : TEXTS.times(wait, asked, 1000 * (item.back - item.left), 1000 * (item.end - item.back), fact.limit_ms);
-    const silence = gap !== undefined && gap >= 0 ? " · " + TEXTS.gap(1000 * gap) : "";
-    made.push(element("p", "times", times + silence), element("p", "quiet", `${TEXTS.asked(fact.address, fact.client)} · ${outcomeOf(item)}`));
-    made.push(frame(TEXTS.requestFrame, parts(fact.address, bytesOf(fact.request), line.mode, true)));
-    if (fact.response) made.push(frame(TEXTS.responseFrame, parts(fact.answered_by ?? fact.address, bytesOf(fact.response), line.mode, false)));
-    else made.push(frame(TEXTS.heardFrame, fact.heard ? [{ bytes: fact.heard, means: TEXTS.states.broken }] : [{ bytes: "–", means: TEXTS.noFrame }]));
-  } else if (item.kind === "answered") {
-    made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.requestFrame, parts(fact.unit, bytesOf(fact.request), line.mode, true)));
-    made.push(frame(TEXTS.responseFrame, parts(fact.unit, bytesOf(fact.response), line.mode, false)));
-  } else if (item.kind === "heard") {
-    const bytes = bytesOf(fact.frame), isRequest = item.fact.owner === "another's request" || item.fact.owner === "an echo";
-    made.push(element("p", "quiet", TEXTS.owners[fact.owner] ?? fact.owner), frame(TEXTS.heardFrame, item.state === "noise" ? [{ bytes: fact.frame ?? "", means: TEXTS.states.noise }] : parts(bytes[0], bytes.slice(1), line.mode, isRequest)));
-  } else if (item.kind === "refused") {
-    made.push(element("p", "quiet", `${fact.reason || fact.result} · ${fact.client}`));
-  }
-  return made;
-}
-
-function frame(label, pieces) {
-  const row = element("div", "frame");
-  row.append(element("span", "label", label));
-  for (const { bytes, means } of pieces) {
-    const piece = element("span", "piece");
-    piece.append(element("code", "", bytes), element("small", "", means));
-    row.append(piece);
-  }
-  return row;
-}
-
 // The table: the same in words
 
 function showTable(strip) {
@@ -591,9 +507,9 @@ function showTable(strip) {
   const rows = strip.items.slice(-ROWS).reverse().map((item) => {
     const row = document.createElement("tr"), { fact } = item;
     const state = element("td", "", "");
-    state.append(element("span", "state " + (FAILED.has(item.state) || item.state === "refused" ? "down" : item.state === "ok" || item.state === "answered" ? "up" : "failing"), TEXTS.states[item.state]));
+    state.append(stateOf(item));
     const took = fact.elapsed_ms === undefined ? "" : ms(fact.elapsed_ms), limit = fact.limit_ms === undefined ? "" : ms(fact.limit_ms);
-    const cells = [element("td", "", clock(item.end, 3)), element("td", "", titleOf(item)), state, element("td", "", item.kind === "exchange" || item.kind === "answered" ? outcomeOf(item) : TEXTS.owners[fact.owner] ?? fact.reason ?? "")];
+    const cells = [element("td", "", clock(item.end, 3)), element("td", "", titleOf(item)), state, element("td", "", outcomeOf(item))];
     row.append(...cells, ...[fact.wait_ms === undefined ? "" : ms(fact.wait_ms), took, limit].map((text) => element("td", "number", text)));
     return row;
   });
@@ -664,22 +580,8 @@ function entry(text, paint) {
   return made;
 }
 
-function element(tag, name = "", text = undefined) {
-  const made = document.createElement(tag);
-  if (name) made.className = name;
-  if (text !== undefined) made.textContent = text;
-  return made;
-}
-
 function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
-}
-
-function clock(time, digits) {
-  const date = new Date(1000 * time);
-  const two = (value) => String(value).padStart(2, "0");
-  const part = digits ? "." + String(Math.floor(date.getMilliseconds() + 0.5)).padStart(3, "0").slice(0, digits) : "";
-  return `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}${part}`;
 }
 
 // The stream

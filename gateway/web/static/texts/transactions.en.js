@@ -1,0 +1,24 @@
+import { ms } from "../quantities.js";
+
+export const TEXTS = {
+  unit: (unit) => `unit ${unit}`,
+  named: (unit, name) => (name ? `${unit} ${name}` : `unit ${unit}`),
+  states: {
+    ok: "ok", exception: "exception", timeout: "time-out", broken: "broken frame", failed: "no valid response", late: "late response", foreign: "foreign traffic",
+    noise: "noise", refused: "not sent", port: "port", answered: "answered", silent: "not answered",
+  },
+  owners: {
+    "another client": "response to another client", "a late response": "late response to an earlier request", "an echo": "echo of a request",
+    "another's request": "request of another client", nobody: "nobody has asked for it", noise: "bytes that are no frame", "a damaged frame": "a character of it was damaged",
+  },
+  portOpen: "port open",
+  portLost: (reason) => `port lost: ${reason}`,
+  asked: (address, client) => `asked at address ${address} for ${client}`,
+  times: (wait, request, think, response, limit) => `waited ${ms(wait)} · request ${ms(request)} · device ${ms(think)} · response ${ms(response)} · limit ${ms(limit)}`,
+  timesLost: (wait, request, lost, limit) => `waited ${ms(wait)} · request ${ms(request)} · no valid response for ${ms(lost)} · limit ${ms(limit)}`,
+  gap: (gap) => `${ms(gap)} of silence before`,
+  requestFrame: "request",
+  responseFrame: "response",
+  heardFrame: "received",
+  noFrame: "nothing was received",
+};

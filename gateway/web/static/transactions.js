@@ -1,0 +1,112 @@
+// What a record of the trace tells, in words and with its frames decoded.
+import { textsOf } from "./texts.js";
+import { bytesOf, charactersOf, parts, requestInWords, responseInWords } from "./frames.js";
+
+const TEXTS = await textsOf("transactions");
+
+/** What stands in a record of the trace, with the times of its parts in seconds: `begin, left, back, end`. */
+export function itemOf(fact, line) {
+  const character = line.baud ? line.bits / line.baud : 0;
+  const onWire = (hex) => charactersOf(bytesOf(hex).length, line.mode) * character;
+  const item = { fact, unit: fact.unit, kind: fact.kind, received: fact.received ?? fact.time, begin: fact.time, left: fact.time, back: fact.time, end: fact.time };
+  if (fact.kind === "exchange") {
+    item.begin = fact.sent;
+    item.left = Math.max(fact.sent, fact.time - fact.elapsed_ms / 1000);
+    item.back = fact.response ? Math.max(item.left, fact.time - onWire(fact.response)) : fact.time;
+    item.state = fact.result ? (fact.heard ? "broken" : fact.result === "timeout" ? "timeout" : "failed") : fact.sent_again ? (fact.heard ? "broken" : "timeout") : fact.response?.[0] >= "8" ? "exception" : "ok";
+  } else if (fact.kind === "answered") {
+    item.begin = fact.received - onWire(fact.request);
+    item.left = fact.received;
+    item.back = fact.time;
+    item.end = fact.time + (fact.response ? onWire(fact.response) : 0);
+    item.received = item.begin;
+    item.state = fact.response ? "answered" : "silent";
+  } else if (fact.kind === "heard") {
+    item.unit = undefined;
+    item.begin = item.left = item.back = fact.time - (fact.owner === "noise" ? Math.max(1, fact.count) : bytesOf(fact.frame).length + 2) * (line.mode === "ascii" ? 2 : 1) * character;
+    item.state = { noise: "noise", "a damaged frame": "broken", "a late response": "late" }[fact.owner] ?? "foreign";
+  } else {
+    item.state = fact.kind;
+  }
+  return item;
+}
+
+export const FAILED = new Set(["timeout", "failed", "broken"]);
+
+export function titleOf(item) {
+  const { fact } = item;
+  if (item.kind === "port") return fact.reason ? TEXTS.portLost(fact.reason) : TEXTS.portOpen;
+  if (item.kind === "heard") return `${TEXTS.states[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + TEXTS.unit(bytesOf(fact.frame)[0])}`;
+  return `${TEXTS.named(fact.unit, fact.name)}: ${requestInWords(bytesOf(fact.request))}`;
+}
+
+/** What it was called, in colour and word. */
+export function stateOf({ state }) {
+  const kind = FAILED.has(state) || state === "refused" ? "down" : state === "ok" || state === "answered" ? "up" : "failing";
+  return element("span", "state " + kind, TEXTS.states[state]);
+}
+
+/** The name of a unit, with its number. */
+export const named = (unit, name) => TEXTS.named(unit, name);
+
+/** What came of it. */
+export function outcomeOf({ kind, state, fact }) {
+  if (kind !== "exchange" && kind !== "answered") return TEXTS.owners[fact.owner] ?? fact.reason ?? "";
+  if (fact.response) return responseInWords(bytesOf(fact.response), bytesOf(fact.request));
+  return fact.reason || TEXTS.states[state];
+}
+
+/** The parts of a page that tell all of it; `gap` is the silence before, in seconds, if it is known. */
+export function detailOf(item, line, gap) {
+  const { fact } = item;
+  const head = element("p", "what");
+  head.append(element("time", "", clock(item.end, 3)), element("strong", "", titleOf(item)));
+  if (item.kind !== "port") head.append(stateOf(item));
+  const made = [head];
+  if (item.kind === "exchange") {
+    const wait = fact.wait_ms, asked = 1000 * (item.left - item.begin);
+    const times = FAILED.has(item.state)
+      ? TEXTS.timesLost(wait, asked, 1000 * (item.end - item.left), fact.limit_ms)
+      : TEXTS.times(wait, asked, 1000 * (item.back - item.left), 1000 * (item.end - item.back), fact.limit_ms);
+    const silence = gap !== undefined && gap >= 0 ? " · " + TEXTS.gap(1000 * gap) : "";
+    made.push(element("p", "times", times + silence), element("p", "quiet", `${TEXTS.asked(fact.address, fact.client)} · ${outcomeOf(item)}`));
+    made.push(frame(TEXTS.requestFrame, parts(fact.address, bytesOf(fact.request), line.mode, true)));
+    if (fact.response) made.push(frame(TEXTS.responseFrame, parts(fact.answered_by ?? fact.address, bytesOf(fact.response), line.mode, false)));
+    else made.push(frame(TEXTS.heardFrame, fact.heard ? [{ bytes: fact.heard, means: TEXTS.states.broken }] : [{ bytes: "–", means: TEXTS.noFrame }]));
+  } else if (item.kind === "answered") {
+    made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.requestFrame, parts(fact.unit, bytesOf(fact.request), line.mode, true)));
+    made.push(frame(TEXTS.responseFrame, parts(fact.unit, bytesOf(fact.response), line.mode, false)));
+  } else if (item.kind === "heard") {
+    const bytes = bytesOf(fact.frame), isRequest = item.fact.owner === "another's request" || item.fact.owner === "an echo";
+    made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.heardFrame, item.state === "noise" ? [{ bytes: fact.frame ?? "", means: TEXTS.states.noise }] : parts(bytes[0], bytes.slice(1), line.mode, isRequest)));
+  } else if (item.kind === "refused") {
+    made.push(element("p", "quiet", `${fact.reason || fact.result} · ${fact.client}`));
+  }
+  return made;
+}
+
+function frame(label, pieces) {
+  const row = element("div", "frame");
+  row.append(element("span", "label", label));
+  for (const { bytes, means } of pieces) {
+    const piece = element("span", "piece");
+    piece.append(element("code", "", bytes), element("small", "", means));
+    row.append(piece);
+  }
+  return row;
+}
+
+/** The time of the day, with so many digits behind the second. */
+export function clock(time, digits) {
+  const date = new Date(1000 * time);
+  const two = (value) => String(value).padStart(2, "0");
+  const part = digits ? "." + String(Math.floor(date.getMilliseconds() + 0.5)).padStart(3, "0").slice(0, digits) : "";
+  return `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}${part}`;
+}
+
+export function element(tag, name = "", text = undefined) {
+  const made = document.createElement(tag);
+  if (name) made.className = name;
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
