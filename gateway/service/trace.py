@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from gateway.errors import RequestError, WrongQuestion
-from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.service.build import Gateway
 from gateway.service.operator import find_unit, names
 from gateway.service.parts import GatewayLine, GatewayServer
 from gateway.trace.records import Answered, Exchange, Heard, Incident, PortChanged, Record, Refused
+from gateway.trace.results import RESULTS, function_of, has_result
 from gateway.trace.ring import STEP
 
 #: Who asks for no time gets so many records first.
@@ -21,13 +21,6 @@ TAIL: Final = 20
 MOST_STORIES: Final = 50
 #: Of so many records before a failure it is looked up what it waited behind.
 _LOOK_BACK: Final = 4 * STEP
-
-#: What can become of a request: `failed` are all but the first two.
-RESULTS: Final = (
-    *("ok", "exception", "failed", "timeout", "bad_frame", "ambiguous", "line_lost", "sent_again", "not_answered"),
-    *("resting", "overdue", "queue_full", "expired", "line_down", "no_route", "denied", "unwanted", "refused"),
-    *("echo_suspected", "stale"),
-)
 
 _OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then modbus-gateway reload'
 
@@ -87,9 +80,9 @@ def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], 
     def is_wanted(record: Record) -> bool:
         return (
             is_there(record)
-            and (function is None or _function(record) == function)
+            and (function is None or function_of(record) == function)
             and (client is None or _asked_by(record, client))
-            and (result is None or _has_result(record, result))
+            and (result is None or has_result(record, result))
         )
 
     return is_wanted
@@ -187,37 +180,10 @@ def _unit_called(gateway: Gateway, who: str) -> int | None:
         return None
 
 
-def _function(record: Record) -> int | None:
-    """The function of a request, or of a frame that was heard."""
-    if isinstance(record, Heard):
-        is_frame = record.kind != "noise" and len(record.frame) > 1
-        return record.frame[1] & ~EXCEPTION_BIT if is_frame else None
-    pdu = getattr(record, "request", b"")
-    return pdu[0] if pdu else None
-
-
 def _asked_by(record: Record, who: str) -> bool:
     """Whether a client asked for it that is called so, or has this address."""
     clients = [getattr(record, "client", ""), *_clients(record)]
     return any(who in (client, client.rpartition(":")[0].strip("[]"), client.rpartition("@")[2]) for client in clients)
-
-
-def _has_result(record: Record, result: str) -> bool:
-    found = _result(record)
-    return found == result or (result == "failed" and found not in ("", "ok", "exception"))
-
-
-def _result(record: Record) -> str:
-    """What became of a request; empty for what is none."""
-    if not isinstance(record, Exchange | Refused | Answered):
-        return ""
-    error = getattr(record, "error", None)
-    if error is not None:
-        return str(error.result)
-    response = getattr(record, "response", None)
-    if response is None:
-        return "sent_again" if isinstance(record, Incident) else "not_answered"
-    return "exception" if response[0] & EXCEPTION_BIT else "ok"
 
 
 def _is_of(record: Record, unit: int) -> bool:

@@ -1,56 +1,94 @@
-"""Requests and responses in words: what is asked, at which addresses, and the values."""
+"""Requests and responses in words: what is asked, at which addresses, and the values.
 
+`word` makes of an English word that of another language.
+"""
+
+from collections.abc import Callable, Mapping
 from typing import Final
 
-from gateway.errors import ExceptionCode, RequestError
+from gateway.errors import RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.registers.bits import unpack_bits
 from gateway.registers.items import has_bits
 from gateway.registers.reference import reference
 
+#: The names of the functions and exceptions in the standard.
+FUNCTIONS: Final[Mapping[int, str]] = {
+    1: "read coils",
+    2: "read discrete inputs",
+    3: "read holding registers",
+    4: "read input registers",
+    5: "write single coil",
+    6: "write single register",
+    7: "read exception status",
+    8: "diagnostics",
+    11: "get comm event counter",
+    12: "get comm event log",
+    15: "write multiple coils",
+    16: "write multiple registers",
+    17: "report server id",
+    20: "read file record",
+    21: "write file record",
+    22: "mask write register",
+    23: "read write multiple registers",
+    24: "read fifo queue",
+    43: "encapsulated interface",
+}
+EXCEPTIONS: Final[Mapping[int, str]] = {
+    0x01: "illegal function",
+    0x02: "illegal data address",
+    0x03: "illegal data value",
+    0x04: "server device failure",
+    0x05: "acknowledge",
+    0x06: "server device busy",
+    0x08: "memory parity error",
+    0x0A: "gateway path unavailable",
+    0x0B: "gateway target failed to respond",
+}
+
 #: So many values are shown; the rest is counted.
 _MOST: Final = 16
 
+Word = Callable[[str], str]
 
-def request_in_words(pdu: bytes) -> str:
+
+def request_in_words(pdu: bytes, word: Word = str) -> str:
     """What a request asks for: `read holding 0-1 (40001-40002)`."""
     asked = _parsed(pdu)
     if asked is None:
-        return f"{_function(pdu[0])}: {pdu.hex(' ').upper()}"
+        return f"{_function(pdu[0], word)}: {pdu.hex(' ').upper()}"
     parts = []
     if asked.write is not None:
-        parts.append(f"write {_span(asked.write)}{_written(asked)}")
+        parts.append(f"{word('write')} {_span(asked.write, word)}{_written(asked, word)}")
     if asked.read is not None:
-        parts.append(f"read {_span(asked.read)}")
-    return ", ".join(parts) or f"{_function(pdu[0])}{_rest(pdu)}"
+        parts.append(f"{word('read')} {_span(asked.read, word)}")
+    return ", ".join(parts) or f"{_function(pdu[0], word)}{_rest(pdu)}"
 
 
-def response_in_words(request: bytes, response: bytes) -> str:
+def response_in_words(request: bytes, response: bytes, word: Word = str) -> str:
     """What a response says to a request: its values, or which exception."""
     if response[0] & EXCEPTION_BIT:
-        return exception_in_words(response[1])
+        return exception_in_words(response[1], word)
     asked = _parsed(request)
     if asked is None:
-        return f"{_function(response[0])}: {response.hex(' ').upper()}"
+        return f"{_function(response[0], word)}: {response.hex(' ').upper()}"
     if asked.read is not None:
-        return _values(asked.read, response[2:])
-    return "written" if asked.write is not None else f"{_function(response[0])}{_rest(response)}"
+        return _values(asked.read, response[2:], word)
+    return word("written") if asked.write is not None else f"{_function(response[0], word)}{_rest(response)}"
 
 
-def exception_in_words(code: int) -> str:
+def exception_in_words(code: int, word: Word = str) -> str:
     """An exception code and its name."""
-    try:
-        return f"exception {code:02X}, {ExceptionCode(code).name.lower().replace('_', ' ')}"
-    except ValueError:
-        return f"exception {code:02X}"
+    name = f", {word(EXCEPTIONS[code])}" if code in EXCEPTIONS else ""
+    return f"{word('exception')} {code:02X}{name}"
 
 
-def frame_in_words(frame: bytes, *, is_request: bool) -> str:
+def frame_in_words(frame: bytes, *, is_request: bool, word: Word = str) -> str:
     """A PDU of which it is not known what it answers."""
     if frame[0] & EXCEPTION_BIT and len(frame) > 1:
-        return exception_in_words(frame[1])
-    return request_in_words(frame) if is_request else f"{_function(frame[0])}: {frame.hex(' ').upper()}"
+        return exception_in_words(frame[1], word)
+    return request_in_words(frame, word) if is_request else f"{_function(frame[0], word)}: {frame.hex(' ').upper()}"
 
 
 def _parsed(pdu: bytes) -> RequestPdu | None:
@@ -60,35 +98,32 @@ def _parsed(pdu: bytes) -> RequestPdu | None:
         return None
 
 
-def _function(code: int) -> str:
-    try:
-        return f"{code:02} {FunctionCode(code).name.lower().replace('_', ' ')}"
-    except ValueError:
-        return f"function {code}"
+def _function(code: int, word: Word) -> str:
+    return f"{code:02} {word(FUNCTIONS[code])}" if code in FUNCTIONS else f"{word('function')} {code}"
 
 
 def _rest(pdu: bytes) -> str:
     return f": {pdu[1:].hex(' ').upper()}" if len(pdu) > 1 else ""
 
 
-def _span(span: Span) -> str:
+def _span(span: Span, word: Word) -> str:
     first, last = span.start, span.end - 1
     if first == last:
-        return f"{span.area} {first} ({reference(span.area, first)})"
-    return f"{span.area} {first}-{last} ({reference(span.area, first)}-{reference(span.area, last)})"
+        return f"{word(span.area)} {first} ({reference(span.area, first)})"
+    return f"{word(span.area)} {first}-{last} ({reference(span.area, first)}-{reference(span.area, last)})"
 
 
-def _written(asked: RequestPdu) -> str:
+def _written(asked: RequestPdu, word: Word) -> str:
     if asked.write is None or not asked.values:
         is_coil = asked.function == FunctionCode.WRITE_SINGLE_COIL
-        return f": {'on' if asked.data[3] else 'off'}" if is_coil else ""
-    return f": {_values(asked.write, asked.values)}"
+        return f": {word('on') if asked.data[3] else word('off')}" if is_coil else ""
+    return f": {_values(asked.write, asked.values, word)}"
 
 
-def _values(span: Span, data: bytes) -> str:
+def _values(span: Span, data: bytes, word: Word) -> str:
     if has_bits(span.area):
         values = list(unpack_bits(data, min(span.count, 8 * len(data))))
     else:
         values = [int.from_bytes(data[at : at + 2]) for at in range(0, len(data), 2)]
     shown = " ".join(map(str, values[:_MOST]))
-    return f"{shown} and {len(values) - _MOST} more" if len(values) > _MOST else shown
+    return f"{shown} {word('and')} {len(values) - _MOST} {word('more')}" if len(values) > _MOST else shown

@@ -37,6 +37,10 @@ class Status(Protocol):
     """How the gateway is doing: a dataclass, of which the document has the schema."""
 
     @property
+    def clients(self) -> Sequence[Any]:
+        """The clients that are connected."""
+
+    @property
     def lines(self) -> Sequence[Any]:
         """The lines."""
 

@@ -19,6 +19,7 @@ from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.line import LinePage
 from gateway.web.pages.login import LoginPage
 from gateway.web.pages.overview import OverviewPage
+from gateway.web.pages.traffic import TrafficPage
 from gateway.web.problems import Handler, problems
 from gateway.web.renderer import Page, Renderer
 from gateway.web.sessions import Sessions
@@ -102,6 +103,7 @@ def _application(
     pages: tuple[Page, ...] = (
         OverviewPage(answers, renderer, heat_map),
         LinePage(answers, renderer, heat_map),
+        TrafficPage(answers, renderer),
         LoginPage(settings, answers, guard, table, sessions, renderer),
     )
     routes = [

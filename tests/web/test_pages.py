@@ -3,12 +3,12 @@
 import asyncio
 import json
 import re
-from html.parser import HTMLParser
 
 import pytest
 
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
+from kit.markup import Markup
 
 CONFIG = """
 [[line]]
@@ -37,22 +37,6 @@ name = "plant"
 to = "tcp://10.1.0.5"
 units = [{ as = 37, unit = 1 }]
 """
-
-
-class Markup(HTMLParser):
-    """What a page is made of."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict]] = []
-        self.texts: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.texts.append(data.strip())
 
 
 @pytest.fixture

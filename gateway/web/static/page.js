@@ -23,4 +23,5 @@ async function refresh() {
   }
 }
 
-if (location.pathname !== "/login") setInterval(refresh, EVERY);
+const isLive = [...document.querySelector("main").children].every((part) => part.dataset.keep !== undefined || part.tagName === "H1");
+if (location.pathname !== "/login" && !isLive) setInterval(refresh, EVERY);
