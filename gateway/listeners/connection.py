@@ -77,6 +77,16 @@ class TcpConnection(asyncio.BufferedProtocol):
         """When the client last sent a request, or NEVER."""
         return self.session.last_asked
 
+    @property
+    def asked(self) -> int:
+        """How many requests the client has sent."""
+        return self.session.asked
+
+    @property
+    def in_progress(self) -> int:
+        """The number of them that have no response yet."""
+        return self.session.in_progress
+
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self.transport = cast("asyncio.Transport", transport)

@@ -58,6 +58,7 @@ class MbapSession(Session):
             if adu is None:
                 return
             self.last_asked = now
+            self.asked += 1
             self._in_flight += 1
             self._router.submit(Request(adu.unit, adu.pdu, self, now, adu.transaction), now)
         self._pause()

@@ -209,6 +209,7 @@ class OverTcpSession(Session):
                 self._in_flight += 1
                 self._waiting.append(request)
         self.last_asked = now
+        self.asked += len(arrived)
 
     def _must_wait(self, request: Request) -> bool:
         if self._gets_response(request):

@@ -20,7 +20,18 @@ class Peer:
     identifier replaces the earlier one, whose response is dropped.
     """
 
-    __slots__ = ("_limit", "_on_failure", "_router", "_send", "_under_way", "client", "gone", "host", "last_asked")
+    __slots__ = (
+        "_limit",
+        "_on_failure",
+        "_router",
+        "_send",
+        "_under_way",
+        "asked",
+        "client",
+        "gone",
+        "host",
+        "last_asked",
+    )
 
     def __init__(
         self,
@@ -37,6 +48,7 @@ class Peer:
         self.host = host
         self.gone = False
         self.last_asked = NEVER
+        self.asked = 0
         self._router = router
         self._send = send
         self._limit = in_flight
@@ -48,9 +60,15 @@ class Peer:
         """Whether no request of the client is in progress."""
         return not self._under_way
 
+    @property
+    def in_progress(self) -> int:
+        """The number of its requests that have no response yet."""
+        return len(self._under_way)
+
     def received(self, adu: mbap.TcpFrame, now: float) -> None:
         """Process one request."""
         self.last_asked = now
+        self.asked += 1
         earlier = self._under_way.get(adu.transaction)
         if earlier is not None and (earlier.unit, earlier.pdu) == (adu.unit, adu.pdu):
             return

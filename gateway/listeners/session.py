@@ -135,7 +135,7 @@ class Session(ABC):
 
     __slots__ = (
         "_back_pressure", "_connection", "_in_flight", "_is_draining", "_is_paused", "_life", "_limit", "_out",
-        "_router", "_settings", "_whole_at", "client", "host", "last_asked",
+        "_router", "_settings", "_whole_at", "asked", "client", "host", "last_asked",
     )  # fmt: skip
 
     def __init__(
@@ -152,6 +152,8 @@ class Session(ABC):
         self.client = client
         self.host = host
         self.last_asked = NEVER
+        #: How many requests it has sent.
+        self.asked = 0
         self._life = OPEN
         self._router = router
         self._connection = connection
@@ -201,6 +203,11 @@ class Session(ABC):
     def is_idle(self) -> bool:
         """Whether no request of the client is in progress."""
         return self._in_flight == 0
+
+    @property
+    def in_progress(self) -> int:
+        """The number of requests of the client that have no response yet."""
+        return self._in_flight
 
     def proceed(self, now: float) -> None:
         """Submit the requests that have arrived, within the bounds; then send the responses that were ready at once."""

@@ -192,6 +192,12 @@ def join_host_port(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
+def host_of(client: str) -> str:
+    """The host in what `join_host_port` makes; a text without a port is one."""
+    host, _, port = client.rpartition(":")
+    return host.strip("[]") if port.isdecimal() else client
+
+
 def explain(error: OSError | UnicodeError) -> str:
     """What `error` means for an operator."""
     if isinstance(error, UnicodeError):

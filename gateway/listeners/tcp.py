@@ -9,6 +9,7 @@ from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.departures import Departures
 from gateway.listeners.origin import Origins
+from gateway.listeners.rejections import Rejections
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.sockets import (
     BACKLOG,
@@ -16,6 +17,7 @@ from gateway.listeners.sockets import (
     addresses,
     bind_sockets,
     explain,
+    host_of,
     is_meant,
     join_host_port,
     make_listen_error,
@@ -38,7 +40,7 @@ class TcpListener:
     """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
 
     `connections` are those that count for `clients`. One that is being closed no longer counts; it has
-    CLOSING_DEADLINE to send its remaining data. `departures` counts clients that left before their responses.
+    CLOSING_DEADLINE to send its remaining data. `departures` counts clients that left before their responses, `rejections` those that were rejected.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -47,6 +49,7 @@ class TcpListener:
         self.emit = emit
         self.counts = Counts()
         self.departures = Departures()
+        self.rejections = Rejections()
         self.connections: Admission[TcpConnection] = Admission(Origins().of)
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
@@ -150,6 +153,7 @@ class TcpListener:
     def rejected(self, client: str, reason: str) -> None:
         """A client is rejected."""
         self.counts.rejected += 1
+        self.rejections.add(host_of(client), reason, _now())
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
     def left_early(self, host: str, waited: float) -> None:

@@ -10,6 +10,7 @@ from gateway import events
 from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Peer
+from gateway.listeners.rejections import Rejections
 from gateway.listeners.session import Counts, ListenSettings
 from gateway.listeners.sockets import (
     OpenSockets,
@@ -62,6 +63,7 @@ class UdpListener:
         self.router = router
         self.emit = emit
         self.counts = DatagramCounts()
+        self.rejections = Rejections()
         self._peers: dict[tuple[Any, ...], Peer] = {}
         self._admission: Admission[Peer] = Admission(Origins().of)
         self._addresses: list[AddressInfo] = []
@@ -170,6 +172,7 @@ class UdpListener:
         why_not = self._admission.refusal(host, self.router.rights, self.settings, now, self._dismiss)
         if why_not:
             self.counts.rejected += 1
+            self.rejections.add(host, why_not, now)
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
             return None
         send = partial(self._send, sock, _reply_control(asked), address)

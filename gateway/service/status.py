@@ -43,11 +43,27 @@ class ListenerStatus:
 
 @dataclass(frozen=True, slots=True)
 class ClientStatus:
-    """A client that is connected, or has sent datagrams. Its last request was so long ago; None if there was none."""
+    """A client that is connected, or has sent datagrams. Its last request was so long ago; None if there was none.
+
+    Of its `requests` so many are `in_progress`: they have no response yet.
+    """
 
     client: str
     listener: str
     asked_ms: float | None
+    requests: int
+    in_progress: int
+
+
+@dataclass(frozen=True, slots=True)
+class RejectionStatus:
+    """Clients at the address `host` that were rejected: how many, how long ago the last one, and why."""
+
+    host: str
+    listener: str
+    count: int
+    last_ms: float
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +240,7 @@ class Status:
     at: float
     listeners: tuple[ListenerStatus, ...]
     clients: tuple[ClientStatus, ...]
+    rejections: tuple[RejectionStatus, ...]
     lines: tuple[LineStatus, ...]
     servers: tuple[ServerStatus, ...]
     upstreams: tuple[UpstreamStatus, ...]
@@ -256,6 +273,7 @@ def _status(gateway: Gateway, now: float, recent: Recent | None, units: tuple[Un
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
+        rejections=tuple(each for listener in gateway.listeners for each in _rejections(listener, now)),
         lines=tuple(_line(each, recent, now) for each in gateway.lines),
         servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
@@ -284,7 +302,14 @@ def _listener(listener: Listener) -> ListenerStatus:
 
 def _clients(listener: Listener, now: float) -> Iterator[ClientStatus]:
     for each in listener.connected_clients:
-        yield ClientStatus(each.client, listener.settings.name, _since(each.last_asked, now))
+        yield ClientStatus(
+            each.client, listener.settings.name, _since(each.last_asked, now), each.asked, each.in_progress
+        )
+
+
+def _rejections(listener: Listener, now: float) -> Iterator[RejectionStatus]:
+    for host, each in reversed(listener.rejections.by_host.items()):
+        yield RejectionStatus(host, listener.settings.name, each.count, _milliseconds(now - each.at), each.reason)
 
 
 def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:

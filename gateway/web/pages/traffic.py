@@ -9,6 +9,7 @@ from urllib.parse import urlencode
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
+from gateway.listeners.sockets import host_of
 from gateway.trace.pdus import FUNCTIONS, frame_in_words, request_in_words, response_in_words
 from gateway.trace.results import RESULTS
 from gateway.web.answers import Answers
@@ -63,7 +64,7 @@ class TrafficPage:
             modes={name: (each.mode, each.baud, each.format) for name, each in lines.items()},
             units=[(each.unit, each.name) for each in self._answers.units()],
             functions=FUNCTIONS,
-            clients=sorted({_host(each.client) for each in status.clients}),
+            clients=sorted({host_of(each.client) for each in status.clients}),
             results=RESULTS,
             query=urlencode(chosen),
             capture=urlencode({**chosen, "seconds": _CAPTURED}),
@@ -110,10 +111,4 @@ def _outcome_in_words(row: Mapping[str, Any], word: Any) -> str:
         return word(_OWNERS.get(row["owner"], row["owner"])) if row["owner"] != "noise" else row["frame"] or ""
     if row["response"]:
         return response_in_words(bytes.fromhex(row["request"]), bytes.fromhex(row["response"]), word)
-    return row["reason"] or ""
-
-
-def _host(client: str) -> str:
-    """The address of a client without its port."""
-    host, _, port = client.rpartition(":")
-    return host.strip("[]") if port.isdecimal() and host else client
+    return row["reason"] or (word(row["result"]).replace("_", " ") if row["kind"] == "refused" else "")

@@ -42,7 +42,7 @@ function opened(event) {
     items.set(row, itemOf(fact, lineOf(fact)));
   }
   const item = items.get(row), told = element("div", "told");
-  told.append(...detailOf(item, lineOf(item.fact)));
+  told.append(...detailOf(item, lineOf(item.fact)).slice(1)); // the row says the rest
   details.replaceChildren(details.querySelector("summary"), told);
   pause(true);
 }
@@ -55,7 +55,7 @@ controls.prepend(button, summary);
 function pause(isWanted) {
   isPaused = isWanted;
   button.textContent = isPaused ? TEXTS.resume : TEXTS.pause;
-  table.classList.toggle("paused", isPaused);
+  controls.classList.toggle("paused", isPaused);
   if (!isPaused) for (const details of body.querySelectorAll("details[open]")) details.open = false;
   show();
 }

@@ -51,7 +51,7 @@ export const named = (unit, name) => TEXTS.named(unit, name);
 
 /** What came of it. */
 export function outcomeOf({ kind, state, fact }) {
-  if (kind !== "exchange" && kind !== "answered") return TEXTS.owners[fact.owner] ?? fact.reason ?? "";
+  if (kind !== "exchange" && kind !== "answered") return TEXTS.owners[fact.owner] ?? (fact.reason || (TEXTS.results[fact.result] ?? fact.result) || "");
   if (fact.response) return responseInWords(bytesOf(fact.response), bytesOf(fact.request));
   return fact.reason || TEXTS.states[state];
 }
@@ -80,7 +80,7 @@ export function detailOf(item, line, gap) {
     const bytes = bytesOf(fact.frame), isRequest = item.fact.owner === "another's request" || item.fact.owner === "an echo";
     made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.heardFrame, item.state === "noise" ? [{ bytes: fact.frame ?? "", means: TEXTS.states.noise }] : parts(bytes[0], bytes.slice(1), line.mode, isRequest)));
   } else if (item.kind === "refused") {
-    made.push(element("p", "quiet", `${fact.reason || fact.result} · ${fact.client}`));
+    made.push(element("p", "quiet", `${outcomeOf(item)} · ${fact.client}`));
   }
   return made;
 }

@@ -7,6 +7,10 @@ export const TEXTS = {
     ok: "ok", exception: "exception", timeout: "time-out", broken: "broken frame", failed: "no valid response", late: "late response", foreign: "foreign traffic",
     noise: "noise", refused: "not sent", port: "port", answered: "answered", silent: "not answered",
   },
+  results: {
+    resting: "the unit rests", overdue: "a late response is awaited", queue_full: "queue full", expired: "waited too long", line_down: "line down", no_route: "no such unit",
+    denied: "no right", unwanted: "the client has left", refused: "refused", timeout: "no time left to send it again", line_lost: "port lost",
+  },
   owners: {
     "another client": "response to another client", "a late response": "late response to an earlier request", "an echo": "echo of a request",
     "another's request": "request of another client", nobody: "nobody has asked for it", noise: "bytes that are no frame", "a damaged frame": "a character of it was damaged",

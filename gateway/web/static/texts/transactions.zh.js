@@ -7,6 +7,10 @@ export const TEXTS = {
     ok: "正常", exception: "异常响应", timeout: "超时", broken: "坏帧", failed: "无有效响应", late: "迟到的响应", foreign: "外来通信",
     noise: "干扰", refused: "未发送", port: "串口", answered: "已响应", silent: "未响应",
   },
+  results: {
+    resting: "暂停请求该单元", overdue: "等待迟到的响应", queue_full: "队列已满", expired: "排队过久", line_down: "线路断开", no_route: "无此单元",
+    denied: "无权限", unwanted: "客户端已离开", refused: "被拒绝", timeout: "没有时间重发", line_lost: "线路丢失",
+  },
   owners: {
     "another client": "对其他客户端的响应", "a late response": "对先前请求的迟到响应", "an echo": "请求的回波",
     "another's request": "其他客户端的请求", nobody: "无人请求的帧", noise: "不构成帧的字节", "a damaged frame": "帧中有损坏的字符",
