@@ -6,17 +6,11 @@ from typing import Any, Final
 
 from gateway.config.duration import show_duration
 from gateway.lines.counts import RESULTS
+from gateway.timing.verdict import verdict
 
-#: A row gets a note from these shares on (of the time limit, of a line's time), and below this share of answers.
-CLOSE: Final = 0.8
+#: A row gets a note from this share of a line's time on, and below this share of answers.
 BUSY: Final = 0.9
 ANSWERED: Final = 0.95
-#: Fewer requests than this are not significant.
-_ENOUGH: Final = 20
-_ENOUGH_TO_SHORTEN: Final = 100
-#: Up to which share of the limit it is far too long, and from how many milliseconds on that matters.
-FAR: Final = 0.05
-LONG: Final = 500
 
 _Row = Mapping[str, Any]
 
@@ -71,24 +65,19 @@ def _mostly(line: _Row) -> str:
 def for_unit(unit: _Row) -> Iterator[str]:
     """Notes about a unit that was polled."""
     yield from _about_failures(unit)
-    share, late = unit["times"]["limit_share_p99"], unit["counts"]["late_responses"]
+    times, counts = unit["times"], unit["counts"]
+    share, late, limit = times["limit_share_p99"], counts["late_responses"], times["limit_ms"]
+    found = verdict(share, counts["responses"], late, limit or 0.0)
     if late:
         yield f"{late} responses came after its limit: raise its timeout ({unit['source']})"
-    elif share is not None and share >= CLOSE and unit["counts"]["responses"] >= _ENOUGH:
+    elif found == "tight":
         yield f"close to its limit ({share:.0%}): raise its timeout ({unit['source']})"
-    elif _waits_in_vain(unit, share):
-        limit, needed = unit["times"]["limit_ms"], unit["times"]["answer_p99_ms"]
+    elif found == "long" and counts["timeout"]:
         yield (
             f"each request without a response stops its line for {show_duration(limit / 1000)}, which is "
-            f"{limit / needed:.0f} times what it needs: modbus-gateway calibrate {unit['name']} finds a shorter limit"
+            f"{limit / times['answer_p99_ms']:.0f} times what it needs: modbus-gateway calibrate {unit['name']} finds a "
+            "shorter limit"
         )
-
-
-def _waits_in_vain(unit: _Row, share: float | None) -> bool:
-    """Whether each time-out stops the line for far longer than the unit ever needs."""
-    if share is None or share > FAR or unit["counts"]["responses"] < _ENOUGH_TO_SHORTEN:
-        return False
-    return bool(unit["times"]["limit_ms"] >= LONG and unit["counts"]["timeout"])
 
 
 def _about_failures(unit: _Row) -> Iterator[str]:

@@ -5,9 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from datetime import datetime
-from itertools import groupby
 from math import ceil
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +19,7 @@ from gateway.cli.unit import DaemonUnit
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.config.duration import parse_duration, show_duration
 from gateway.errors import DaemonError, GatewayError
-from gateway.timing.fit import Fit, fit
+from gateway.timing.proposal import Proposal, Row
 
 #: How often the daemon is asked for new times, in seconds, and how many are kept for one row here.
 _STEP: Final = 1.0
@@ -37,22 +35,6 @@ examples:
 Nothing is written to the device unless --write names holding registers: they are
 read, and the same values are written back.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """The response times of one function with so many items, in seconds, and what the limit is now."""
-
-    function: int
-    items: int
-    times: tuple[float, ...]
-    limit_ms: float
-    allowed_ms: float
-
-    def quantile(self, share: float) -> float:
-        """The time that this share of the responses did not exceed."""
-        ordered = sorted(self.times)
-        return ordered[min(ceil(share * len(ordered)), len(ordered)) - 1]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -160,25 +142,12 @@ class Source:
         return [Row(*key, tuple(times), *self._limits[key]) for key, times in sorted(self._times.items()) if times]
 
 
-class Calibration:
-    """The lines through the times of a device, and what follows from them for its timing table."""
+class Calibration(Proposal):
+    """The proposal for the device that `about` describes, as text and as JSON."""
 
     def __init__(self, about: Mapping[str, Any], rows: list[Row]) -> None:
+        super().__init__(rows, float(about["margin"]))
         self.about = about
-        self.rows = rows
-        self.fits: dict[int, Fit] = {}
-        self.timing: list[tuple[int, int, float]] = []
-        for function, of_function in groupby(rows, lambda row: row.function):
-            sizes = {row.items: row.times for row in of_function}
-            self.fits[function] = line = fit(sizes)
-            ends = dict.fromkeys((min(sizes), max(sizes)))
-            self.timing += [(function, items, line.time(items)) for items in ends]
-
-    @property
-    def margin(self) -> float:
-        """What the table is to be multiplied with: as now, or more where 99 of 100 responses need it."""
-        needed = [row.quantile(0.99) / max(self._fitted(row), 0.001) for row in self.rows]
-        return max(float(self.about["margin"]), ceil(10 * max(needed)) / 10)
 
     @property
     def timing_text(self) -> str:
@@ -213,7 +182,7 @@ class Calibration:
                 "p50_ms": _ms(row.quantile(0.5)),
                 "p99_ms": _ms(row.quantile(0.99)),
                 "max_ms": _ms(max(row.times)),
-                "fit_ms": _ms(self._fitted(row)),
+                "fit_ms": _ms(self.fitted(row)),
                 "allowed_ms": row.allowed_ms,
                 "limit_ms": row.limit_ms,
             }
@@ -222,11 +191,8 @@ class Calibration:
         timing = [{"fc": function, "items": items, "time_ms": _ms(time)} for function, items, time in self.timing]
         return {**{key: self.about[key] for key in keys}, "rows": rows, "timing": timing, "margin": self.margin}
 
-    def _fitted(self, row: Row) -> float:
-        return self.fits[row.function].time(row.items)
-
     def _cells(self, row: Row) -> tuple[str, ...]:
-        times = (row.quantile(0.5), row.quantile(0.99), max(row.times), self._fitted(row), row.limit_ms / 1000)
+        times = (row.quantile(0.5), row.quantile(0.99), max(row.times), self.fitted(row), row.limit_ms / 1000)
         return (str(row.function), str(row.items), str(len(row.times)), *(show_duration(each) for each in times))
 
     def _notes(self) -> Iterator[str]:

@@ -13,12 +13,12 @@ from typing import Any, BinaryIO, Final
 from gateway import __version__
 from gateway.cli.daemon import Conversation, add_control_argument
 from gateway.cli.main import FINE, PROBLEM_FOUND
-from gateway.cli.stories import told
 from gateway.cli.trace_rows import rows
 from gateway.cli.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.config.duration import parse_duration
 from gateway.errors import DaemonError
 from gateway.service.capture import description, packets
+from gateway.service.stories import told
 from gateway.service.trace import MOST_STORIES
 from gateway.trace.pcapng import Writer
 

@@ -1,9 +1,9 @@
 """Facts of the daemon's ring as rows: one for each frame, and one for each request that got no answer."""
 
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from typing import Any, NamedTuple
 
+from gateway.service.stories import clock
 from gateway.trace.pdus import exception_in_words, frame_in_words, request_in_words, response_in_words
 
 Fact = Mapping[str, Any]
@@ -22,11 +22,6 @@ class Row(NamedTuple):
         """The row, with so much room for line and unit."""
         line, unit = widths
         return f"{clock(self.time)}  {self.line:{line}}  {self.way} {self.unit:>{unit}}  {self.text}"
-
-
-def clock(time: float) -> str:
-    """The time of the day, to the millisecond."""
-    return datetime.fromtimestamp(time).astimezone().time().isoformat("milliseconds")
 
 
 def rows(fact: Fact) -> Iterator[Row]:

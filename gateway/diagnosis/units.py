@@ -7,12 +7,13 @@ from typing import Final
 from gateway.config.duration import show_duration
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import Finding, Level
+from gateway.timing.verdict import CLOSE
+from gateway.timing.verdict import ENOUGH as ENOUGH_RESPONSES
 
 #: From which share of its requests on something is wrong with a unit, and not only now and then.
 WRONG: Final = 0.05
-#: From which share on late or damaged answers are more than chance, and what share of a limit no answer should take.
+#: From which share on late or damaged answers are more than chance.
 SOME: Final = 0.01
-CLOSE: Final = 0.8
 #: Less than that says nothing yet.
 ENOUGH: Final = 3
 #: A limit is so many times what an answer takes.
@@ -114,7 +115,7 @@ def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
 
 
 def _is_close_to_limit(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:  # noqa: ARG001 - a rule
-    if unit.limit_share is not None and unit.limit_share >= CLOSE and unit.answered >= 20:
+    if unit.limit_share is not None and unit.limit_share >= CLOSE and unit.answered >= ENOUGH_RESPONSES:
         what = f"its responses take up to {unit.limit_share:.0%} of their limit"
         yield Finding("note", name(unit), what, _longer(unit, unit.limit * unit.limit_share))
 

@@ -4,9 +4,9 @@ import asyncio
 import re
 from collections.abc import Iterator
 
-from gateway.cli.stories import sentences, told
 from gateway.cli.trace_rows import rows
 from gateway.modbus.rtu import encode
+from gateway.service.stories import sentences, told
 from gateway.service.trace import page, stories
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench

@@ -1,14 +1,19 @@
-"""`trace --why`: what became of a request that failed, in sentences."""
+"""For `trace --why` and the page of a unit: what became of a request that failed, in sentences."""
 
 import textwrap
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from typing import Any, Final
 
-from gateway.cli.trace_rows import clock
 from gateway.service.capture import heard_frame
 from gateway.trace.pdus import exception_in_words, request_in_words
 
 Story = Mapping[str, Any]
+
+
+def clock(time: float) -> str:
+    """The time of the day, to the millisecond."""
+    return datetime.fromtimestamp(time).astimezone().time().isoformat("milliseconds")
 
 
 def told(story: Story, width: int = 80) -> str:

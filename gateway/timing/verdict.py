@@ -1,0 +1,27 @@
+"""Whether a limit suits the response times under it: one rule for `status`, for the log and for the page of a unit."""
+
+from typing import Final, Literal
+
+#: `few`: too few responses to say; `tight`: the next slow one is a time-out; `long`: far too long.
+Verdict = Literal["few", "tight", "right", "long"]
+
+#: From which share of the limit on 99 of 100 responses are near it, and up to which it is far too long.
+CLOSE: Final = 0.8
+FAR: Final = 0.05
+#: From how many milliseconds on a limit can be far too long.
+LONG: Final = 500
+#: How many responses say that a limit is tight, and how many that it may be shorter.
+ENOUGH: Final = 20
+ENOUGH_TO_SHORTEN: Final = 100
+
+
+def verdict(share: float | None, responses: int, late: int, limit_ms: float) -> Verdict:
+    """Of `responses`, 99 of 100 took at most this `share` of the limit, and `late` came after it."""
+    if late:
+        return "tight"
+    if share is None or responses < ENOUGH:
+        return "few"
+    if share >= CLOSE:
+        return "tight"
+    is_long = share <= FAR and limit_ms >= LONG and responses >= ENOUGH_TO_SHORTEN
+    return "long" if is_long else "right"
