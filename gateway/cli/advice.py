@@ -75,8 +75,8 @@ def for_unit(unit: _Row) -> Iterator[str]:
     elif found == "long" and counts["timeout"]:
         yield (
             f"each request without a response stops its line for {show_duration(limit / 1000)}, which is "
-            f"{limit / times['answer_p99_ms']:.0f} times what it needs: modbus-gateway calibrate {unit['name']} finds a "
-            "shorter limit"
+            f"{limit / times['answer_p99_ms']:.0f} times what it needs: "
+            f"modbus-gateway calibrate {unit['name']} finds a shorter limit"
         )
 
 

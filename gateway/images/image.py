@@ -9,6 +9,7 @@ from gateway.events import Emit, RequestRefused, discard_event
 from gateway.images.diagnostics import Diagnostics
 from gateway.images.functions import perform
 from gateway.images.identity import PRODUCT, Identity
+from gateway.images.last_writes import LastWrites
 from gateway.images.tables import make_tables
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import TABLE_FUNCTIONS
@@ -49,7 +50,7 @@ class Image:
 
     The profile narrows what an image can do (functions, limits, addresses), so that an image with a device's profile
     answers as the device would. `tables` holds the values, by area. `diagnostics` are the counters and the event log
-    that clients may ask for and clear, `counts` those of the operator.
+    that clients may ask for and clear, `counts` those of the operator. `last_writes` says who wrote.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Image:
         self.settings = settings
         self.tables = make_tables(settings.areas, settings.initial)
         self.counts = Counts()
+        self.last_writes = LastWrites()
         self.diagnostics = diagnostics or Diagnostics()
         self._profile = settings.profile
         self._emit = emit
@@ -103,6 +105,7 @@ class Image:
         """Answer a request, and count its result."""
         if isinstance(outcome, bytes):
             self.diagnostics.done(request)
+            self.last_writes.done(request)
             self._ring.answer(request, outcome, request.received_at, self.settings.name)
             request.respond(outcome)
         else:

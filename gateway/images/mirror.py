@@ -18,6 +18,7 @@ from typing import Final, cast
 
 from gateway.errors import IllegalDataAddress, RequestError, StaleValue
 from gateway.events import Emit, RequestRefused
+from gateway.images.last_writes import LastWrites
 from gateway.images.polling import Counts, MirroredDevice, Poller, Polling
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
 from gateway.modbus.codes import EXCEPTION_BIT
@@ -59,6 +60,8 @@ class Mirror:
     ) -> None:
         self.settings = settings
         self.counts = Counts()
+        #: Writes through the mirror only; others may have written to the device.
+        self.last_writes = LastWrites()
         self._device = device
         self._poller = poller
         self._emit = emit
@@ -84,6 +87,8 @@ class Mirror:
         """A request that was passed on is finished, with this response; None if it has none."""
         if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
             self._polling.changed(parse_request(request.pdu).write, now)
+            if not response[0] & EXCEPTION_BIT:
+                self.last_writes.done(request)
         self._rows[request.origin.client].under_way -= 1
         if response is None:
             request.end()
@@ -108,6 +113,13 @@ class Mirror:
     def ages(self, now: float) -> Iterator[tuple[Poll, float | None]]:
         """What is polled, and how old the values are in seconds; None while they are not known."""
         return self._polling.ages(now)
+
+    def values(self, span: Span) -> bytes:
+        """What the last polls have brought, as a response carries it; `ages` says of which it is known.
+
+        Not all of `span` may be polled: what is not is 0.
+        """
+        return self._polling.read(span)
 
     def _settle(self, now: float) -> None:
         """Continue with requests that no longer have to wait."""

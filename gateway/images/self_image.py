@@ -38,10 +38,14 @@ class SelfImage(Image):
 
     def submit(self, request: Request, now: float) -> None:
         """Answer `request`."""
+        self.look_again(now)
+        super().submit(request, now)
+
+    def look_again(self, now: float) -> None:
+        """Have the values of `now`, or those of a moment ago."""
         if self.look is not None and not 0 <= now - self._looked_at < FRESHNESS:
             self._show(self.look(now))
             self._looked_at = now
-        super().submit(request, now)
 
     def _show(self, shown: Shown) -> None:
         before, self._filled = self._filled, {}

@@ -88,8 +88,12 @@ def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], 
     return is_wanted
 
 
-def stories(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> dict[str, Any]:
+def stories(
+    gateway: Gateway, question: Mapping[str, Any], clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
+) -> dict[str, Any]:
     """The last `count` requests that failed, newest first, of `who`: a unit by number or name, a client, or an address.
+
+    Records that are not `is_seen` by the reader are left out.
 
     Raises:
         WrongQuestion: nothing is kept, or there is nobody like that.
@@ -105,7 +109,8 @@ def stories(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> dict
     unit = _unit_called(gateway, who)
     found = []
     for record in gateway.ring.failures():
-        if is_wanted(record) and (_is_of(record, unit) if unit is not None else _is_from(record, who)):
+        is_his = _is_of(record, unit) if unit is not None else _is_from(record, who)
+        if is_his and is_wanted(record) and is_seen(record):
             found.append(_story(gateway, record, clock))
             if len(found) == count:
                 break

@@ -13,10 +13,11 @@ from typing import Any, Final
 from gateway import events
 from gateway.config.plan import WebPlan
 from gateway.errors import UsersError
-from gateway.modbus.pdu import exception_response
+from gateway.modbus.pdu import Span, exception_response
 from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import status as told
+from gateway.service import unit_facts
 from gateway.service.history import history_kept
 from gateway.service.operator import Question, UnitPicture, picture, pictures, send
 from gateway.service.reload import Outcome, Reloader
@@ -26,6 +27,7 @@ from gateway.service.trace import Fact
 from gateway.service.trace_reader import Texts, TraceReader, capture, latest
 from gateway.timing.history import History, Past
 from gateway.web.answers import Answer, Asker, Which
+from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
 
 #: The package's extra with the libraries.
 _MISSING = "{} is not installed: pip install 'mbgw[web]'"
@@ -221,3 +223,21 @@ class _Answers:
 
     def events(self) -> AbstractContextManager[Follower]:
         return self._fan_out.following()
+
+    def may(self, unit: int, function: int, host: str) -> bool:
+        return unit_facts.may(self._running.gateway, unit, function, host)
+
+    def answer_times(self, unit: int) -> Sequence[FunctionTimes]:
+        return unit_facts.answer_times(self._running.gateway, unit)
+
+    def failures(self, unit: int, host: str) -> Sequence[Failure]:
+        return unit_facts.failures(self._running.gateway, unit, host)
+
+    def kept(self, unit: int, spans: Sequence[Span]) -> Sequence[Kept | None]:
+        return unit_facts.kept(self._running.gateway, unit, spans, asyncio.get_running_loop().time())
+
+    def mirrors_of(self, unit: int) -> Sequence[str]:
+        return unit_facts.mirrors_of(self._running.gateway, unit)
+
+    def image(self, unit: int, span: Span) -> ImageWindow | None:
+        return unit_facts.window(self._running.gateway, unit, span, asyncio.get_running_loop().time())

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from gateway.profiles.point import Point
 from gateway.timing.history import Past
+from gateway.web.unit_answers import UnitAnswers
 
 
 class Unit(Protocol):
@@ -111,7 +112,7 @@ class EventSource(Protocol):
         """The events that wait, as JSON; none if none has come within `patience` seconds."""
 
 
-class Answers(Protocol):
+class Answers(UnitAnswers, Protocol):
     """What the server tells of the gateway, and what it passes on to it."""
 
     #: The type of `metrics`, for the response.

@@ -1,0 +1,44 @@
+"""Who has written what last: for an operator who wonders where a value comes from."""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from gateway.modbus.functions import only_reads
+from gateway.modbus.pdu import Span, parse_request
+from gateway.request import Request
+
+#: So many writes are kept, each to other addresses; the oldest are forgotten.
+MOST: Final = 256
+
+
+class LastWrite(NamedTuple):
+    """A write of `client`, at this time of the requests' clock."""
+
+    span: Span
+    client: str
+    at: float
+
+
+class LastWrites:
+    """The last write to each place. A write costs one entry of a dict, a read nothing."""
+
+    __slots__ = ("_writes",)
+
+    def __init__(self) -> None:
+        self._writes: dict[Span, LastWrite] = {}
+
+    def done(self, request: Request) -> None:
+        """A request has succeeded; if it only reads, nothing has changed."""
+        if only_reads(request.pdu):
+            return
+        span = parse_request(request.pdu).write
+        if span is None:
+            return
+        self._writes.pop(span, None)
+        self._writes[span] = LastWrite(span, request.origin.client, request.received_at)
+        if len(self._writes) > MOST:
+            del self._writes[next(iter(self._writes))]
+
+    def __iter__(self) -> Iterator[LastWrite]:
+        """The newest first."""
+        return reversed(self._writes.values())
