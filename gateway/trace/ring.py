@@ -115,10 +115,14 @@ class Ring:
 
     def number_at(self, since: float) -> int:
         """The number of the first record that was made at `since` or later."""
-        for number in range(self.added - 1, self.first - 1, -1):
-            if self._record(number).at < since:
-                return number + 1
-        return self.first
+        low, high = self.first, self.added
+        while low < high:
+            middle = (low + high) // 2
+            if self._record(middle).at < since:
+                low = middle + 1
+            else:
+                high = middle
+        return low
 
     @property
     def begins_at(self) -> float | None:

@@ -22,6 +22,14 @@ class Unit(Protocol):
         """What it is called."""
 
     @property
+    def kind(self) -> str:
+        """What answers for it: device, upstream, image, mirror or gateway; empty if it is not configured."""
+
+    @property
+    def profile(self) -> str:
+        """The name of its profile."""
+
+    @property
     def functions(self) -> tuple[int, ...] | None:
         """The functions that it knows; None for all."""
 

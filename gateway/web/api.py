@@ -12,17 +12,21 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import Area
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
 from gateway.ports.threads import ThreadPerCall
 from gateway.profiles.point import Point
 from gateway.timing.history import LINE_SLOTS, STEP, UNIT_SLOTS
 from gateway.web.answers import Answers, Asker, Status, Unit, Which
 from gateway.web.downloads import Downloads
+from gateway.web.grid import MOST, grid_of
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
 from gateway.web.openapi import document
 from gateway.web.past import line_past, slots_in, unit_past
 from gateway.web.problems import Handler, ProblemError
+from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
-from gateway.web.values import Ask, Outcome, point_named, read, values_at, write
+from gateway.web.values import Ask, point_named, read, values_at, write
 
 _SPAN: Final = r"{span:\d{1,5}(?:-\d{1,5})?}"
 _AREA: Final = f"{{area:{'|'.join(Area)}}}"
@@ -35,6 +39,8 @@ MOST_HOURS_OF_A_LINE: Final = LINE_SLOTS * STEP // 3600
 MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
 #: The most records that a sample has in a second.
 MOST_PER_SECOND: Final = 2000
+#: Points that somebody else has read may be so many seconds old.
+LONGEST_AGE: Final = 60
 #: A reload takes no longer than this, in seconds.
 _RELOAD_TIME: Final = 45.0
 
@@ -45,6 +51,8 @@ class _Bare:
 
     unit: int
     name: str = ""
+    kind: str = ""
+    profile: str = ""
     functions: tuple[int, ...] | None = None
     points: tuple[Point, ...] = ()
 
@@ -56,8 +64,11 @@ class _Bare:
 class Api:
     """The handlers. Values are written only if `may_write`."""
 
-    def __init__(self, answers: Answers, guard: Guard, streams: Streams, *, may_write: bool) -> None:
+    def __init__(
+        self, answers: Answers, guard: Guard, streams: Streams, reads: SharedReads, *, may_write: bool
+    ) -> None:
         self._answers = answers
+        self._reads = reads
         self._guard = guard
         self._streams = streams
         self._downloads = Downloads()
@@ -87,6 +98,7 @@ class Api:
             ("PUT", f"{units}/points", self.write_points, "operator"),
             ("PUT", f"{units}/points/{{name}}", self.write_point, "operator"),
             ("PUT", f"{units}/{_AREA}/{_SPAN}", self.write_values, "operator"),
+            ("GET", f"/api/v1/images/{{unit}}/{_AREA}/{_SPAN}", self.image, "reading"),
             ("GET", "/api/v1/events", self.events, "reading"),
             ("GET", "/api/v1/trace", self.trace, "reading"),
             ("GET", "/api/v1/trace.pcapng", self.capture, "reading"),
@@ -159,10 +171,31 @@ class Api:
 
     async def read_points(self, request: web.Request) -> web.Response:
         """All points of a unit that can be read."""
-        unit = self._answers.unit(_wanted(request))
-        points = [point for point in unit.points if point.write != "only"]
-        outcome = await read(unit, points, self._ask(unit, request)) if points else Outcome()
-        return _json(outcome.as_json(unit, None))
+        unit, max_age = self._answers.unit(_wanted(request)), _max_age(request)
+        outcome, age = await self._reads.read(unit, self._ask(unit, request), request[VISITOR].host, max_age)
+        return _json({**outcome.as_json(unit, None), "age_ms": round(age * 1000, 1)})
+
+    async def image(self, request: web.Request) -> web.Response:
+        """What an image or mirror has at some addresses, with ages and last writers; no client's request for it."""
+        unit, (area, points) = self._answers.unit(_wanted(request)), _place(request)
+        span = Span(area, points[0].address, sum(point.count for point in points))
+        if span.count > MOST:
+            raise ProblemError(400, f"{span.addresses}: at most {MOST} addresses at a time")
+        if not self._answers.may(unit.unit, READERS[area][0], request[VISITOR].host):
+            raise ProblemError(403, f"[[access]] does not let {request[VISITOR].client} read {area}", exception=1)
+        window = self._answers.image(unit.unit, span)
+        if window is None:
+            raise ProblemError(404, f"unit {unit.unit} is no image")
+        grid = grid_of(window, area, points[0].type, points[0].swap)
+        return _json(
+            {
+                "unit": unit.unit,
+                "name": unit.name,
+                "area": area,
+                "stale_ms": window.stale_ms,
+                "values": [cell.as_json() for cell in grid.cells()],
+            }
+        )
 
     async def read_point(self, request: web.Request) -> web.Response:
         """One point."""
@@ -249,7 +282,7 @@ class Api:
 
     def _ask(self, unit: Unit, request: web.Request) -> Ask:
         visitor = request[VISITOR]
-        asker = Asker(visitor.client, visitor.host, partial(_is_there, request))
+        asker = Asker(visitor.client, visitor.host, partial(is_there, request))
         return lambda pdu: self._answers.ask(unit.unit, pdu, asker)
 
 
@@ -259,15 +292,17 @@ def session_as_json(visitor: Visitor, *, may_write: bool) -> dict[str, Any]:
     return {"user": visitor.user, "role": visitor.role, "may_write": may_write, "csrf": visitor.csrf}
 
 
-def _is_there(request: web.Request) -> bool:
+def is_there(request: web.Request) -> bool:
+    """Whether who has asked still waits."""
     return request.transport is not None and not request.transport.is_closing()
 
 
 def _wanted(request: web.Request) -> int | str:
-    return _unit_in(request.match_info["unit"])
+    return unit_in(request.match_info["unit"])
 
 
-def _unit_in(text: str) -> int | str:
+def unit_in(text: str) -> int | str:
+    """The number or the name of a unit in an address."""
     return int(text) if _NUMBER.fullmatch(text) else text
 
 
@@ -284,7 +319,7 @@ def which(query: Mapping[str, str], usual: int, others: Sequence[str] = ()) -> W
     return Which(
         usual if seconds is None else seconds,
         query.get("line"),
-        None if unit is None else _unit_in(unit),
+        None if unit is None else unit_in(unit),
         _number(query, "function", 1, 127),
         query.get("client"),
         query.get("result"),
@@ -318,6 +353,13 @@ def _place(request: web.Request) -> tuple[Area, list[Point]]:
     return area, values_at(
         area, int(first), int(last) if last else None, query.get("type", ""), query.get("swap", "none")
     )
+
+
+def _max_age(request: web.Request) -> float:
+    """How old values may be, in seconds."""
+    if unknown := sorted(set(request.query) - {"max_age"}):
+        raise ProblemError(400, f"{unknown[0]}: there is only max_age")
+    return float(_number(request.query, "max_age", 0, LONGEST_AGE) or 0)
 
 
 async def _values(request: web.Request) -> list[Any]:

@@ -85,7 +85,7 @@ def _paths() -> dict[str, Any]:
         },
         f"{units}/points": {
             "parameters": unit,
-            "get": _get("All points that can be read", _ref("Values"), _ASKING),
+            "get": {**_get("All points that can be read", _ref("Points"), _ASKING), "parameters": [_max_age()]},
             "put": _put("Write points that lie side by side, with one request", _ref("NamedValues")),
         },
         f"{units}/points/{{name}}": {
@@ -98,6 +98,10 @@ def _paths() -> dict[str, Any]:
             "get": _get("Values by their addresses", _ref("Values"), _ASKING),
             "put": _put("Write values, with one request", _ref("NewValues")),
         },
+        "/api/v1/images/{unit}/{area}/{start}-{end}": {
+            "parameters": place,
+            "get": _get("What an image or mirror has, without asking a device", _ref("Cells"), (400, 404, 422)),
+        },
         "/api/v1/events": {"get": _events()},
         "/api/v1/trace": {"parameters": [*_of_trace(usual=0), _per_second()], "get": _trace()},
         "/api/v1/trace.pcapng": {"parameters": _of_trace(usual=30), "get": _capture()},
@@ -109,6 +113,23 @@ def _schemas() -> dict[str, Schema]:
     """What is no dataclass."""
     values = {"type": "array", "items": _ref("Value")}
     failures = {"type": "array", "items": _ref("Failure")}
+    value: dict[str, Schema] = {
+        "point": {"type": "string"},
+        "area": {"enum": [str(area) for area in Area]},
+        "address": _address(),
+        "reference": {"type": "string", "description": "The number in many manuals: holding 0 is 40001"},
+        "value": _VALUE,
+        "unit": {"type": "string"},
+        "registers": {"type": "array", "items": {"type": "integer", "minimum": 0, "maximum": 65535}},
+    }
+    told: dict[str, Schema] = {
+        "unit": {"type": "integer"},
+        "name": {"type": "string"},
+        "area": {"enum": [str(area) for area in Area]},
+        "values": values,
+        "elapsed_ms": {"type": "number"},
+        "errors": failures,
+    }
     status = {"anyOf": [_ref("UnitStatus"), _ref("Image"), _ref("Mirror"), {"type": "null"}]}
     return {
         "Problem": _object(
@@ -133,18 +154,7 @@ def _schemas() -> dict[str, Schema]:
         "UnitWithStatus": _object(
             {**_unit_head(), "points": {"type": "array", "items": _ref("Point")}, "status": status}
         ),
-        "Value": _object(
-            {
-                "point": {"type": "string"},
-                "area": {"enum": [str(area) for area in Area]},
-                "address": _address(),
-                "reference": {"type": "string", "description": "The number in many manuals: holding 0 is 40001"},
-                "value": _VALUE,
-                "unit": {"type": "string"},
-                "registers": {"type": "array", "items": {"type": "integer", "minimum": 0, "maximum": 65535}},
-            },
-            ("address", "reference", "value", "registers"),
-        ),
+        "Value": _object(value, ("address", "reference", "value", "registers")),
         "Failure": _object(
             {
                 "area": {"enum": [str(area) for area in Area]},
@@ -154,16 +164,27 @@ def _schemas() -> dict[str, Schema]:
                 "reason": {"type": "string"},
             }
         ),
-        "Values": _object(
+        "Values": _object(told, ("unit", "name", "values", "elapsed_ms")),
+        "Points": _object({**told, "age_ms": {"type": "number"}}, ("unit", "name", "values", "elapsed_ms", "age_ms")),
+        "Cells": _object(
             {
                 "unit": {"type": "integer"},
                 "name": {"type": "string"},
                 "area": {"enum": [str(area) for area in Area]},
-                "values": values,
-                "elapsed_ms": {"type": "number"},
-                "errors": failures,
+                "stale_ms": {"type": ["number", "null"], "description": "Clients get no older values of a mirror"},
+                "values": {"type": "array", "items": _ref("Cell")},
+            }
+        ),
+        "Cell": _object(
+            {
+                **{name: value[name] for name in ("address", "reference", "value", "registers")},
+                "text": {"type": "string", "description": "The value as the page shows it"},
+                "state": {"enum": ["fine", "stale", "unknown"]},
+                "age_ms": {"type": "number", "description": "Of a mirror's"},
+                "writer": {"type": "string", "description": "The client that has written last, if that is known"},
+                "written_ms": {"type": "number", "description": "How long ago that was"},
             },
-            ("unit", "name", "values", "elapsed_ms"),
+            ("address", "reference", "value", "registers", "text", "state"),
         ),
         "NewValues": _object({"values": {"type": "array", "minItems": 1, "items": _new_value()}}),
         "NamedValues": _object(
@@ -249,6 +270,12 @@ def _capture() -> dict[str, Any]:
         "summary": "What has happened on the lines, for Wireshark",
         "responses": {"200": file, **_problems((400, 401, 403, 404, 503))},
     }
+
+
+def _max_age() -> dict[str, Any]:
+    seconds = {"type": "integer", "minimum": 0, "maximum": 60, "default": 0}
+    what = "Take what somebody else has read not longer ago than this, in seconds"
+    return {"name": "max_age", "in": "query", "schema": seconds, "description": what}
 
 
 def _of_trace(usual: int) -> list[dict[str, Any]]:

@@ -48,9 +48,13 @@ def exception_problem(answer: Answer) -> ProblemError:
 def complaint(answer: Answer) -> str:
     """What an exception means, in words."""
     code = answer.pdu[1]
+    return f"exception {code:02X}, {exception_name(code)}" + (f": {answer.reason}" if answer.reason else "")
+
+
+def exception_name(code: int) -> str:
+    """What the specification calls an exception code."""
     known = code in {each.value for each in ExceptionCode}
-    name = ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
-    return f"exception {code:02X}, {name}" + (f": {answer.reason}" if answer.reason else "")
+    return ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
 
 
 def problems(answers: Answers) -> Middleware:

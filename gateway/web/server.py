@@ -16,14 +16,19 @@ from gateway.web.api import Api
 from gateway.web.assets import Assets
 from gateway.web.guard import Guard, Need
 from gateway.web.pages.heat_map import HeatMap
+from gateway.web.pages.image import ImagePage
 from gateway.web.pages.line import LinePage
 from gateway.web.pages.login import LoginPage
 from gateway.web.pages.overview import OverviewPage
+from gateway.web.pages.problem import problem_pages
 from gateway.web.pages.traffic import TrafficPage
+from gateway.web.pages.unit import UnitPage
+from gateway.web.pages.writing import WritePages, WriteRights
 from gateway.web.problems import Handler, problems
 from gateway.web.renderer import Page, Renderer
 from gateway.web.sessions import Sessions
 from gateway.web.settings import HEADERS, WebSettings
+from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
 from gateway.web.user_table import UserTable
 
@@ -96,14 +101,20 @@ def _application(
 ) -> web.Application:
     sessions = Sessions()
     guard = Guard(settings, table, sessions)
-    api = Api(answers, guard, streams, may_write=settings.write)
+    reads = SharedReads(answers, asyncio.get_running_loop().time)
+    api = Api(answers, guard, streams, reads, may_write=settings.write)
     assets = Assets()
     renderer = Renderer(assets, is_encrypted=settings.is_encrypted)
     heat_map = HeatMap()
+    rights = WriteRights(answers, may_write=settings.write)
+    units = UnitPage(answers, renderer, reads, rights)
     pages: tuple[Page, ...] = (
         OverviewPage(answers, renderer, heat_map),
         LinePage(answers, renderer, heat_map),
         TrafficPage(answers, renderer),
+        units,
+        ImagePage(answers, renderer, units, rights),
+        WritePages(answers, renderer, reads, rights),
         LoginPage(settings, answers, guard, table, sessions, renderer),
     )
     routes = [
@@ -114,7 +125,13 @@ def _application(
     ]
     needs: dict[object, Need] = {handler: need for _, _, handler, need in routes}
     app = web.Application(
-        middlewares=[connections.middleware, problems(answers), guard.middleware(needs)], client_max_size=_LARGEST_BODY
+        middlewares=[
+            connections.middleware,
+            problem_pages(renderer),
+            problems(answers),
+            guard.middleware(needs),
+        ],
+        client_max_size=_LARGEST_BODY,
     )
     for method, path, handler, _ in routes:
         if method == "GET":

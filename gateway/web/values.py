@@ -39,6 +39,11 @@ class Outcome:
     failures: list[_Failure] = field(default_factory=list)
     elapsed_ms: float = 0.0
 
+    def trouble_of(self, point: Point) -> str:
+        """Why a point could not be read; empty if nothing is known of that."""
+        at = (each for each in self.failures if each.span.area == point.area)
+        return next((complaint(each.answer) for each in at if each.span.start <= point.address < each.span.end), "")
+
     def as_json(self, unit: Unit, area: Area | None) -> dict[str, Any]:
         """For programs: of one area, or of points, which have each its own."""
         told: dict[str, Any] = {"unit": unit.unit, "name": unit.name}
@@ -133,14 +138,24 @@ async def write(unit: Unit, points: Sequence[Point], values: Sequence[object], a
         ProblemError: a point cannot hold its value or be written, they do not fit into one request, or the unit has
             answered with an exception.
     """
+    readings, request = prepared(unit, points, values)
+    answer = await ask(request)
+    if answer.pdu[0] & EXCEPTION_BIT:
+        raise exception_problem(answer)
+    return Outcome(readings, [], answer.elapsed_ms)
+
+
+def prepared(unit: Unit, points: Sequence[Point], values: Sequence[object]) -> tuple[list[Reading], bytes]:
+    """What is to be there afterwards, by address, and the request that writes it.
+
+    Raises:
+        ProblemError: a point cannot hold its value or be written, or they do not fit into one request.
+    """
     readings = sorted(
         (Reading(point, _items(point, value)) for point, value in zip(points, values, strict=True)),
         key=lambda reading: reading.point.address,
     )
-    answer = await ask(_write_request(unit, readings))
-    if answer.pdu[0] & EXCEPTION_BIT:
-        raise exception_problem(answer)
-    return Outcome(readings, [], answer.elapsed_ms)
+    return readings, _write_request(unit, readings)
 
 
 def _write_request(unit: Unit, readings: Sequence[Reading]) -> bytes:

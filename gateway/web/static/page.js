@@ -4,6 +4,7 @@ const EVERY = 5000; // milliseconds
 // What a script draws stays as it is: it is kept up to date by a stream.
 function renew(shown, fresh) {
   for (const kept of shown.querySelectorAll("[data-keep]")) fresh.querySelector(`[data-keep="${kept.dataset.keep}"]`)?.setAttribute("data-old", "");
+  for (const open of shown.querySelectorAll("details[open][id]")) fresh.querySelector(`#${CSS.escape(open.id)}`)?.setAttribute("open", "");
   const places = [...fresh.children], there = [...shown.children];
   if (places.length !== there.length) return location.reload();
   places.forEach((place, at) => place.dataset.old === undefined && there[at].replaceWith(place));
@@ -16,6 +17,7 @@ async function refresh() {
     const response = await fetch(location.href, { redirect: "error", signal: AbortSignal.timeout(EVERY) });
     if (!response.ok) throw new Error(response.status);
     const page = new DOMParser().parseFromString(await response.text(), "text/html");
+    document.dispatchEvent(new CustomEvent("renewed", { detail: page }));
     renew(main, page.querySelector("main"));
     main.classList.remove("stale");
   } catch {
@@ -23,5 +25,6 @@ async function refresh() {
   }
 }
 
+// A page that follows by itself, that has asked a unit for something, or asks somebody, stays as it is.
 const isLive = [...document.querySelector("main").children].every((part) => part.dataset.keep !== undefined || part.tagName === "H1");
-if (location.pathname !== "/login" && !isLive) setInterval(refresh, EVERY);
+if (location.pathname !== "/login" && !isLive && !document.querySelector("[data-still]")) setInterval(refresh, EVERY);

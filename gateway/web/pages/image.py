@@ -1,0 +1,114 @@
+"""The page of an image or mirror: its registers as they are, how old they are, and who has written them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from aiohttp import web
+
+from gateway.modbus.codes import Area
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
+from gateway.profiles.profile import Range
+from gateway.registers.datatypes import DATA_TYPES, SWAPS
+from gateway.registers.items import has_bits
+from gateway.web.answers import Answers
+from gateway.web.api import unit_in
+from gateway.web.grid import COLUMNS, MOST, grid_of
+from gateway.web.guard import VISITOR, Need
+from gateway.web.pages.addresses import path_of, see_other
+from gateway.web.pages.fields import whole
+from gateway.web.pages.unit import UnitPage
+from gateway.web.pages.writing import WriteRights
+from gateway.web.problems import Handler, ProblemError
+from gateway.web.renderer import Renderer
+from gateway.web.values import values_at
+
+_FIRST_SHOWN: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
+#: So many writes are listed.
+_MOST_WRITES: Final = 20
+
+
+class ImagePage:
+    """The handler of `/images/NAME`. NAME is a name or a number."""
+
+    def __init__(self, answers: Answers, renderer: Renderer, units: UnitPage, rights: WriteRights) -> None:
+        self._answers = answers
+        self._renderer = renderer
+        self._units = units
+        self._rights = rights
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [("GET", "/images/{unit}", self.show, "page")]
+
+    async def show(self, request: web.Request) -> web.Response:
+        """Some addresses of one area. The address names `area`, `from`, `type` and `swap`.
+
+        Raises:
+            ProblemError: there is no such area, address or type.
+            WrongQuestion: there is no unit of this name.
+        """
+        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
+        whole_image = self._answers.image(unit.unit, Span(Area.HOLDING, 0, 0))
+        if whole_image is None:
+            return see_other(path_of("units", unit))
+        asked = _asked(request.query, whole_image.areas)
+        area, ranges = asked["area"], whole_image.areas.get(asked["area"], ())
+        start = asked["from"]
+        may_read = self._answers.may(unit.unit, READERS[area][0], visitor.host)
+        window = self._answers.image(unit.unit, Span(area, start, MOST)) if may_read else None
+        status = self._answers.status()
+        return await self._renderer.page(
+            "image.html",
+            request,
+            unit=unit,
+            status=next((each for each in (*status.images, *status.mirrors) if each.unit == unit.unit), None),
+            image=whole_image,
+            window=window,
+            grid=grid_of(window, area, asked["type"], asked["swap"]) if window is not None else None,
+            last=min(start + MOST - 1, 65535),
+            writes=window.writes[:_MOST_WRITES] if window is not None else (),
+            ranges=ranges,
+            before=_before(ranges, start),
+            after=_after(ranges, start),
+            columns=COLUMNS,
+            asked=asked,
+            areas=[each for each in _FIRST_SHOWN if whole_image.areas.get(each)],
+            types=tuple(DATA_TYPES),
+            swaps=tuple(SWAPS),
+            **self._units.values_shown(unit, visitor),
+        )
+
+
+def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> dict[str, Any]:
+    """What the address asks for, or the first addresses that exist.
+
+    Raises:
+        ProblemError: it makes no sense.
+    """
+    usual = next((each for each in _FIRST_SHOWN if areas.get(each)), Area.HOLDING)
+    name = query.get("area", str(usual))
+    if name not in set(Area):
+        raise ProblemError(400, f"{name} is no area; there are {', '.join(Area)}")
+    area = Area(name)
+    data_type, swap = query.get("type", ""), query.get("swap", "none")
+    if (data_type == "bit") != has_bits(area):
+        data_type = ""  # that of another area
+    if has_bits(area):
+        swap = "none"
+    values_at(area, 0, None, data_type, swap)
+    first = areas[area][0][0] if areas.get(area) else 0
+    start = whole(query["from"], "from") if query.get("from") else first
+    return {"area": area, "from": start, "type": data_type, "swap": swap}
+
+
+def _before(ranges: Sequence[Range], start: int) -> int | None:
+    """Where the window before begins, if there is anything."""
+    first = ranges[0][0] if ranges else 0
+    return max(start - MOST, first) if start > first else None
+
+
+def _after(ranges: Sequence[Range], start: int) -> int | None:
+    """Where the next window begins: at what comes first behind this one."""
+    end = start + MOST
+    return next((max(first, end) for first, last in ranges if last >= end), None)

@@ -1,0 +1,50 @@
+"""Problems as pages, for people whose browser has asked for one."""
+
+import json
+from typing import Final
+from urllib.parse import urlsplit
+
+from aiohttp import web
+from aiohttp.typedefs import Middleware
+
+from gateway.web.guard import VISITOR, Visitor
+from gateway.web.problems import Handler
+from gateway.web.renderer import Renderer
+
+#: What only programs ask for.
+_OF_PROGRAMS: Final = ("/api/", "/metrics", "/healthz", "/readyz", "/static/")
+_REFUSED: Final = frozenset({400, 401, 403, 404, 408, 413, 421, 422})
+
+
+def problem_pages(renderer: Renderer) -> Middleware:
+    """Middleware that shows a problem as a page to a browser that asks for pages."""
+
+    @web.middleware
+    async def as_pages(request: web.Request, handler: Handler) -> web.StreamResponse:
+        response = await handler(request)
+        if not isinstance(response, web.Response) or response.content_type != "application/problem+json":
+            return response
+        if "text/html" not in request.headers.get("Accept", "") or request.path.startswith(_OF_PROGRAMS):
+            return response
+        if VISITOR not in request:
+            request[VISITOR] = Visitor("")
+        problem = json.loads(response.text or "{}")
+        is_refused_form = request.method == "POST" and response.status in _REFUSED
+        page = await renderer.page(
+            "problem.html", request, problem=problem, back=_back(request), is_refused_form=is_refused_form
+        )
+        page.set_status(response.status)
+        page.headers.update(
+            {name: response.headers[name] for name in ("Allow", "Retry-After") if name in response.headers}
+        )
+        return page
+
+    return as_pages
+
+
+def _back(request: web.Request) -> str:
+    """The page of ours that the request comes from."""
+    referer = urlsplit(request.headers.get("Referer", ""))
+    is_ours = referer.netloc.lower() == request.host.lower() and referer.path.startswith("/")
+    is_path = is_ours and not referer.path.startswith("//") and referer.path.isascii() and referer.path != request.path
+    return referer.path if is_path else "/"

@@ -1,0 +1,215 @@
+"""The page of a unit: how fast it answers against its limit, what failed and why, and its values."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from shlex import quote
+from typing import Any, Final
+
+from aiohttp import web
+
+from gateway.errors import WrongQuestion
+from gateway.lines.counts import RESULTS
+from gateway.modbus.codes import Area
+from gateway.modbus.functions import READERS
+from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
+from gateway.registers.datatypes import DATA_TYPES, SWAPS
+from gateway.registers.reference import reference
+from gateway.web.answers import Answers, Asker, Unit
+from gateway.web.api import is_there, unit_in
+from gateway.web.guard import VISITOR, Need, Visitor
+from gateway.web.pages.addresses import path_of, see_other
+from gateway.web.pages.fields import whole
+from gateway.web.pages.function_names import function_name
+from gateway.web.pages.histogram import plotted
+from gateway.web.pages.writing import WriteRights
+from gateway.web.problems import Handler, ProblemError, exception_name
+from gateway.web.renderer import Renderer
+from gateway.web.shared_reads import SharedReads, readable
+from gateway.web.unit_answers import Kept
+from gateway.web.values import Ask, Outcome, read, values_at
+
+#: Points are read at most once in so many seconds, whoever asks for them.
+READ_EVERY: Final = 1.0
+#: What the form for reading says at first, by its fields.
+_USUAL: Final[Mapping[str, str]] = {"area": "holding", "start": "0", "count": "10", "type": "", "swap": "none"}
+_FAILED: Final = frozenset(RESULTS) - {"ok", "exception", "broadcast"}
+
+
+@dataclass(frozen=True, slots=True)
+class ShownPoint:
+    """A point and its value as text; empty if it is not known. `source` is the mirror that it comes from."""
+
+    point: Point
+    reference: str
+    value: str
+    age_ms: float | None
+    source: str = ""
+    is_stale: bool = False
+    trouble: str = ""
+
+
+class UnitPage:
+    """The handlers of `/units/NAME`. NAME is a name or a number."""
+
+    def __init__(self, answers: Answers, renderer: Renderer, reads: SharedReads, rights: WriteRights) -> None:
+        self._answers = answers
+        self._renderer = renderer
+        self._reads = reads
+        self._rights = rights
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [
+            ("GET", "/units/{unit}", self.show, "page"),
+            ("POST", "/units/{unit}/points", self.read_points, "page"),
+            ("GET", "/units/{unit}/values", self.read_values, "page"),
+        ]
+
+    async def show(self, request: web.Request) -> web.Response:
+        """One unit on a line or behind another server; one that the gateway answers itself is shown as an image.
+
+        Raises:
+            WrongQuestion: there is none of this name.
+        """
+        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
+        if unit.kind not in ("device", "upstream"):
+            return see_other(path_of("images", unit))
+        try:
+            failures, why = self._answers.failures(unit.unit, visitor.host), ""
+        except WrongQuestion as wrong:
+            failures, why = (), str(wrong)
+        times = self._answers.answer_times(unit.unit)
+        status = self._status(unit)
+        return await self._renderer.page(
+            "unit.html",
+            request,
+            unit=unit,
+            status=status,
+            times=[(each, plotted(each)) for each in times],
+            function_name=function_name,
+            exception_name=exception_name,
+            clock=_clock,
+            calibrate=f"modbus-gateway calibrate {quote(unit.name)}" if unit.kind == "device" and times else "",
+            failures=failures,
+            why_no_failures=why,
+            kinds=_kinds(status),
+            mirrors=self._answers.mirrors_of(unit.unit),
+            **self.values_shown(unit, visitor),
+            **_form(_USUAL),
+        )
+
+    async def read_points(self, request: web.Request) -> web.Response:
+        """Read all points, unless somebody has within a second, and return to the page."""
+        unit = self._answers.unit(unit_in(request.match_info["unit"]))
+        await self._reads.read(unit, self._ask(unit, request), request[VISITOR].host, READ_EVERY)
+        return see_other(f"{path_of('units', unit)}#points")
+
+    async def read_values(self, request: web.Request) -> web.Response:
+        """Read what the form asks for.
+
+        Raises:
+            ProblemError: the page of another site asks, or the unit has answered with an exception.
+        """
+        if request.headers.get("Sec-Fetch-Site") == "cross-site":
+            raise ProblemError(403, "pages of other sites get no answer")
+        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
+        asked = {**_USUAL, **{name: request.query.get(name, usual) for name, usual in _USUAL.items()}}
+        area, points = _asked_for(asked)
+        outcome, why = Outcome(), ""
+        try:
+            outcome = await read(unit, points, self._ask(unit, request))
+        except ProblemError as problem:
+            why = problem.detail
+        shown = [_shown(reading, None) for reading in outcome.readings]
+        return await self._renderer.page(
+            "values.html",
+            request,
+            unit=unit,
+            area=area,
+            values=shown,
+            elapsed_ms=outcome.elapsed_ms,
+            why=why,
+            **_form(asked),
+            **self._rights.of(unit, visitor).as_content(),
+        )
+
+    def values_shown(self, unit: Unit, visitor: Visitor) -> dict[str, Any]:
+        """What the template `points.html` shows."""
+        shown = self._reads.shown(unit, visitor.host)
+        outcome, age = shown or (Outcome(), 0.0)
+        known = {reading.point.name: _shown(reading, age * 1000) for reading in outcome.readings}
+        troubles = {point.name: outcome.trouble_of(point) for point in unit.points}
+        may_read = {
+            area: self._answers.may(unit.unit, READERS[area][0], visitor.host)
+            for area in {point.area for point in unit.points}
+        }
+        kept = self._answers.kept(unit.unit, [point.span for point in unit.points])
+        points = [
+            _best(point, known.get(point.name), each if may_read[point.area] else None, troubles[point.name])
+            for point, each in zip(unit.points, kept, strict=True)
+        ]
+        return {
+            "points": points,
+            "can_be_read": bool(readable(unit)),
+            "was_read_ago": age if shown else None,
+            **self._rights.of(unit, visitor).as_content(),
+        }
+
+    def _status(self, unit: Unit) -> Any:
+        units = self._answers.status().units
+        return next((each for each in units if each.unit == unit.unit and each.name == unit.name), None)
+
+    def _ask(self, unit: Unit, request: web.Request) -> Ask:
+        visitor = request[VISITOR]
+        asker = Asker(visitor.client, visitor.host, partial(is_there, request))
+        return lambda pdu: self._answers.ask(unit.unit, pdu, asker)
+
+
+def _kinds(status: Any) -> list[tuple[str, int]]:
+    """What failed and how often, the most frequent first."""
+    if status is None:
+        return []
+    counts = {name: getattr(status.counts, name) for name in _FAILED}
+    return sorted(((name, count) for name, count in counts.items() if count), key=lambda each: (-each[1], each[0]))
+
+
+def _clock(time: float) -> str:
+    """The day and the time of it, in local time."""
+    return datetime.fromtimestamp(time).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+
+
+def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:
+    point = reading.point
+    return ShownPoint(point, reference(point.area, point.address), point.show(reading.value), age_ms)
+
+
+def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: str) -> ShownPoint:
+    """What is known of a point: what was read or what a mirror has, whichever is newer."""
+    if was_read is not None and was_read.point != point:
+        was_read = None  # the config has changed since
+    if kept is None or kept.age_ms is None:
+        return was_read or ShownPoint(point, reference(point.area, point.address), "", None, trouble=trouble)
+    if was_read is not None and was_read.age_ms is not None and was_read.age_ms < kept.age_ms:
+        return was_read
+    text = point.show(point.value(kept.items))
+    return ShownPoint(point, reference(point.area, point.address), text, kept.age_ms, kept.name, kept.is_stale)
+
+
+def _form(asked: Mapping[str, str]) -> dict[str, Any]:
+    return {"asked": asked, "areas": tuple(map(str, Area)), "types": tuple(DATA_TYPES), "swaps": tuple(SWAPS)}
+
+
+def _asked_for(asked: Mapping[str, str]) -> tuple[Area, list[Point]]:
+    """The values that a form asks for.
+
+    Raises:
+        ProblemError: there is no such area, address, type, or count.
+    """
+    if asked["area"] not in set(Area):
+        raise ProblemError(400, f"{asked['area']} is no area; there are {', '.join(Area)}")
+    area, start, count = Area(asked["area"]), whole(asked["start"], "start"), whole(asked["count"], "count")
+    one = values_at(area, start, None, asked["type"], asked["swap"])[0]
+    return area, values_at(area, start, start + count * one.count - 1, asked["type"], asked["swap"])

@@ -1,0 +1,227 @@
+"""Writing from pages: a form, a page that shows old and new and asks, and what has become of it.
+
+What a user has confirmed is sent once, however often the form arrives: each question has an identifier of its own, and
+is answered once. All pages are the answers to GET, so that reloading one sends nothing.
+"""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+from aiohttp import web
+
+from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.profiles.point import Point
+from gateway.registers.datatypes import registers_of
+from gateway.registers.items import WRITERS
+from gateway.registers.reference import reference
+from gateway.web.answers import Answers, Asker, Unit
+from gateway.web.api import is_there, unit_in
+from gateway.web.guard import VISITOR, Need, Visitor
+from gateway.web.pages.addresses import page_of, path_of, see_other
+from gateway.web.pages.fields import whole
+from gateway.web.pages.function_names import function_name
+from gateway.web.pages.questions import PATIENCE, Question, Questions, Result
+from gateway.web.problems import Handler, ProblemError, complaint
+from gateway.web.renderer import Renderer
+from gateway.web.shared_reads import SharedReads
+from gateway.web.values import Ask, point_named, prepared, read, values_at
+
+#: Who has confirmed a write and leaves at once wants it all the same; so long it is sent without him, in seconds.
+GRACE: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Writable:
+    """What a visitor may write at a unit. `could` tells that an operator might."""
+
+    areas: tuple[Area, ...]
+    could: bool
+
+    def as_content(self) -> dict[str, Any]:
+        """For templates."""
+        return {"writable_areas": self.areas, "operators_may_write": self.could}
+
+
+class WriteRights:
+    """Who may write: operators, if `[web]` lets them, what [[access]] and the unit's profile allow."""
+
+    def __init__(self, answers: Answers, *, may_write: bool) -> None:
+        self._answers = answers
+        self.may_write = may_write
+
+    def of(self, unit: Unit, visitor: Visitor) -> Writable:
+        """What this visitor may write."""
+        areas = tuple(
+            area
+            for area, (single, several, _) in WRITERS.items()
+            if any(self._is_allowed(unit, function, visitor) for function in (single, several))
+        )
+        is_operator = visitor.role == "operator"
+        return Writable(areas if self.may_write and is_operator else (), self.may_write and bool(areas))
+
+    def _is_allowed(self, unit: Unit, function: int, visitor: Visitor) -> bool:
+        is_known = unit.functions is None or function in unit.functions
+        return is_known and self._answers.may(unit.unit, function, visitor.host)
+
+
+class WritePages:
+    """The handlers of `/units/NAME/writes`."""
+
+    def __init__(self, answers: Answers, renderer: Renderer, reads: SharedReads, rights: WriteRights) -> None:
+        self._answers = answers
+        self._renderer = renderer
+        self._reads = reads
+        self._rights = rights
+        self._questions = Questions()
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [
+            ("POST", "/units/{unit}/writes", self.ask, "operator"),
+            ("GET", "/units/{unit}/writes/{id}", self.show, "page"),
+            ("POST", "/units/{unit}/writes/{id}", self.confirm, "operator"),
+        ]
+
+    async def ask(self, request: web.Request) -> web.Response:
+        """Take the form: the value of a point, or values from an address on. Nothing is written yet.
+
+        Raises:
+            ProblemError: nothing may be written, or the values do not fit there.
+        """
+        if not self._rights.may_write:
+            raise ProblemError(403, "nothing is written over HTTP without write = true in [web]")
+        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
+        form = {name: str(text) for name, text in (await request.post()).items()}
+        points, values = _wanted(unit, form)
+        readings, pdu = prepared(unit, points, values)
+        before, why = await self._read(unit, [each.point for each in readings], self._ask(unit, request))
+        wanted = [replace(each, before=items) for each, items in zip(readings, before, strict=True)]
+        now = asyncio.get_running_loop().time()
+        identifier = self._questions.put(Question(unit, visitor.csrf, tuple(wanted), pdu, why, now), now)
+        return see_other(f"{path_of('units', unit)}/writes/{identifier}")
+
+    async def show(self, request: web.Request) -> web.Response:
+        """Old and new with the question, or what has become of it."""
+        question = self._question(request)
+        if question is None:
+            page = await self._renderer.page("write.html", request, question=None, unit=self._unit(request), back="/")
+            page.set_status(404)
+            return page
+        unit = question.unit
+        return await self._renderer.page(
+            "write.html",
+            request,
+            question=question,
+            unit=unit,
+            back=page_of(unit),
+            rows=[_row(question, at) for at in range(len(question.wanted))],
+            function=question.pdu[0],
+            function_name=function_name,
+            patience=int(PATIENCE),
+        )
+
+    async def confirm(self, request: web.Request) -> web.Response:
+        """Send it, unless it was sent already; a second request waits for what becomes of the first."""
+        question = self._question(request)
+        if question is not None and self._rights.may_write:
+            question.waiting.add(request)
+            try:
+                async with question.turn:
+                    if not question.is_sent:
+                        question.is_sent = True
+                        question.result = await self._send(question, request[VISITOR])
+            finally:
+                question.waiting.discard(request)
+        return see_other(request.path)
+
+    async def _send(self, question: Question, visitor: Visitor) -> Result:
+        loop = asyncio.get_running_loop()
+        until = loop.time() + GRACE
+
+        def is_awaited() -> bool:
+            return loop.time() < until or any(map(is_there, question.waiting))
+
+        unit = question.unit
+        asker = Asker(visitor.client, visitor.host, is_awaited)
+        answer = await self._answers.ask(unit.unit, question.pdu, asker)
+        self._reads.forget(unit)
+        if answer.pdu[0] & EXCEPTION_BIT:
+            return Result(complaint(answer), answer.elapsed_ms)
+        points = [each.point for each in question.wanted]
+        after, why = await self._read(unit, points, lambda pdu: self._answers.ask(unit.unit, pdu, asker))
+        return Result("", answer.elapsed_ms, tuple(after), why)
+
+    async def _read(self, unit: Unit, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], str]:
+        """The items of the points, and why there are none."""
+        if any(point.write == "only" for point in points):
+            return [None] * len(points), ""
+        try:
+            outcome = await read(unit, points, ask)
+        except ProblemError as problem:
+            return [None] * len(points), problem.detail
+        return [each.items for each in outcome.readings], ""
+
+    def _question(self, request: web.Request) -> Question | None:
+        """The question that the address names, if this visitor has asked it."""
+        owner, now = request[VISITOR].csrf, asyncio.get_running_loop().time()
+        found = self._questions.find(request.match_info["id"], now)
+        return found if found is not None and owner and found.owner == owner else None
+
+    def _unit(self, request: web.Request) -> Unit:
+        return self._answers.unit(unit_in(request.match_info["unit"]))
+
+    def _ask(self, unit: Unit, request: web.Request) -> Ask:
+        visitor = request[VISITOR]
+        asker = Asker(visitor.client, visitor.host, partial(is_there, request))
+        return lambda pdu: self._answers.ask(unit.unit, pdu, asker)
+
+
+@dataclass(frozen=True, slots=True)
+class ShownWrite:
+    """One value of a question as text: `old` and `after` are None where they are not known."""
+
+    point: Point
+    reference: str
+    new: str
+    old: str | None
+    after: str | None
+
+
+def _row(question: Question, at: int) -> ShownWrite:
+    wanted = question.wanted[at]
+    point, result = wanted.point, question.result
+    after = result.after[at] if result is not None and result.after else None
+    return ShownWrite(
+        point,
+        reference(point.area, point.address),
+        _text(point, wanted.items) or "",
+        _text(point, wanted.before),
+        _text(point, after),
+    )
+
+
+def _text(point: Point, items: bytes | None) -> str | None:
+    return None if items is None else point.show(point.value(items))
+
+
+def _wanted(unit: Unit, form: dict[str, str]) -> tuple[list[Point], list[str]]:
+    """The points and values that a form names, as `modbus-gateway write` understands them.
+
+    Raises:
+        ProblemError: a field makes no sense.
+        WrongQuestion: the unit has no such point.
+    """
+    value = form.get("value", "")
+    if form.get("point"):
+        return [point_named(unit, form["point"])], [value]
+    if form.get("area") not in set(WRITERS):
+        raise ProblemError(422, f"{form.get('area', '')} cannot be written; coils and holding can")
+    area, start, data_type = Area(form["area"]), whole(form.get("address", ""), "address"), form.get("type", "")
+    values = [value] if data_type == "string" else value.replace(",", " ").split()
+    if not values:
+        raise ProblemError(422, "a value is missing")
+    count = max((len(value.encode()) + 1) // 2, 1) if data_type == "string" else len(values) * registers_of(data_type)
+    return values_at(area, start, start + count - 1, data_type, form.get("swap", "none")), values

@@ -1,0 +1,40 @@
+// Keeps the grid of an image fresh, and marks what has changed.
+const EVERY = 1000; // milliseconds
+const MARKED = 2500;
+const grid = document.querySelector("table[data-grid]");
+const section = document.querySelector("[data-keep=grid]");
+
+const shown = ({ state, text }) => (state === "unknown" ? "–" : text);
+
+function show(cell, value) {
+  const text = shown(value);
+  cell.classList.toggle("old", value.state === "stale");
+  cell.classList.toggle("unknown", value.state === "unknown");
+  if (value.writer) cell.title = value.writer;
+  if (cell.textContent === text) return;
+  cell.textContent = text;
+  cell.classList.add("changed");
+  clearTimeout(cell.mark);
+  cell.mark = setTimeout(() => cell.classList.remove("changed"), MARKED);
+}
+
+async function refresh() {
+  if (document.hidden) return;
+  try {
+    const response = await fetch(grid.dataset.grid, { signal: AbortSignal.timeout(5 * EVERY) });
+    if (!response.ok) throw new Error(response.status);
+    const cells = new Map([...grid.querySelectorAll("td[data-at]")].map((cell) => [cell.dataset.at, cell]));
+    for (const value of (await response.json()).values) if (cells.has(`${value.address}`)) show(cells.get(`${value.address}`), value);
+    section.classList.remove("stale");
+  } catch {
+    section.classList.add("stale");
+  }
+}
+
+// One after the other: a slow answer delays the next question.
+async function keepFresh() {
+  await refresh();
+  setTimeout(keepFresh, EVERY);
+}
+
+if (grid) keepFresh();

@@ -1,0 +1,4 @@
+export const TEXTS = {
+  reading: "Reading …",
+  failed: "Not read",
+};
