@@ -18,7 +18,6 @@ from gateway.registers.bits import unpack_bits
 from gateway.registers.items import has_bits
 from gateway.service.build import Gateway
 from gateway.service.calibration import measured
-from gateway.service.pdus import request_in_words
 from gateway.service.stories import sentences
 from gateway.service.trace import stories
 from gateway.service.trace_reader import what_is_seen
@@ -26,6 +25,7 @@ from gateway.timing.histogram import SECONDS
 from gateway.timing.measured import Times
 from gateway.timing.proposal import Proposal, Row
 from gateway.timing.verdict import ENOUGH, verdict
+from gateway.trace.pdus import request_in_words
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept, PolledAge, Written
 
 #: So many failures are told.

@@ -2,11 +2,7 @@
 
 import pytest
 
-<<<<<<<< HEAD:tests/trace/test_pdus.py
 from gateway.trace.pdus import frame_in_words, request_in_words, response_in_words
-========
-from gateway.trace.pdus import frame_in_words, request_in_words, response_in_words
->>>>>>>> 31c6c15 (One rule says whether a limit suits; proposals and stories where a page can have them too):tests/service/test_pdus.py
 
 
 @pytest.mark.parametrize(

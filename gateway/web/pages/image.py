@@ -57,7 +57,7 @@ class ImagePage:
         start = asked["from"]
         may_read = self._answers.may(unit.unit, READERS[area][0], visitor.host)
         window = self._answers.image(unit.unit, Span(area, start, MOST)) if may_read else None
-        status = self._answers.status()
+        status = await self._answers.status()
         return await self._renderer.page(
             "image.html",
             request,

@@ -52,7 +52,7 @@ class TrafficPage:
             facts, why = await self._answers.latest(which(chosen, usual=0), request[VISITOR].host, MOST_ROWS), ""
         except (ProblemError, WrongQuestion) as wrong:
             facts, why = (), str(wrong)
-        status = self._answers.status()
+        status = await self._answers.status()
         lines = {each.name: each for each in shown_lines(status)}
         return await self._renderer.page(
             "traffic.html",

@@ -82,7 +82,7 @@ class UnitPage:
         except WrongQuestion as wrong:
             failures, why = (), str(wrong)
         times = self._answers.answer_times(unit.unit)
-        status = self._status(unit)
+        status = await self._status(unit)
         return await self._renderer.page(
             "unit.html",
             request,
@@ -158,8 +158,8 @@ class UnitPage:
             **self._rights.of(unit, visitor).as_content(),
         }
 
-    def _status(self, unit: Unit) -> Any:
-        units = self._answers.status().units
+    async def _status(self, unit: Unit) -> Any:
+        units = (await self._answers.status()).units
         return next((each for each in units if each.unit == unit.unit and each.name == unit.name), None)
 
     def _ask(self, unit: Unit, request: web.Request) -> Ask:
