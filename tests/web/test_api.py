@@ -290,5 +290,5 @@ async def test_many_readers_of_the_status_cost_one(bench):
 def test_the_document_names_nothing_that_it_does_not_have():
     text = json.dumps(document({}, "mbgw"))
     named = {part.partition('"')[0] for part in text.split("#/components/schemas/")[1:]}
-    missing = named - set(document({})["components"]["schemas"])
+    missing = named - set(document({}, "mbgw")["components"]["schemas"])
     assert missing == {"Status", "Line", "Server", "Upstream", "UnitStatus", "Image", "Mirror", "Point", "Reload"}
