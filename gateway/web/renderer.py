@@ -1,6 +1,7 @@
 """How pages are made of templates."""
 
 import asyncio
+import gzip
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -17,6 +18,10 @@ from gateway.web.problems import Handler
 
 FOLDER: Final = Path(__file__).parent / "templates"
 _HEADERS: Final = {"Cache-Control": "no-store", "Vary": "Accept-Language, Cookie"}
+
+
+#: How hard pages are packed: harder is slower, and no smaller to speak of.
+_PACKING: Final = 4
 
 
 class Page(Protocol):
@@ -43,17 +48,22 @@ class Renderer:
             "path": request.path,
             "other_languages": [(each, address) for each, address in others if each is not language],
         }
-        text = await self._rendered(language, template, {**frame, **content})
-        response = web.Response(text=text, content_type="text/html", headers=_HEADERS)
+        is_packed = "gzip" in request.headers.get("Accept-Encoding", "")
+        body = await self._rendered(language, template, {**frame, **content}, is_packed=is_packed)
+        headers = {**_HEADERS, "Content-Encoding": "gzip"} if is_packed else _HEADERS
+        response = web.Response(body=body, content_type="text/html", charset="utf-8", headers=headers)
         keep_choice(request, response, is_encrypted=self._is_encrypted)
         return response
 
-    async def _rendered(self, language: Language, template: str, content: dict[str, Any]) -> str:
+    async def _rendered(self, language: Language, template: str, content: dict[str, Any], *, is_packed: bool) -> bytes:
         templates, loop = self._templates[language.code], asyncio.get_running_loop()
+
+        def make() -> bytes:
+            text = templates.get_template(template).render(content).encode()
+            return gzip.compress(text, _PACKING) if is_packed else text
+
         async with self._one_at_a_time:
-            return await loop.run_in_executor(
-                ThreadPerCall("web page"), lambda: templates.get_template(template).render(content)
-            )
+            return await loop.run_in_executor(ThreadPerCall("web page"), make)
 
 
 def _templates(language: Language, assets: Assets) -> Environment:

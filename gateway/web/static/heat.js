@@ -52,6 +52,16 @@ function mark(row, place) {
   row.querySelector("svg.map").append(bar);
 }
 
+// The server makes the table anew now and then.
+function tellAgain() {
+  document.querySelectorAll("[data-reading]").forEach((reading) => reading.textContent || (reading.textContent = TEXTS.hint));
+  const row = shown && document.querySelector(`table[data-heat] tr[data-unit="${CSS.escape(shown.unit)}"]`);
+  if (row && !row.querySelector(".mark")) tell(row, shown.place);
+}
+
+new MutationObserver(tellAgain).observe(document.querySelector("main"), { childList: true });
+tellAgain();
+
 document.addEventListener("pointermove", (event) => {
   const picture = event.target.closest?.("table[data-heat] svg.map");
   if (!picture) return;

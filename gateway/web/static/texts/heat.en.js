@@ -1,6 +1,7 @@
 const counted = (count, word) => (count ? `${count} ${word}${count === 1 ? "" : "s"}` : "");
 
 export const TEXTS = {
+  hint: "Point at a place in the picture to see its numbers; or press ← or → on the name of a unit.",
   gap: "the gateway did not run",
   idle: "not asked",
   requests: (count) => counted(count, "request"),

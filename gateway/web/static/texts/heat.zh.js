@@ -1,4 +1,5 @@
 export const TEXTS = {
+  hint: "指向图中某处可查看数值；或在单元名称上按 ← 或 →。",
   gap: "网关未运行",
   idle: "未被请求",
   requests: (count) => `${count} 次请求`,
