@@ -21,17 +21,8 @@ class Peer:
     """
 
     __slots__ = (
-        "_limit",
-        "_on_failure",
-        "_router",
-        "_send",
-        "_under_way",
-        "asked",
-        "client",
-        "gone",
-        "host",
-        "last_asked",
-    )
+        "_limit", "_on_failure", "_router", "_send", "_under_way", "asked", "client", "gone", "host", "last_asked",
+    )  # fmt: skip
 
     def __init__(
         self,

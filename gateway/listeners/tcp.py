@@ -40,9 +40,8 @@ class TcpListener:
     """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
 
     `connections` are those that count for `clients`. One that is being closed no longer counts; it has
-    CLOSING_DEADLINE to send its remaining data.
-
-    `departures` counts clients that left before their responses, `rejections` those that were rejected.
+    CLOSING_DEADLINE to send its remaining data. `departures` counts clients that left before their responses,
+    `rejections` those that were rejected.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:

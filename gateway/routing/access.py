@@ -105,6 +105,24 @@ class Rights(dict[str, tuple[Right, ...]]):
         """Whether a row gives rights to a network that this address is in."""
         return self.admits(host) and host in self._named
 
+    def allows(self, host: str, unit: int, function: int) -> bool:
+        """Whether a client from this address may use a function of a unit; 43 for reading the identification."""
+        right, begin = self[host][unit], bytes((function,))
+        is_identification = begin == READING_IDENTIFICATION[:1] and READING_IDENTIFICATION in right
+        return function in right or begin in right or is_identification
+
+    def rows_for(self, host: str, unit: int) -> tuple[Row, ...]:
+        """The rows by which a client from this address has its rights to a unit, which is not that of broadcasts.
+
+        Usually one; several if the unit has several numbers elsewhere; none if no row applies.
+        """
+        address = _address(host)
+        rows = [row for row in self._rows if row.applies_to(address)]
+        found = [
+            next((row for row in rows if _fits(row, unit, other)), None) for other in self._known_as[unit] or (None,)
+        ]
+        return tuple(dict.fromkeys(row for row in found if row is not None))
+
     def __missing__(self, host: str) -> tuple[Right, ...]:
         if len(self) >= MOST_CLIENTS:
             self.clear()

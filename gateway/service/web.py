@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from gateway import events
 from gateway.config.plan import WebPlan
+from gateway.config.rights_in_words import RightsRow
 from gateway.errors import UsersError
 from gateway.modbus.pdu import Span, exception_response
 from gateway.observe.fan_out import FanOut, Follower
@@ -21,6 +22,7 @@ from gateway.service import unit_facts
 from gateway.service.history import history_kept
 from gateway.service.operator import Question, UnitPicture, picture, pictures, send
 from gateway.service.reload import Outcome, Reloader
+from gateway.service.rights import Verdict, rights_in_words, routers, verdict
 from gateway.service.running import Running
 from gateway.service.secret_files import path_of, refuse_if_exposed
 from gateway.service.trace import Fact
@@ -220,6 +222,15 @@ class _Answers:
 
     def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
         return capture(self._running.gateway, asdict(which), host)
+
+    def rights(self) -> Sequence[RightsRow]:
+        return rights_in_words(self._running.gateway)
+
+    def entrances(self) -> Sequence[str]:
+        return tuple(routers(self._running.gateway))
+
+    def verdict(self, host: str, listener: str, unit: int, function: int) -> Verdict:
+        return verdict(self._running.gateway, host, listener, unit, function)
 
     def events(self) -> AbstractContextManager[Follower]:
         return self._fan_out.following()

@@ -62,6 +62,14 @@ class Status(Protocol):
         """Other servers."""
 
     @property
+    def listeners(self) -> Sequence[Any]:
+        """The addresses where clients connect."""
+
+    @property
+    def rejections(self) -> Sequence[Any]:
+        """The clients that were rejected."""
+
+    @property
     def units(self) -> Sequence[Any]:
         """The units on lines and behind other servers."""
 
@@ -107,6 +115,50 @@ class Which:
     client: str | None = None
     result: str | None = None
     per_second: int | None = None
+
+
+class RightsRow(Protocol):
+    """From where, through which listeners, to which units clients may do what; `source` is its place in the config."""
+
+    @property
+    def clients(self) -> str:
+        """Addresses, or `anywhere`."""
+
+    @property
+    def through(self) -> str:
+        """Names of listeners, or `any listener`."""
+
+    @property
+    def units(self) -> str:
+        """Numbers, or `all`."""
+
+    @property
+    def may(self) -> str:
+        """What they may do."""
+
+    @property
+    def source(self) -> str:
+        """`gateway.toml:12`; empty for a rule that is no row."""
+
+
+class Verdict(Protocol):
+    """What the rights say to a request."""
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether it may be sent."""
+
+    @property
+    def is_routed(self) -> bool:
+        """Whether there is such a unit for this client."""
+
+    @property
+    def may(self) -> str:
+        """All that the client may do with the unit."""
+
+    @property
+    def rows(self) -> Sequence[RightsRow]:
+        """The rows that say so; none if no row applies."""
 
 
 class EventSource(Protocol):
@@ -180,6 +232,19 @@ class Answers(UnitAnswers, Protocol):
 
     def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
         """A capture file of what happened, part by part; the first one may raise as `trace` does."""
+
+    def rights(self) -> Sequence[RightsRow]:
+        """The table of rights, of which the first row that applies counts."""
+
+    def entrances(self) -> Sequence[str]:
+        """Where clients with an address come in: listeners, and `web`."""
+
+    def verdict(self, host: str, listener: str, unit: int, function: int) -> Verdict:
+        """What the rights say to a request.
+
+        Raises:
+            WrongQuestion: `host` is no address, or there is no such listener.
+        """
 
     def events(self) -> AbstractContextManager[EventSource]:
         """In its context events come."""

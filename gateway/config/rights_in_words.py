@@ -1,0 +1,75 @@
+"""The table of access rights in words, with the rules that are not rows."""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from gateway.config.plan import Plan
+from gateway.config.unitset import show_units
+from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, Network, Right, Row
+
+_WORDS: Final = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING: "nothing"}
+
+
+class RightsRow(NamedTuple):
+    """From where, through which listeners, to which units clients may do what. `source` is its place in the config."""
+
+    clients: str
+    through: str
+    units: str
+    may: str
+    source: str = ""
+
+
+def rows_in_words(plan: Plan) -> list[RightsRow]:
+    """The rows, of which the first that applies counts, and then what is the case without one."""
+    return [*(row_in_words(row, plan) for row in plan.access), *_rest(plan)]
+
+
+def row_in_words(row: Row, plan: Plan) -> RightsRow:
+    """One row."""
+    units = "all" if row.units is None else show_units(row.units)
+    if row.units is not None and is_by_address(row, plan):
+        units += " on the wire"
+    return RightsRow(_clients(row), _through(row), units, right_in_words(row.right), row.source)
+
+
+def right_in_words(right: Right) -> str:
+    """What somebody may do: `read, write`, or the numbers of functions."""
+    return _WORDS.get(right) or "functions " + show_units(each if isinstance(each, int) else each[0] for each in right)
+
+
+def is_by_address(row: Row, plan: Plan) -> bool:
+    """Whether the row names listeners for one line, where units are addresses."""
+    return any(listener.line and listener.name in (row.listeners or ()) for listener in plan.listeners)
+
+
+def unnamed_datagrams(plan: Plan) -> list[str]:
+    """The UDP listeners that no row names: clients only read there."""
+    return [one.name for one in plan.listeners if one.scheme == "udp" and not _is_named(one.name, plan)]
+
+
+def _clients(row: Row) -> str:
+    if row.networks is None:
+        return "anywhere"
+    return "this machine" if row.networks == LOOPBACK else ", ".join(map(_network, row.networks))
+
+
+def _network(network: Network) -> str:
+    return str(network if network.num_addresses > 1 else network.network_address)
+
+
+def _through(row: Row) -> str:
+    return "any listener" if row.listeners is None else ", ".join(sorted(row.listeners))
+
+
+def _rest(plan: Plan) -> Iterator[RightsRow]:
+    """The rights of clients that match no row."""
+    if not any((row.networks, row.listeners, row.units) == (None, None, None) for row in plan.access):
+        yield RightsRow("all else", "", "", "nothing")
+    for server in plan.servers:
+        if not _is_named(server.line.name, plan):
+            yield RightsRow("the line", server.line.name, show_units(server.line.serves), "read, write, broadcast")
+
+
+def _is_named(listener: str, plan: Plan) -> bool:
+    return any(listener in (row.listeners or ()) for row in plan.access)

@@ -1,0 +1,73 @@
+"""The page of the clients: who is connected, who was rejected, and what rights each of them has."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from aiohttp import web
+
+from gateway.errors import WrongQuestion
+from gateway.trace.pdus import FUNCTIONS
+from gateway.web.answers import Answers, Verdict, Which
+from gateway.web.guard import VISITOR, Need
+from gateway.web.problems import Handler
+from gateway.web.renderer import Renderer
+
+#: So many clients are shown, those first that asked last, and so many requests without a right.
+MOST_CLIENTS: Final = 200
+MOST_DENIED: Final = 10
+
+
+class ClientsPage:
+    """The handler of `/clients`."""
+
+    def __init__(self, answers: Answers, renderer: Renderer) -> None:
+        self._answers = answers
+        self._renderer = renderer
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [("GET", "/clients", self.show, "page")]
+
+    async def show(self, request: web.Request) -> web.Response:
+        """Clients and rights; what the form asks is in the address."""
+        asked = {name: request.query.get(name, "").strip() for name in ("from", "listener", "unit", "function")}
+        verdict, why = self._verdict(asked)
+        status = await self._answers.status()
+        never = float("inf")
+        clients = sorted(status.clients, key=lambda each: never if each.asked_ms is None else each.asked_ms)
+        return await self._renderer.page(
+            "clients.html",
+            request,
+            status=status,
+            clients=clients[:MOST_CLIENTS],
+            more=max(0, len(clients) - MOST_CLIENTS),
+            denied=await self._denied(request[VISITOR].host),
+            rights=self._answers.rights(),
+            entrances=self._answers.entrances(),
+            units=[(each.unit, each.name) for each in self._answers.units()],
+            functions=FUNCTIONS,
+            asked=asked,
+            verdict=verdict,
+            why=why,
+        )
+
+    def _verdict(self, asked: dict[str, str]) -> tuple[Verdict | None, str]:
+        """What the rights say to the question of the form, or why it cannot be answered; neither without a question."""
+        if not asked["from"]:
+            return None, ""
+        unit, function = asked["unit"], asked["function"]
+        if not (unit.isascii() and unit.isdecimal() and 1 <= int(unit) <= 255):
+            return None, f'"{unit}" is no unit: 1 to 255'
+        if not (function.isascii() and function.isdecimal() and 1 <= int(function) <= 127):
+            return None, f'"{function}" is no function: 1 to 127'
+        try:
+            return self._answers.verdict(asked["from"], asked["listener"], int(unit), int(function)), ""
+        except WrongQuestion as wrong:
+            return None, str(wrong)
+
+    async def _denied(self, host: str) -> Sequence[object]:
+        """The last requests that a client had no right to."""
+        try:
+            return await self._answers.latest(Which(0, result="denied"), host, MOST_DENIED)
+        except WrongQuestion:  # nothing is kept
+            return ()
