@@ -51,23 +51,34 @@ async def examine(running: Running, request: Mapping[str, Any], is_there: IsTher
     Raises:
         WrongQuestion: there is no such line.
     """
-    gateway, wanted = running.gateway, request.get("line")
+    groups, ports = await examined(running, request.get("line"), is_there, asks=bool(request.get("ask", True)))
+    return {"findings": [finding for _, findings in groups for finding in findings], "ports": ports}
+
+
+async def examined(
+    running: Running, wanted: object, is_there: IsThere, *, asks: bool
+) -> tuple[list[tuple[str, list[Finding]]], list[PortInUse]]:
+    """The findings by line, under no name those about clients; and the ports to look at.
+
+    Raises:
+        WrongQuestion: there is no such line.
+    """
+    gateway = running.gateway
     lines = [line for line in gateway.lines if wanted in (None, line.name)]
     servers = [server for server in gateway.servers if wanted in (None, server.name)]
     if wanted is not None and not lines and not servers:
         names = [line.name for line in gateway.lines] + [server.name for server in gateway.servers]
         raise no_such_line(wanted, names)
-    asks = bool(request.get("ask", True))
     about_lines = await asyncio.gather(*(_about(running, line, is_there, asks=asks) for line in lines))
-    findings = [finding for found in about_lines for finding in found]
-    findings += [finding for server in servers for finding in _about_server(server)]
+    groups = [(line.name, found) for line, found in zip(lines, about_lines, strict=True)]
+    groups += [(server.name, _about_server(server)) for server in servers]
     if wanted is None:
-        findings += [finding for upstream in gateway.upstreams for finding in _about_upstream(upstream)]
-    for listener in gateway.listeners:
-        if wanted is None or listener.settings.line in ("", wanted):
-            findings += [finding for client in client_evidence(listener, gateway) for finding in about_client(client)]
+        groups += [(upstream.name, _about_upstream(upstream)) for upstream in gateway.upstreams]
+    listeners = [each for each in gateway.listeners if wanted is None or each.settings.line in ("", wanted)]
+    clients = [client for listener in listeners for client in client_evidence(listener, gateway)]
+    groups.append(("", [finding for client in clients for finding in about_client(client)]))
     parts: tuple[GatewayLine | GatewayServer, ...] = (*lines, *servers)
-    return {"findings": findings, "ports": [each for part in parts for each in _port_of(part)]}
+    return groups, [each for part in parts for each in _port_of(part)]
 
 
 async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks: bool) -> list[Finding]:

@@ -49,6 +49,8 @@ class Running:
         #: Whether the config was accepted when it was last read.
         self.reload_succeeded = True
         self.recent = Recent(gateway, asyncio.get_running_loop().time())
+        #: Held by who looks for devices: two at once would be in each other's way.
+        self.examining = asyncio.Lock()
         self._sockets = sockets or OpenSockets()
         self._left_behind = left_behind or LeftBehind()
         self._tasks: dict[Part, asyncio.Task[None]] = {}

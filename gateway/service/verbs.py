@@ -42,7 +42,6 @@ class _Verbs:
     def __init__(self, running: Running, reloader: Reloader) -> None:
         self._running = running
         self._reloader = reloader
-        self._examining = asyncio.Lock()  # two that look for a device at once would be in each other's way
 
     async def status(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         running = self._running
@@ -59,7 +58,7 @@ class _Verbs:
         return {"unit": picture(self._running.gateway, request.get("unit"))}
 
     async def doctor(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
-        async with self._examining:
+        async with self._running.examining:
             return await examine(self._running, request, is_there)
 
     async def trace(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, AsyncExitStack, asynccontextmanager
+from contextlib import AbstractContextManager, AsyncExitStack, aclosing, asynccontextmanager
 from dataclasses import asdict
 from errno import EINVAL
 from importlib import import_module
@@ -19,6 +19,7 @@ from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import status as told
 from gateway.service import unit_facts
+from gateway.service.examinations import Examinations
 from gateway.service.history import history_kept
 from gateway.service.operator import Question, UnitPicture, picture, pictures, send
 from gateway.service.reload import Outcome, Reloader
@@ -78,7 +79,8 @@ async def _open(
     )
     async with (
         history_kept(running, folder if plan.history else None) as history,
-        server.web_open(settings, _Answers(running, reloader, fan_out, history)) as address,
+        aclosing(_Answers(running, reloader, fan_out, history)) as answers,
+        server.web_open(settings, answers) as address,
     ):
         running.emit(events.WebUp(address))
         yield
@@ -150,6 +152,11 @@ class _Answers:
         self._status: told.Status | None = None
         self._one_status_at_a_time = asyncio.Lock()
         self._texts = Texts()
+        self.doctor = Examinations(running, clock)
+
+    async def aclose(self) -> None:
+        """End what is in progress for the pages."""
+        await self.doctor.close()
 
     async def metrics(self) -> bytes:
         """Read the counters at once and format them in a thread, so that lines do not wait for that."""

@@ -161,6 +161,64 @@ class Verdict(Protocol):
         """The rows that say so; none if no row applies."""
 
 
+class Finding(Protocol):
+    """What doctor has found; `level` is `ok`, `note` or `fix`."""
+
+    @property
+    def level(self) -> str:
+        """How bad it is."""
+
+    @property
+    def about(self) -> str:
+        """A port, line, unit or client."""
+
+    @property
+    def what(self) -> str:
+        """What is so."""
+
+    @property
+    def remedy(self) -> str:
+        """What mends it: a command, or a line of the config."""
+
+
+class Report(Protocol):
+    """What doctor has found `at` this time of the day, by order of somebody, within `took` seconds."""
+
+    @property
+    def at(self) -> float:
+        """When it was known, in seconds since 1970."""
+
+    @property
+    def by(self) -> str:
+        """Who ordered it."""
+
+    @property
+    def took(self) -> float:
+        """How long that took."""
+
+    @property
+    def groups(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        """The findings by line; under no name those about clients."""
+
+
+class Doctor(Protocol):
+    """Looks for what is wrong."""
+
+    @property
+    def is_running(self) -> bool:
+        """Whether devices are being asked."""
+
+    @property
+    def last(self) -> Report | None:
+        """The last examination for which they were."""
+
+    async def measured(self) -> Report:
+        """What can be found without asking anybody."""
+
+    def start(self, user: str) -> str:
+        """Begin to ask devices, by order of `user`; or why that is not done now."""
+
+
 class EventSource(Protocol):
     """The events for one reader, or what the trace tells him."""
 
@@ -179,6 +237,7 @@ class Answers(UnitAnswers, Protocol):
     content_type: str
     #: What the API tells, by the names that its document has for it: dataclasses.
     types: Mapping[str, type]
+    doctor: Doctor
 
     async def metrics(self) -> bytes:
         """The metrics, as text."""

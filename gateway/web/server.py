@@ -16,6 +16,7 @@ from gateway.web.api import Api
 from gateway.web.assets import Assets
 from gateway.web.guard import Guard, Need
 from gateway.web.pages.clients import ClientsPage
+from gateway.web.pages.health import HealthPage
 from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.image import ImagePage
 from gateway.web.pages.line import LinePage
@@ -117,6 +118,7 @@ def _application(
         ImagePage(answers, renderer, units, rights),
         WritePages(answers, renderer, reads, rights),
         ClientsPage(answers, renderer),
+        HealthPage(answers, renderer),
         LoginPage(settings, answers, guard, table, sessions, renderer),
     )
     routes = [

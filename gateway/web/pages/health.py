@@ -1,0 +1,59 @@
+"""The page of the health: what doctor says."""
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from aiohttp import web
+
+from gateway.web.answers import Answers, Report
+from gateway.web.guard import VISITOR, Need
+from gateway.web.problems import Handler
+from gateway.web.renderer import Renderer
+
+
+class HealthPage:
+    """The handlers of `/health`."""
+
+    def __init__(self, answers: Answers, renderer: Renderer) -> None:
+        self._answers = answers
+        self._renderer = renderer
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [("GET", "/health", self.show, "page"), ("POST", "/health", self.examine, "operator")]
+
+    async def show(self, request: web.Request) -> web.Response:
+        """What was measured, and what devices answered when they were asked last."""
+        return await self._page(request)
+
+    async def examine(self, request: web.Request) -> web.Response:
+        """Ask devices too."""
+        why_not = self._answers.doctor.start(request[VISITOR].user)
+        if not why_not:
+            raise web.HTTPSeeOther("/health")
+        response = await self._page(request, why_not)
+        response.set_status(409)
+        return response
+
+    async def _page(self, request: web.Request, why_not: str = "") -> web.Response:
+        doctor = self._answers.doctor
+        return await self._renderer.page(
+            "health.html",
+            request,
+            measured=await doctor.measured(),
+            last=doctor.last,
+            is_running=doctor.is_running,
+            why_not=why_not,
+            counted=_counted,
+            clock=_clock,
+        )
+
+
+def _counted(report: Report) -> dict[str, int]:
+    """How many findings there are of each level, the worst first."""
+    levels = [finding.level for _, findings in report.groups for finding in findings]
+    return {level: levels.count(level) for level in ("fix", "note", "ok")}
+
+
+def _clock(time: float) -> str:
+    return datetime.fromtimestamp(time).astimezone().isoformat(" ", "seconds")[:19]
