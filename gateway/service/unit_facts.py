@@ -29,7 +29,7 @@ from gateway.trace.pdus import request_in_words
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept, PolledAge, Written
 
 #: So many failures are told.
-MOST_FAILURES: Final = 10
+MOST_FAILURES: Final = 6
 
 
 def may(gateway: Gateway, unit: int, function: int, host: str) -> bool:
@@ -144,7 +144,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
         share_p99=share,
         limit_ms=_milliseconds(times.limit) or None,
         proposed_ms=proposed_ms,
-        verdict=verdict(share, counts.responses, counts.late_responses, limit_ms),
+        verdict=verdict(share, counts.responses, counts.late_responses, limit_ms, proposed_ms),
     )
 
 

@@ -8,20 +8,28 @@ Verdict = Literal["few", "tight", "right", "long"]
 #: From which share of the limit on 99 of 100 responses are near it, and up to which it is far too long.
 CLOSE: Final = 0.8
 FAR: Final = 0.05
-#: From how many milliseconds on a limit can be far too long.
+#: From how many milliseconds on a limit can be far too long, and from how many times what a timing table would make it.
 LONG: Final = 500
+FAR_BEYOND: Final = 5
 #: How many responses say that a limit is tight, and how many that it may be shorter.
 ENOUGH: Final = 20
 ENOUGH_TO_SHORTEN: Final = 100
 
 
-def verdict(share: float | None, responses: int, late: int, limit_ms: float) -> Verdict:
-    """Of `responses`, 99 of 100 took at most this `share` of the limit, and `late` came after it."""
+def verdict(
+    share: float | None, responses: int, late: int, limit_ms: float, proposed_ms: float | None = None
+) -> Verdict:
+    """Of `responses`, 99 of 100 took at most this `share` of the limit, and `late` came after it.
+
+    `proposed_ms` is the limit by a timing table from these responses, if there is one.
+    """
     if late:
         return "tight"
     if share is None or responses < ENOUGH:
         return "few"
     if share >= CLOSE:
         return "tight"
-    is_long = share <= FAR and limit_ms >= LONG and responses >= ENOUGH_TO_SHORTEN
-    return "long" if is_long else "right"
+    is_far = share <= FAR or (proposed_ms is not None and limit_ms >= FAR_BEYOND * proposed_ms)
+    if not is_far or limit_ms < LONG:
+        return "right"
+    return "long" if responses >= ENOUGH_TO_SHORTEN else "few"

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
+from urllib.parse import urlencode
 
 from aiohttp import web
 
@@ -69,8 +70,8 @@ class ImagePage:
             last=min(start + MOST - 1, 65535),
             writes=window.writes[:_MOST_WRITES] if window is not None else (),
             ranges=ranges,
-            before=_before(ranges, start),
-            after=_after(ranges, start),
+            before=_address(asked, _before(ranges, start)),
+            after=_address(asked, _after(ranges, start)),
             columns=COLUMNS,
             asked=asked,
             areas=[each for each in _FIRST_SHOWN if whole_image.areas.get(each)],
@@ -100,6 +101,11 @@ def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> d
     first = areas[area][0][0] if areas.get(area) else 0
     start = whole(query["from"], "from") if query.get("from") else first
     return {"area": area, "from": start, "type": data_type, "swap": swap}
+
+
+def _address(asked: Mapping[str, Any], start: int | None) -> str | None:
+    """The address of the window that begins at `start`."""
+    return None if start is None else f"?{urlencode({**asked, 'from': start})}"
 
 
 def _before(ranges: Sequence[Range], start: int) -> int | None:

@@ -92,7 +92,9 @@ class UnitPage:
             function_name=function_name,
             exception_name=exception_name,
             clock=_clock,
-            calibrate=f"modbus-gateway calibrate {quote(unit.name)}" if unit.kind == "device" and times else "",
+            calibrate=f"modbus-gateway calibrate {quote(unit.name)}"
+            if unit.kind == "device" and any(each.responses for each in times)
+            else "",
             failures=failures,
             why_no_failures=why,
             kinds=_kinds(status),
