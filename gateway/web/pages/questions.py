@@ -3,10 +3,9 @@
 import asyncio
 import secrets
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
-
-from aiohttp import web
 
 from gateway.profiles.reading import Reading
 from gateway.web.answers import Unit
@@ -32,7 +31,7 @@ class Question:
     """Whether to write what is `wanted`, with the request `pdu`. `owner` is the CSRF token of who is asked.
 
     The readings have what was there `before`, or `why_no_old`. It is sent at most once: `is_sent` is set before.
-    `waiting` are the requests of browsers that wait for its `result`.
+    `waiting` has for each browser that waits for the `result` what tells whether it still does.
     """
 
     unit: Unit
@@ -44,7 +43,7 @@ class Question:
     is_sent: bool = False
     result: Result | None = None
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
-    waiting: set[web.Request] = field(default_factory=set)
+    waiting: list[Callable[[], bool]] = field(default_factory=list)
 
     def is_over(self, now: float) -> bool:
         """Whether it can be neither answered nor seen any longer."""

@@ -127,14 +127,15 @@ class WritePages:
         """Send it, unless it was sent already; a second request waits for what becomes of the first."""
         question = self._question(request)
         if question is not None and self._rights.may_write:
-            question.waiting.add(request)
+            waits = partial(is_there, request)
+            question.waiting.append(waits)
             try:
                 async with question.turn:
                     if not question.is_sent:
                         question.is_sent = True
                         question.result = await self._send(question, request[VISITOR])
             finally:
-                question.waiting.discard(request)
+                question.waiting.remove(waits)
         return see_other(request.path)
 
     async def _send(self, question: Question, visitor: Visitor) -> Result:
@@ -142,7 +143,7 @@ class WritePages:
         until = loop.time() + GRACE
 
         def is_awaited() -> bool:
-            return loop.time() < until or any(map(is_there, question.waiting))
+            return loop.time() < until or any(waits() for waits in question.waiting)
 
         unit = question.unit
         asker = Asker(visitor.client, visitor.host, is_awaited)
