@@ -141,7 +141,6 @@ class Attribution:
 
         Only the function counts: an exception fits any quantity, and another client may repeat with another one.
         """
-        sent = asked.unit, asked.asked.data
         function = frame.pdu[0] & ~EXCEPTION_BIT
         return [
             request
@@ -149,7 +148,7 @@ class Attribution:
             for request in self.foreign.get(unit, ())
             if request.asked.function == function
             and request.at + self._patience(request.asked, asked.device.answer_time) >= asked.sent_at
-            and (request.frame != sent or request.end <= self._place)
+            and (request.end <= self._place or not asked.is_copy(request.frame))
         ]
 
     def _answers_other_client(self, token: Token) -> bool:
@@ -201,14 +200,12 @@ class Attribution:
             return False
         if asked.function not in KNOWN_FUNCTIONS:
             return False
-        self.overheard.count_request(is_copy=self._is_copy(frame))
+        is_copy = self._asked is not None and self._asked.is_copy(frame)
+        self.overheard.copies += is_copy
+        self.overheard.requests += not is_copy
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
         return True
-
-    def _is_copy(self, frame: Frame) -> bool:
-        last = self._asked
-        return last is not None and frame == (last.unit, last.asked.data)
 
     def _count_stray_response(self, token: Token) -> None:
         """A frame without an owner may be a second response to our last request, or come after its late window."""

@@ -97,7 +97,7 @@ class Line:
     @property
     def overheard(self) -> Overheard:
         """Counters of frames that are not responses to its requests."""
-        return self._receiver.overheard
+        return self._receiver.attribution.overheard
 
     def late_windows(self, now: float) -> int:
         """How many late windows are open."""
@@ -186,7 +186,7 @@ class Line:
         """
         others = [
             Overdue(request.frame.unit, request.frame.unit, request.asked.data, 1, request.at + patience)
-            for request in self._receiver.foreign_requests()
+            for request in self._receiver.attribution.foreign_requests()
             if request.at + patience > now
         ]
         return self._windows.overdue(now) + others
@@ -388,7 +388,7 @@ class Line:
         current.outstanding -= self._receiver.has_damaged_response(now)
         if current.outstanding:  # else the response was damaged
             self._record_failure(current, diagnosis.text, now)
-        at_once = diagnosis.verdict == "broken" and not self._receiver.may_be_others(current)
+        at_once = diagnosis.verdict == "broken" and not self._receiver.attribution.may_be_others(current)
         if not self._may_repeat(current, now, now if at_once else self._windows.end_of(current, now)):
             self._fail(current, now)
         elif at_once:

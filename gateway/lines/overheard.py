@@ -25,13 +25,6 @@ class Overheard:
     second_responses: dict[int, int] = field(default_factory=dict)
     belated: dict[int, Belated] = field(default_factory=dict)
 
-    def count_request(self, *, is_copy: bool) -> None:
-        """A request came that the line did not send."""
-        if is_copy:
-            self.copies += 1
-        else:
-            self.requests += 1
-
     def count_second_response(self, unit: int) -> None:
         """A response of `unit` came once more."""
         self.second_responses[unit] = self.second_responses.get(unit, 0) + 1

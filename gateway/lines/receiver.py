@@ -60,8 +60,7 @@ class Receiver:
     """Receives from one line. A request is on the line from `begin` until `stop` or `diagnose`.
 
     `late_responses` are for the caller to take out. `damaged_at` is when silence will have shown that the response came
-    with a wrong check sum; None unless it looks so. `may_be_others`, `foreign_requests` and `overheard` are those of
-    Attribution.
+    with a wrong check sum; None unless it looks so.
     """
 
     def __init__(
@@ -75,13 +74,9 @@ class Receiver:
         self._report = report
         self._recorder = recorder
         self._budget: Budget
-        self._silence: float
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
-        self._attribution = Attribution(windows, self._patience)
+        self.attribution = Attribution(windows, self._patience)
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
-        self.may_be_others = self._attribution.may_be_others
-        self.foreign_requests = self._attribution.foreign_requests
-        self.overheard = self._attribution.overheard
         #: The request on the line, the place where it began, the first bytes since then, and the frames that are not
         #: its response. On the idle line: the last frames.
         self._current: Transaction | None = None
@@ -94,7 +89,7 @@ class Receiver:
     def tune(self, budget: Budget, silence: float, *, virtual: bool) -> None:
         """Set the times of the line and the silence that ends a frame of unknown size. See Line.port_up."""
         self._budget = budget
-        self._silence = self._scanner.silence = silence
+        self._scanner.silence = silence
         self._echo.is_virtual = virtual
         self._pace.tune(budget.line.character, silence, virtual=virtual)
 
@@ -103,10 +98,10 @@ class Receiver:
         echo, scanner = self._echo, self._scanner
         transaction.expected = Expected(transaction.answers_from, transaction.asked, scanner.position)
         # Another client's copy takes as long as our request, by its own clock, and cannot begin before that was sent.
-        soon = min(self._silence, _SOONEST * (transaction.ends_at - now))
+        soon = min(scanner.silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
-        self._attribution.begin(transaction, scanner.position, echo_until)
-        echo.record_copies(self._attribution.echoes_in_a_row, transaction)
+        self.attribution.begin(transaction, scanner.position, echo_until)
+        echo.record_copies(self.attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)
         self._pace.begin()
         if transaction.expects_answer:
@@ -131,7 +126,7 @@ class Receiver:
         if len(self._text) < _BYTES:
             self._text += data
         outcome = self._attribute(scanner.received(data, now, damaged=damaged, early=early))
-        self.damaged_at = now + self._silence if outcome is None and self._is_damaged(current) else None
+        self.damaged_at = now + scanner.silence if outcome is None and self._is_damaged(current) else None
         return outcome
 
     def tick(self, now: float) -> Outcome:
@@ -167,7 +162,7 @@ class Receiver:
         if current is None:
             return NOTHING
         self.stop()
-        copies = [token for token, _ in self._frames if _is_copy(token, current)]
+        copies = [token for token, _ in self._frames if current.is_copy(token.frame)]
         others = [token for token, owner in self._frames if owner != "a late response" and token not in copies]
         text = bytes(self._text)
         if self._echo.is_configured and copies:
@@ -187,9 +182,9 @@ class Receiver:
         """The request is over; only late responses may come."""
         if self._current is None:
             return
-        self._attribution.end(self._scanner.position)
+        self.attribution.end(self._scanner.position)
         for token in self._scanner.end():
-            self._note(token, self._attribution.owner(token))
+            self._note(token, self.attribution.owner(token))
         self._current = None
 
     def take_behind(self) -> int:
@@ -198,7 +193,7 @@ class Receiver:
             tokens, self._behind = self._behind, []
             self._frames.clear()
             self._attribute(tokens)
-        return self._scanner.position - self._attribution.ended_at
+        return self._scanner.position - self.attribution.ended_at
 
     def has_damaged_response(self, now: float) -> bool:
         """Whether what was received is the response, damaged, so that no other one comes."""
@@ -222,11 +217,11 @@ class Receiver:
     def _attribute(self, tokens: list[Token]) -> Outcome:
         """Find the owners of these frames, up to the one that ends the request."""
         for count, token in enumerate(tokens, 1):
-            owner = self._attribution.owner(token)
+            owner = self.attribution.owner(token)
             is_response = owner == "the request"
             if not is_response:
                 self._note(token, owner)
-            if self._current is not None and (is_response or self._attribution.doubts):
+            if self._current is not None and (is_response or self.attribution.doubts):
                 self._behind = tokens[count:]
                 return self._finish(self._current, token, is_response=is_response)
         return None
@@ -234,8 +229,8 @@ class Receiver:
     def _note(self, token: Token, owner: Owner) -> None:
         """Keep and report a frame that is not the response."""
         if owner == "a late response":
-            self.late_responses.append(LateResponse(self._attribution.late, token.frame))
-        elif self._current is not None and not (token.is_damaged or _is_copy(token, self._current)):
+            self.late_responses.append(LateResponse(self.attribution.late, token.frame))
+        elif self._current is not None and not (token.is_damaged or self._current.is_copy(token.frame)):
             self._report.foreign(token.frame, self._current)
         if owner != "an echo" or not self._echo.is_configured:  # else every request has one
             self._recorder.heard(token, owner)
@@ -256,7 +251,7 @@ class Receiver:
         self._current = None
         if is_response:
             return token.frame
-        self._report.other_client(current, self._attribution.doubts[0].frame)
+        self._report.other_client(current, self.attribution.doubts[0].frame)
         return AmbiguousResponse()
 
     def _has_noise(self, end: int) -> bool:
@@ -276,7 +271,7 @@ class Receiver:
         It may be another response with a damaged unit identifier while a late response, another client's, or one to an
         earlier sending may come.
         """
-        if self._windows.windows or current.outstanding > 1 or self._attribution.foreign:
+        if self._windows.windows or current.outstanding > 1 or self.attribution.foreign:
             return False
         begin = current.expected.since - self._began_at
         if begin and not self._echo.is_configured:
@@ -284,7 +279,7 @@ class Receiver:
         if not self._scanner.is_damaged(bytes(self._text[begin:]), current.expected):
             return False
         sound = [token for token, _ in self._frames if not token.is_damaged]
-        if not all(_is_copy(token, current) for token in sound):
+        if not all(current.is_copy(token.frame) for token in sound):
             return False
         return begin == sum(token.end - token.start for token in sound)
 
@@ -303,18 +298,13 @@ class Receiver:
     def _notice_echo(self, current: Transaction) -> None:
         """A copy that came before all of the request was sent is the adapter's."""
         since = current.expected.since
-        if any(token.start < since and _is_copy(token, current) for token, _ in self._frames):
+        if any(token.start < since and current.is_copy(token.frame) for token, _ in self._frames):
             self._echo.record_echo(current)
 
     def _patience(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
         """How long after another client's request its response may come: as long as after ours."""
         limit = self._budget.limit(asked, answer_time)
         return limit + self._windows.length(limit, answer_time)
-
-
-def _is_copy(token: Token, sent: Transaction) -> bool:
-    """Whether it is a copy of the request."""
-    return token.frame == (sent.unit, sent.asked.data)
 
 
 def _is_response(frame: Frame) -> bool:

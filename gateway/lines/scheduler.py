@@ -22,7 +22,7 @@ from gateway.modbus.scan import Expected
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `expired`, `given_up` and `put_back` are those of its queue. `recorder` is the line's.
+    `expired`, `given_up`, `put_back` and `next_expiry` are those of its queue. `recorder` is the line's.
     """
 
     def __init__(
@@ -41,6 +41,7 @@ class Scheduler:
         self.expired = self._queue.expired
         self.given_up = self._queue.given_up
         self.put_back = self._queue.put_back
+        self.next_expiry = self._queue.next_expiry
 
     def __len__(self) -> int:
         """How many requests wait."""
@@ -94,10 +95,6 @@ class Scheduler:
         deadline = earliest(self._queue.next_expiry(), self._stall.ends_at)
         deadline = earliest(self._idle.deadline(sends_at), deadline)
         return earliest(max(sends_at, self._held_until), deadline) if len(self._queue) else deadline
-
-    def next_expiry(self) -> float | None:
-        """When the next request will have waited too long, or earlier."""
-        return self._queue.next_expiry()
 
     def clear(self) -> list[Transaction]:
         """Remove all that waits."""

@@ -97,6 +97,10 @@ class Transaction:
         """Whether `frame` is the response: unit, function, size and echoed fields fit, or it is an exception."""
         return frame.unit == self.unit and self.asked.accepts(frame.pdu)
 
+    def is_copy(self, frame: Frame) -> bool:
+        """Whether `frame` is a copy of the request."""
+        return frame == (self.unit, self.asked.data)
+
     @property
     def is_wanted(self) -> bool:
         """Whether a client still wants the request to be sent."""
