@@ -1,14 +1,13 @@
-"""Log events: one frozen dataclass for each, logged under its name in snake_case.
+"""Log events: one class for each, logged under its name in snake_case.
 
 Events are for what is rare. What happens in every transaction is counted, in the `Counts` of each part.
 """
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
 from enum import IntEnum
 from traceback import format_exception
-from typing import ClassVar, Final, Self
+from typing import ClassVar, Final, Self, dataclass_transform
 
 from gateway import errors
 from gateway.errors import RequestError
@@ -24,20 +23,48 @@ class Level(IntEnum):
     ERROR = 40
 
 
-@dataclass(frozen=True)
+@dataclass_transform(frozen_default=True)
 class Event:
-    """A log event. Its fields become the fields of the log line."""
+    """A log event. Its fields become the fields of the log line.
+
+    To type checkers it is a frozen dataclass. At run time `dataclass` would compile six functions for each of the fifty
+    events whenever the program starts, a tenth of all that it does until it is ready.
+    """
 
     level: ClassVar[Level] = Level.INFO
     #: The event's name in logs: `line_lost` for LineLost.
     name: ClassVar[str]
+    #: The names of its fields, in the order of the values that make it.
+    field_names: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
         cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        cls.field_names = tuple(cls.__annotations__)
+
+    def __init__(self, *values: object, **named: object) -> None:
+        told, names = self.__dict__, self.field_names
+        told.update(zip(names, values, strict=False), **named)
+        if len(told) != len(values) + len(named) or not told.keys() <= set(names):
+            raise TypeError(f"{type(self).__name__} has the fields {names}, and not {values} and {named}")
+        missing = [name for name in names if name not in told and not hasattr(self, name)]
+        if missing:
+            raise TypeError(f"{type(self).__name__} lacks {missing}")
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{self} is frozen")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and other.fields() == self.fields()
+
+    def __hash__(self) -> int:
+        return hash((type(self), *self.fields().values()))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.fields().items())})"
 
     def fields(self) -> dict[str, object]:
         """The fields of the log line, by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: getattr(self, name) for name in self.field_names}
 
 
 #: Logs an event. It never raises and never blocks.
@@ -51,7 +78,6 @@ def discard_event(event: Event) -> None:
 # --- the service ---
 
 
-@dataclass(frozen=True)
 class ConfigLoaded(Event):
     """A config file was read and is in use."""
 
@@ -60,7 +86,6 @@ class ConfigLoaded(Event):
     units: int
 
 
-@dataclass(frozen=True)
 class ConfigWarning(Event):
     """A config file can be used, but something in it may be wrong."""
 
@@ -69,7 +94,6 @@ class ConfigWarning(Event):
     help: str
 
 
-@dataclass(frozen=True)
 class ConfigRejected(Event):
     """A config file is not used; the one in use, if any, stays."""
 
@@ -84,7 +108,6 @@ class ConfigRejected(Event):
         return cls(file, reason)
 
 
-@dataclass(frozen=True)
 class ConfigApplied(Event):
     """A config file was read again and is in use. `restart` names the tables that apply only after a restart."""
 
@@ -95,7 +118,6 @@ class ConfigApplied(Event):
     restart: tuple[str, ...]
 
 
-@dataclass(frozen=True)
 class ControlClosed(Event):
     """The control socket cannot be used, so no command can reach this gateway. All else works."""
 
@@ -104,14 +126,12 @@ class ControlClosed(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class WebUp(Event):
     """The web page, the API and metrics can be reached over HTTP."""
 
     address: str
 
 
-@dataclass(frozen=True)
 class WebClosed(Event):
     """Nothing can be reached over HTTP. All else works."""
 
@@ -120,7 +140,6 @@ class WebClosed(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class WebLogin(Event):
     """Somebody has logged in at the web page."""
 
@@ -128,7 +147,6 @@ class WebLogin(Event):
     user: str
 
 
-@dataclass(frozen=True)
 class WebLoginFailed(Event):
     """Somebody has sent a wrong password to the web page; `user` is empty if there is no such user."""
 
@@ -137,7 +155,6 @@ class WebLoginFailed(Event):
     user: str
 
 
-@dataclass(frozen=True)
 class WebUsersRejected(Event):
     """The file with the users cannot be used as it is now; those that were in it before stay."""
 
@@ -145,7 +162,6 @@ class WebUsersRejected(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class Ready(Event):
     """Clients can connect and every line was tried once."""
 
@@ -154,19 +170,16 @@ class Ready(Event):
     lines_down: int
 
 
-@dataclass(frozen=True)
 class Stopping(Event):
     """The gateway was told to stop."""
 
     reason: str
 
 
-@dataclass(frozen=True)
 class Stopped(Event):
     """The gateway has stopped."""
 
 
-@dataclass(frozen=True)
 class PartFailed(Event):
     """A defect in the gateway: an unexpected error in a part, which is started again. Please report it."""
 
@@ -181,7 +194,6 @@ class PartFailed(Event):
         return cls(part, repr(error), "".join(format_exception(error)))
 
 
-@dataclass(frozen=True)
 class StateNotKept(Event):
     """Values that must be kept over a restart could not be written to their file."""
 
@@ -190,14 +202,12 @@ class StateNotKept(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class StateKeptAgain(Event):
     """The file can be written again."""
 
     file: str
 
 
-@dataclass(frozen=True)
 class StateDamaged(Event):
     """A file in the state directory is damaged or foreign. It was moved aside; what could be read of it is used."""
 
@@ -209,7 +219,6 @@ class StateDamaged(Event):
 # --- clients ---
 
 
-@dataclass(frozen=True)
 class ListenerUp(Event):
     """Clients can connect to this address."""
 
@@ -217,7 +226,6 @@ class ListenerUp(Event):
     address: str
 
 
-@dataclass(frozen=True)
 class ClientConnected(Event):
     """A client has connected."""
 
@@ -226,7 +234,6 @@ class ClientConnected(Event):
     client: str
 
 
-@dataclass(frozen=True)
 class ClientClosed(Event):
     """A client's connection has ended."""
 
@@ -236,7 +243,6 @@ class ClientClosed(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class ClientRejected(Event):
     """A connection was closed because of what the client did, its missing rights, or because the listener was full."""
 
@@ -246,7 +252,6 @@ class ClientRejected(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class RequestRefused(Event):
     """A client requested something that `unit` does not have; it got exception `code`, and nothing was sent."""
 
@@ -262,7 +267,6 @@ class RequestRefused(Event):
         return cls(request.origin.client, request.unit, request.pdu[0], f"{error.code:02X}", str(error))
 
 
-@dataclass(frozen=True)
 class AccessDenied(Event):
     """A client used a function without the right to it; it got exception 01, and nothing was sent."""
 
@@ -273,7 +277,6 @@ class AccessDenied(Event):
     function: int
 
 
-@dataclass(frozen=True)
 class WriteAudit(Event):
     """The result of a request that may have changed something: one event for each such request.
 
@@ -314,7 +317,6 @@ _SENT: Final = frozenset(
 # --- lines ---
 
 
-@dataclass(frozen=True)
 class LineUp(Event):
     """A line's port was opened for the first time.
 
@@ -326,7 +328,6 @@ class LineUp(Event):
     baud: int | None = None
 
 
-@dataclass(frozen=True)
 class LineLost(Event):
     """A line's port could not be opened, or was lost; the gateway tries to open it until it succeeds."""
 
@@ -336,7 +337,6 @@ class LineLost(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class ConnectionRenewed(Event):
     """A line uses a new connection, because no unit has answered since a request timed out.
 
@@ -347,7 +347,6 @@ class ConnectionRenewed(Event):
     source: str
 
 
-@dataclass(frozen=True)
 class LineReopened(Event):
     """A lost port is open again; `baud` as in LineUp."""
 
@@ -357,7 +356,6 @@ class LineReopened(Event):
     baud: int | None = None
 
 
-@dataclass(frozen=True)
 class RequestTimeout(Event):
     """A device did not answer within its time limit."""
 
@@ -371,7 +369,6 @@ class RequestTimeout(Event):
     source: str
 
 
-@dataclass(frozen=True)
 class BadFrame(Event):
     """What was received within the limit was not the response: noise, a cut or foreign frame, a wrong CRC or LRC."""
 
@@ -387,7 +384,6 @@ class BadFrame(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class ForeignFrame(Event):
     """A valid frame that is not the response to the request on the line; it was dropped."""
 
@@ -399,7 +395,6 @@ class ForeignFrame(Event):
     frame: str
 
 
-@dataclass(frozen=True)
 class QueueFull(Event):
     """The queue of a line is full. `client` had most requests in it, and its newest was answered 06."""
 
@@ -410,7 +405,6 @@ class QueueFull(Event):
     client: str
 
 
-@dataclass(frozen=True)
 class AddressMoved(Event):
     """A device has a new address; `advice` names the line of the config to edit."""
 
@@ -422,7 +416,6 @@ class AddressMoved(Event):
     advice: str
 
 
-@dataclass(frozen=True)
 class BaudChanged(Event):
     """A device has a new baud rate; `advice` says what the line did, and what to edit."""
 
@@ -433,7 +426,6 @@ class BaudChanged(Event):
     advice: str
 
 
-@dataclass(frozen=True)
 class AddressRemembered(Event):
     """A device moved in an earlier run: the gateway uses address `unit` instead of `configured`."""
 
@@ -445,7 +437,6 @@ class AddressRemembered(Event):
     advice: str
 
 
-@dataclass(frozen=True)
 class BaudRemembered(Event):
     """A line followed its device to `baud` in an earlier run, and uses that rate instead of `configured`."""
 
@@ -456,7 +447,6 @@ class BaudRemembered(Event):
     advice: str
 
 
-@dataclass(frozen=True)
 class LateResponse(Event):
     """A response came after its time limit and was dropped. The device needs a longer one."""
 
@@ -470,7 +460,6 @@ class LateResponse(Event):
     source: str
 
 
-@dataclass(frozen=True)
 class TimingTight(Event):
     """99 of 100 responses take most of their time limit: a slower one is a time-out."""
 
@@ -485,7 +474,6 @@ class TimingTight(Event):
     advice: str
 
 
-@dataclass(frozen=True)
 class UnitResting(Event):
     """A unit backs off: it has failed three times in a row, or again after a back-off. Its requests get 0B at once.
 
@@ -500,7 +488,6 @@ class UnitResting(Event):
     source: str
 
 
-@dataclass(frozen=True)
 class UnitRecovered(Event):
     """A unit that backed off has answered."""
 
@@ -509,7 +496,6 @@ class UnitRecovered(Event):
     device: str
 
 
-@dataclass(frozen=True)
 class EchoHeard(Event):
     """The adapter echoes. Until `echo = true` is set, writes whose response equals the request get 0B."""
 
@@ -519,7 +505,6 @@ class EchoHeard(Event):
     advice: str
 
 
-@dataclass(frozen=True)
 class AnswerTooEarly(Event):
     """Several responses in a row came before their requests could have been sent; they were rejected."""
 
@@ -532,7 +517,6 @@ class AnswerTooEarly(Event):
     advice: str
 
 
-@dataclass(frozen=True)
 class OtherClientHeard(Event):
     """Another client on the line sent a request to the same unit, so the next response was rejected."""
 
@@ -543,7 +527,6 @@ class OtherClientHeard(Event):
     frame: str
 
 
-@dataclass(frozen=True)
 class UpstreamClosed(Event):
     """The gateway closed its connection to an upstream, because it could not be used any more; it opens a new one."""
 
@@ -552,7 +535,6 @@ class UpstreamClosed(Event):
     reason: str
 
 
-@dataclass(frozen=True)
 class AnswerWithheld(Event):
     """The client on a server line got no response: it would have taken it for the response to another request."""
 
@@ -568,7 +550,6 @@ class AnswerWithheld(Event):
 # --- images ---
 
 
-@dataclass(frozen=True)
 class PollRefused(Event):
     """A device answers a poll of a mirror with an exception: these addresses cannot be read, or not together."""
 
