@@ -3,7 +3,7 @@
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from math import ceil, floor, log10
 from typing import Any, Final
 
@@ -282,7 +282,7 @@ def _remembered(plan: Plan) -> list[str]:
 def _remembered_as_json(plan: Plan) -> list[dict[str, Any]] | None:
     """The remembered values; None if the file cannot be read."""
     try:
-        return [asdict(each) for each in _in_force(plan)]
+        return [each.fields() for each in _in_force(plan)]
     except StateError:
         return None
 

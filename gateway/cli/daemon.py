@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
 from gateway.errors import DaemonError
-from gateway.service.control import SYSTEM_SOCKET, control_path
+from gateway.service.control_path import SYSTEM_SOCKET, control_path
 
 #: How long the daemon may take to answer, in seconds. A reload may need 10 to read the file, 15 to look up names, 3 for
 #: requests in progress, and 1.5 to close ports.

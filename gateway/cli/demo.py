@@ -25,7 +25,8 @@ from gateway.observe.fan_out import FanOut
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import build
-from gateway.service.control import Verbs, control_open, control_path
+from gateway.service.control import Verbs, control_open
+from gateway.service.control_path import control_path
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.state import Memory

@@ -17,7 +17,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.frame import Frame
 from gateway.service.build import Gateway
-from gateway.service.control import control_path
+from gateway.service.control_path import control_path
 from gateway.simulator.panel import Panel
 
 #: How long a response may take, in seconds: longer than any limit of the demo.

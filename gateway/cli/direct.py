@@ -16,12 +16,12 @@ from pymodbus.pdu import DecodePDU
 from gateway.cli.unit import Answer, NoResponseError
 from gateway.cli.usage import WrongUsageError
 from gateway.config.address import Address, parse_address
+from gateway.config.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.config.load import builtin_profiles
-from gateway.config.plan import DEFAULT_FORMATS
 from gateway.config.points import points_of
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.schema import ProfileTable
-from gateway.config.values import DEVICE_SERVER_MODES, fits_mode, parse_format, parse_port
+from gateway.config.values import DEVICE_SERVER_MODES, parse_port
 from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.modbus.pdu import parse_request

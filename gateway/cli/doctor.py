@@ -6,27 +6,19 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from gateway.cli.daemon import Conversation, add_control_argument
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
-from gateway.config.load import load
-from gateway.config.plan import Plan, resolve
-from gateway.config.problem import Problem, did_you_mean
-from gateway.diagnosis.finding import Finding, Level
-from gateway.diagnosis.ports import about_ports
+from gateway.diagnosis.evidence import PortInUse
+from gateway.diagnosis.finding import Finding
 from gateway.errors import DaemonError
-from gateway.ports.port import SerialSettings
-from gateway.service.control import control_path
-from gateway.service.doctor import PortInUse
-from gateway.service.outside import look_at
+from gateway.service.outside import findings_about
 
 #: How long the daemon may take, in seconds: it asks units, and may try other rates and formats on several lines.
 _PATIENCE: Final = 120.0
-
-_LEVELS: Final[Mapping[str, Level]] = {"error": "fix", "warning": "note"}
 
 _EXAMPLES: Final = """\
 examples:
@@ -87,9 +79,9 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
     except DaemonError as error:
         if args.control:
             raise
-        return [_without_daemon(str(error)), *_look_at_config(Path(DEFAULT_CONFIG), args.line)]
+        return [_without_daemon(str(error)), *_in_config(DEFAULT_CONFIG, args.line)]
     if daemon is None:
-        return _look_at_config(Path(args.config), args.line)
+        return _in_config(args.config, args.line)
     with daemon:
         if not args.passive and not args.json and sys.stderr.isatty():
             print("The gateway may ask units now, which can take a minute; --passive sends nothing.", file=sys.stderr)
@@ -97,11 +89,13 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
         answer = daemon.ask("doctor", line=args.line, ask=not args.passive)
         ports = [PortInUse(**port) for port in answer.get("ports", ())]
         measured = [_finding(row) for row in answer.get("findings", ())]
-        return [*_about_ports(ports, daemon.pid), *measured]
+        return [*findings_about(ports, daemon.pid), *measured]
 
 
-def _about_ports(ports: Iterable[PortInUse], pid: int | None) -> list[Finding]:
-    return [finding for port in ports for finding in about_ports(look_at(port, pid))]
+def _in_config(file: str, line: str | None) -> list[Finding]:
+    from gateway.cli.config_doctor import look_at_config  # noqa: PLC0415 - only here a config is read
+
+    return look_at_config(Path(file), line)
 
 
 def _finding(row: Mapping[str, Any]) -> Finding:
@@ -118,52 +112,3 @@ def _finding(row: Mapping[str, Any]) -> Finding:
 def _without_daemon(why: str) -> Finding:
     what = f"{why}; only what can be seen without one was looked at"
     return Finding("note", "gateway", what, "systemctl start modbus-gateway")
-
-
-def _look_at_config(file: Path, line: str | None) -> list[Finding]:
-    """What is wrong with the file, and with the ports that it names.
-
-    Raises:
-        DaemonError: the file has no such line.
-    """
-    loaded = load(file)
-    findings = [
-        Finding(_LEVELS[problem.severity], str(file), _told(problem), problem.remedy) for problem in loaded.problems
-    ]
-    if loaded.config is None:
-        return findings
-    if not findings:
-        findings = [Finding("ok", str(file), "the config is valid")]
-    plan = resolve(loaded.config)
-    pid = _gateway_with(plan, file)
-    if pid is not None:
-        what = f"a gateway is running (process {pid}): without --config, doctor uses what it has measured"
-        findings.append(Finding("note", "gateway", what))
-    return [*findings, *_about_ports(_ports(plan, line), pid)]
-
-
-def _told(problem: Problem) -> str:
-    """The problem without the file, which the row names."""
-    return str(replace(problem, remedy="")).removeprefix(problem.file).removeprefix(":").lstrip()
-
-
-def _gateway_with(plan: Plan, file: Path) -> int | None:
-    """The process of the gateway that runs with the socket of this config, if any."""
-    try:
-        with Conversation(plan.control or str(control_path(file))) as daemon:
-            return daemon.pid
-    except DaemonError:
-        return None
-
-
-def _ports(plan: Plan, line: str | None) -> list[PortInUse]:
-    parts = [(one.line.name, one.line.source, one.port) for one in plan.lines]
-    parts += [(one.line.name, one.line.source, one.port) for one in plan.servers]
-    if line is not None and line not in {name for name, _, _ in parts}:
-        remedy = did_you_mean(line, [name for name, _, _ in parts])
-        raise DaemonError(f'there is no line "{line}"' + (f"; {remedy}" if remedy else ""))
-    return [
-        PortInUse(name, source, port.port, is_open=False)
-        for name, source, port in parts
-        if isinstance(port, SerialSettings) and line in (None, name)
-    ]

@@ -11,15 +11,15 @@ from gateway.cli.check import limits_as_json, limits_table, milliseconds
 from gateway.cli.columns import align
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE
 from gateway.cli.usage import baud
+from gateway.config.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.config.duration import show_duration
 from gateway.config.forecast import FunctionLimits, function_limits
 from gateway.config.load import builtin_profiles, load
-from gateway.config.plan import ASSUMED_LATENCY, DEFAULT_FORMATS, profile_of
+from gateway.config.plan import ASSUMED_LATENCY, profile_of
 from gateway.config.points import points_of, type_of
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.ranges import show_ranges
 from gateway.config.schema import PointTable, ProfileTable
-from gateway.config.values import fits_mode, parse_format
 from gateway.profiles.profile import Profile, Range
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming

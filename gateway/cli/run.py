@@ -23,7 +23,8 @@ from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service import garbage
 from gateway.service.build import Gateway, build
-from gateway.service.control import control_open, control_path
+from gateway.service.control import control_open
+from gateway.service.control_path import control_path
 from gateway.service.overdue import FILE_NAME as LATE_FILE
 from gateway.service.overdue import LeftBehind, is_entry
 from gateway.service.reload import Reloader, warn

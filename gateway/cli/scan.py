@@ -22,7 +22,6 @@ from gateway.config.duration import parse_duration, show_duration
 from gateway.config.problem import WrongValue
 from gateway.config.unitset import parse_units
 from gateway.errors import DaemonError
-from gateway.ports.exact_loop import run_exactly
 
 #: The time limit of a question, in seconds, when nobody says otherwise.
 _USUAL_LIMIT: Final = 0.3
@@ -77,7 +76,9 @@ def _show(args: argparse.Namespace) -> int:
     with ExitStack() as parts:
         tell = parts.enter_context(_progress())
         if args.port:
-            from gateway.cli.direct_scan import scan_port  # noqa: PLC0415 - only here the parts of a gateway are needed
+            # Only here parts of a gateway are needed.
+            from gateway.cli.direct_scan import scan_port  # noqa: PLC0415
+            from gateway.ports.exact_loop import run_exactly  # noqa: PLC0415
 
             answer = run_exactly(scan_port(args, _units(args.words), tell))
         else:

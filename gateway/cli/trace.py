@@ -19,8 +19,8 @@ from gateway.config.duration import parse_duration
 from gateway.errors import DaemonError
 from gateway.service.capture import description, packets
 from gateway.service.stories import told
-from gateway.service.trace import MOST_STORIES
 from gateway.trace.pcapng import Writer
+from gateway.trace.records import MOST_STORIES
 
 #: How often to look for what is new, in seconds.
 _STEP: Final = 0.1

@@ -6,6 +6,7 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from gateway.config.address import Address
+from gateway.config.character_format import fits_mode
 from gateway.config.check_access import RESERVED, check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
@@ -25,7 +26,6 @@ from gateway.config.check_web import check_web
 from gateway.config.not_yet import check_built, unbuilt_tables
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
 from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
-from gateway.config.values import fits_mode
 
 #: Why the port at a path cannot be used, as far as can be seen without opening it; None if it can.
 PortTrouble = Callable[[str], str | None]

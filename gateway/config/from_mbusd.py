@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.config.address import Address
+from gateway.config.character_format import fits_mode, parse_format
 from gateway.config.imported import (
     OPEN_ACCESS,
     ImportedFileError,
@@ -19,7 +20,7 @@ from gateway.config.imported import (
 )
 from gateway.config.problem import WrongValue
 from gateway.config.toml_text import TableText, Value, file_text
-from gateway.config.values import fits_mode, parse_format, parse_port
+from gateway.config.values import parse_port
 
 _DEFAULTS: Final[Mapping[str, str]] = {
     "device": "/dev/ttyS0",

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from gateway.config.address import Address
+from gateway.config.character_format import fits_mode, parse_format
 from gateway.config.imported import (
     OPEN_ACCESS,
     ImportedFileError,
@@ -25,7 +26,7 @@ from gateway.config.imported import (
 from gateway.config.problem import WrongValue
 from gateway.config.toml_text import TableText, Value, file_text
 from gateway.config.unitset import show_units
-from gateway.config.values import fits_mode, parse_format, parse_port
+from gateway.config.values import parse_port
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, SERVER_UNIT
 
 #: What it waits for a device when nothing else is said, in seconds.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 from gateway.config.address import Address
+from gateway.config.character_format import DEFAULT_FORMATS
 from gateway.config.points import points_of
 from gateway.config.ranges import join_ranges
 from gateway.config.schema import (
@@ -35,7 +36,7 @@ from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range, covers
 from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Network, Right, Row, right_to
 from gateway.timing.budget import AnswerTime
-from gateway.timing.characters import CharacterFormat, LineTiming
+from gateway.timing.characters import LineTiming
 from gateway.timing.table import Point as TimingPoint
 from gateway.timing.table import TimingTable
 from gateway.upstreams.upstream import UpstreamSettings
@@ -55,8 +56,6 @@ _SHORTEST_TURNAROUND: Final = 0.1
 ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
 
 _RIGHTS: Final = {"read": READING, "write": WRITING}
-
-DEFAULT_FORMATS: Final = {"rtu": CharacterFormat(8, "E", 1), "ascii": CharacterFormat(7, "E", 1)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import AfterValidator, Field, PlainValidator, Strict
 
 from gateway.config.address import Address, parse_address
+from gateway.config.character_format import parse_format
 from gateway.config.duration import (
     parse_duration,
     parse_duration_or_auto,
@@ -60,25 +61,6 @@ def parse_name(value: object) -> str:
     if not value or len(value) > _LONGEST_NAME or not value.isprintable() or value != value.strip():
         raise WrongValue(f"must have 1 to {_LONGEST_NAME} visible characters, and no space around them")
     return value
-
-
-def parse_format(value: object) -> CharacterFormat:
-    """A character format such as "8E1".
-
-    Raises:
-        WrongValue: it is none.
-    """
-    if not isinstance(value, str):
-        raise NotText
-    try:
-        return CharacterFormat.parse(value.upper())
-    except ValueError as wrong:
-        raise WrongValue(f'"{value}" is not a valid character format', str(wrong)) from wrong
-
-
-def fits_mode(value: CharacterFormat, mode: Literal["rtu", "ascii"]) -> bool:
-    """Whether the format can carry what is spoken: RTU needs 8 data bits (S 2.5.1)."""
-    return mode == "ascii" or value.data_bits == 8
 
 
 def parse_port(value: object) -> str | Address:

@@ -14,6 +14,16 @@ class Holder:
 
 
 @dataclass(frozen=True, slots=True)
+class PortInUse:
+    """A serial port of the config, and whether the gateway has it open."""
+
+    line: str
+    source: str
+    port: str
+    is_open: bool
+
+
+@dataclass(frozen=True, slots=True)
 class PortEvidence:
     """What is known of a serial port without opening it. It belongs to `line`, `source` is its place in the config.
 

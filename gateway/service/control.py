@@ -21,7 +21,6 @@ The client may be another version: keys may differ, and `version` says why.
 
 import asyncio
 import json
-import os
 import socket
 import stat
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
@@ -41,9 +40,6 @@ PATIENCE: Final = 60.0
 #: Concurrent connections.
 MOST_CONNECTIONS: Final = 16
 
-#: Where the socket of a system's gateway is.
-SYSTEM_SOCKET: Final = Path("/run/modbus-gateway/control.sock")
-
 #: Whether the client is still connected.
 IsThere = Callable[[], bool]
 #: A verb: takes the request, returns what is added to `ok` in the answer. Dataclasses become objects.
@@ -51,19 +47,6 @@ Verb = Callable[[Mapping[str, Any], IsThere], Awaitable[dict[str, Any]]]
 #: The same with several answers, one after the other, for as long as somebody takes them.
 Stream = Callable[[Mapping[str, Any], IsThere], AsyncGenerator[dict[str, Any], None]]
 Verbs = Mapping[str, Verb | Stream]
-
-
-def control_path(
-    config: Path, environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0
-) -> Path:
-    """The default path of the control socket."""
-    if folder := environment.get("RUNTIME_DIRECTORY"):
-        return Path(folder.split(":")[0]) / "control.sock"
-    if is_root:
-        return SYSTEM_SOCKET
-    if folder := environment.get("XDG_RUNTIME_DIR"):
-        return Path(folder) / "modbus-gateway" / "control.sock"
-    return config.absolute().parent / "control.sock"
 
 
 @asynccontextmanager

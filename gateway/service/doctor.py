@@ -6,11 +6,10 @@ What can be seen of ports from outside, `service/outside.py` says; the caller pu
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.diagnosis.clients import about_client
-from gateway.diagnosis.evidence import Search, UnitEvidence
+from gateway.diagnosis.evidence import PortInUse, Search, UnitEvidence
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.lines import about_line
 from gateway.modbus.codes import BROADCAST_UNIT
@@ -33,16 +32,6 @@ LONGEST_WINDOW: Final = 5.0
 _STEP: Final = 0.05
 #: How long a line is listened to of which little is known, in seconds.
 LISTENING: Final = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class PortInUse:
-    """A serial port of the config, and whether the gateway has it open."""
-
-    line: str
-    source: str
-    port: str
-    is_open: bool
 
 
 async def examine(running: Running, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:

@@ -2,17 +2,19 @@
 
 import os
 import pwd
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gateway.diagnosis.evidence import Holder, PortEvidence
+from gateway.diagnosis.evidence import Holder, PortEvidence, PortInUse
+from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.ports import about_ports
 from gateway.ports.holders import PROC, holders, name_of, running_programs
 from gateway.ports.listing import DEVICES, TERMINALS, stable_links
 from gateway.ports.reasons import group_of
 from gateway.ports.wire import VIRTUAL_MAJORS
-from gateway.service.doctor import PortInUse
 
 #: Programs that open serial ports when they appear, to find out what is behind them.
 PROBERS: Final = frozenset({"ModemManager", "brltty", "gpsd"})
@@ -25,6 +27,11 @@ class Places:
     devices: Path = DEVICES
     terminals: Path = TERMINALS
     programs: Path = PROC
+
+
+def findings_about(ports: Iterable[PortInUse], gateway_pid: int | None) -> list[Finding]:
+    """What is right and wrong with ports; `gateway_pid` is the process of the gateway, None if none runs."""
+    return [finding for port in ports for finding in about_ports(look_at(port, gateway_pid))]
 
 
 def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places()) -> PortEvidence:

@@ -11,14 +11,12 @@ from gateway.errors import RequestError, WrongQuestion
 from gateway.service.build import Gateway
 from gateway.service.operator import find_unit, names
 from gateway.service.parts import GatewayLine, GatewayServer
-from gateway.trace.records import Answered, Exchange, Heard, Incident, PortChanged, Record, Refused
+from gateway.trace.records import MOST_STORIES, Answered, Exchange, Heard, Incident, PortChanged, Record, Refused
 from gateway.trace.results import RESULTS, function_of, has_result
 from gateway.trace.ring import STEP
 
 #: Who asks for no time gets so many records first.
 TAIL: Final = 20
-#: The most stories that are told at once.
-MOST_STORIES: Final = 50
 #: Of so many records before a failure it is looked up what it waited behind.
 _LOOK_BACK: Final = 4 * STEP
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
 
-from gateway.config.plan import DEFAULT_FORMATS
+from gateway.config.character_format import DEFAULT_FORMATS
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import NO_LINE_FAULTS, LineFaults

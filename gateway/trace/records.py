@@ -16,6 +16,8 @@ INCIDENT: Final = 112
 SHARER: Final = 128
 #: So many bytes are kept of what came instead of an answer, or of noise.
 MOST_HEARD: Final = 256
+#: The most incidents that are told at once, as stories.
+MOST_STORIES: Final = 50
 
 #: A client that shares a transaction: who it is, the unit that it asked for, and when.
 Sharer = tuple[str, int, float]

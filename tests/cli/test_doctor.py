@@ -4,10 +4,11 @@ import json
 
 import pytest
 
-from gateway.cli import doctor
+from gateway.cli import config_doctor, doctor
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
 from gateway.diagnosis.evidence import PortEvidence
 from gateway.errors import DaemonError
+from gateway.service import outside
 
 FIX = {"level": "fix", "about": "hall", "what": "nobody answers", "remedy": "gateway.toml:3: baud = 9600"}
 OK = {"level": "ok", "about": "hall", "what": "2 units answer", "remedy": ""}
@@ -44,6 +45,7 @@ def daemon(monkeypatch):
 
     daemon = Daemon()
     monkeypatch.setattr(doctor, "Conversation", daemon)
+    monkeypatch.setattr(config_doctor, "Conversation", daemon)
     return daemon
 
 
@@ -118,7 +120,7 @@ def test_a_problem_of_the_config_names_the_file_once(tmp_path, capsys):
 def test_a_gateway_that_runs_with_this_config_is_not_another_program(daemon, monkeypatch, tmp_path, capsys):
     file = config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n[control]\nsocket = "/run/gw.sock"\n')
     seen = []
-    monkeypatch.setattr(doctor, "look_at", lambda port, pid: seen.append(pid) or PortEvidence("hall", "", port.port))
+    monkeypatch.setattr(outside, "look_at", lambda port, pid: seen.append(pid) or PortEvidence("hall", "", port.port))
     daemon.pid = 4711
     assert main(["doctor", "--config", file]) == FINE
     assert (seen, daemon.control) == ([4711], "/run/gw.sock")
@@ -136,6 +138,7 @@ def test_when_no_gateway_runs_that_is_a_note(monkeypatch, tmp_path, capsys):
         raise DaemonError("no running gateway found")
 
     monkeypatch.setattr(doctor, "Conversation", nobody)
+    monkeypatch.setattr(config_doctor, "Conversation", nobody)
     monkeypatch.setattr(doctor, "DEFAULT_CONFIG", config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n'))
     assert main(["doctor"]) == PROBLEM_FOUND
     said = capsys.readouterr().out

@@ -5,10 +5,10 @@ from ipaddress import ip_network
 import pytest
 
 from gateway.config.address import Address
+from gateway.config.character_format import parse_format
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.values import (
     check_client_unit,
-    parse_format,
     parse_item,
     parse_limits,
     parse_name,

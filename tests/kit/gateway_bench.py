@@ -4,8 +4,9 @@ import asyncio
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from gateway.config.character_format import DEFAULT_FORMATS
 from gateway.config.load import parse
-from gateway.config.plan import DEFAULT_FORMATS, resolve
+from gateway.config.plan import resolve
 from gateway.events import Event
 from gateway.images.store import Store
 from gateway.listeners.mbap import MbapSession

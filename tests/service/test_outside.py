@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.diagnosis.evidence import Holder
+from gateway.diagnosis.evidence import Holder, PortInUse
 from gateway.diagnosis.ports import about_ports
-from gateway.service.doctor import PortInUse
 from gateway.service.outside import Places, look_at
 
 GATEWAY = 4711

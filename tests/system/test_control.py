@@ -4,6 +4,8 @@ import json
 import signal
 import socket
 import stat
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -165,3 +167,10 @@ def test_nonsense_gets_an_answer(tmp_path: Path, config: str, line: bytes, answe
             assert client.recv(100) == b""
         assert gateway.stop() == 0
         assert not gateway.rest
+
+
+def test_commands_that_ask_the_daemon_load_nothing_that_takes_long() -> None:
+    verbs = ("status", "reload", "read", "write", "trace", "bench", "doctor", "scan")
+    script = f"import sys; {'; '.join(f'import gateway.cli.{verb}' for verb in verbs)}; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"asyncio", "gateway.config.load", "pydantic", "pymodbus", "structlog"} & set(loaded)

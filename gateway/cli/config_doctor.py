@@ -1,0 +1,68 @@
+"""What `doctor` finds without asking a gateway: in the config file, and of the ports that it names."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from gateway.cli.daemon import Conversation
+from gateway.config.load import load
+from gateway.config.plan import Plan, resolve
+from gateway.config.problem import Problem, did_you_mean
+from gateway.diagnosis.evidence import PortInUse
+from gateway.diagnosis.finding import Finding, Level
+from gateway.errors import DaemonError
+from gateway.ports.port import SerialSettings
+from gateway.service.control_path import control_path
+from gateway.service.outside import findings_about
+
+_LEVELS: Final[Mapping[str, Level]] = {"error": "fix", "warning": "note"}
+
+
+def look_at_config(file: Path, line: str | None) -> list[Finding]:
+    """What is wrong with the file, and with the ports that it names; of one line, if one is named.
+
+    Raises:
+        DaemonError: the file has no such line.
+    """
+    loaded = load(file)
+    findings = [
+        Finding(_LEVELS[problem.severity], str(file), _told(problem), problem.remedy) for problem in loaded.problems
+    ]
+    if loaded.config is None:
+        return findings
+    if not findings:
+        findings = [Finding("ok", str(file), "the config is valid")]
+    plan = resolve(loaded.config)
+    pid = _gateway_with(plan, file)
+    if pid is not None:
+        what = f"a gateway is running (process {pid}): without --config, doctor uses what it has measured"
+        findings.append(Finding("note", "gateway", what))
+    return [*findings, *findings_about(_ports(plan, line), pid)]
+
+
+def _told(problem: Problem) -> str:
+    """The problem without the file, which the row names."""
+    return str(replace(problem, remedy="")).removeprefix(problem.file).removeprefix(":").lstrip()
+
+
+def _gateway_with(plan: Plan, file: Path) -> int | None:
+    """The process of the gateway that runs with the socket of this config, if any."""
+    try:
+        with Conversation(plan.control or str(control_path(file))) as daemon:
+            return daemon.pid
+    except DaemonError:
+        return None
+
+
+def _ports(plan: Plan, line: str | None) -> list[PortInUse]:
+    parts = [(one.line.name, one.line.source, one.port) for one in plan.lines]
+    parts += [(one.line.name, one.line.source, one.port) for one in plan.servers]
+    if line is not None and line not in {name for name, _, _ in parts}:
+        remedy = did_you_mean(line, [name for name, _, _ in parts])
+        raise DaemonError(f'there is no line "{line}"' + (f"; {remedy}" if remedy else ""))
+    return [
+        PortInUse(name, source, port.port, is_open=False)
+        for name, source, port in parts
+        if isinstance(port, SerialSettings) and line in (None, name)
+    ]

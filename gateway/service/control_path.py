@@ -1,0 +1,22 @@
+"""Where the control socket is: known to the gateway and to those who ask it."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+#: Where the socket of a system's gateway is.
+SYSTEM_SOCKET: Final = Path("/run/modbus-gateway/control.sock")
+
+
+def control_path(
+    config: Path, environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0
+) -> Path:
+    """The default path of the control socket."""
+    if folder := environment.get("RUNTIME_DIRECTORY"):
+        return Path(folder.split(":")[0]) / "control.sock"
+    if is_root:
+        return SYSTEM_SOCKET
+    if folder := environment.get("XDG_RUNTIME_DIR"):
+        return Path(folder) / "modbus-gateway" / "control.sock"
+    return config.absolute().parent / "control.sock"
