@@ -187,18 +187,20 @@ def wait_for_ports(ttys: list[Path], program: subprocess.Popen) -> None:
     _wait_until(ttys[-1].exists, program, "no simulated lines")
 
 
-def wait_for_listener(port: int, program: subprocess.Popen) -> None:
-    """Wait until connections to `port` are taken."""
+def wait_for_listener(port: int, program: subprocess.Popen, patience: float = PATIENCE) -> None:
+    """Wait until connections to `port` are taken, for at most so many seconds."""
 
     def is_taken() -> bool:
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", port)) == 0
 
-    _wait_until(is_taken, program, "nothing listens")
+    _wait_until(is_taken, program, "nothing listens", patience)
 
 
-def _wait_until(is_ready: Callable[[], bool], program: subprocess.Popen, otherwise: str) -> None:
-    until = time.monotonic() + PATIENCE
+def _wait_until(
+    is_ready: Callable[[], bool], program: subprocess.Popen, otherwise: str, patience: float = PATIENCE
+) -> None:
+    until = time.monotonic() + patience
     while not is_ready():
         if program.poll() is not None or time.monotonic() > until:
             raise BenchError(f"{otherwise}, status {program.poll()}")

@@ -1,0 +1,285 @@
+"""What a read costs the gateway in instructions and in system calls: figures that other work does not move.
+
+    .venv/bin/python tests/bench/instructions.py                       every way: two minutes
+    .venv/bin/python tests/bench/instructions.py image line --check    whether they exceed their bounds
+
+The whole gateway runs under `valgrind --tool=callgrind`, which counts while the clients read, and under `strace -c`,
+once with few reads and once with many, of which the difference counts. Needs both programs, a C compiler and Linux.
+Figures of two runs differ by a hundredth; those of another version of Python, or of another compiler, by more.
+
+Bounds are in `instructions.toml`. What they mean, and figures: docs/performance.md.
+"""
+
+import argparse
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from struct import pack, unpack, unpack_from
+
+import programs
+from programs import BenchError
+from scenarios import Scenario
+
+#: The bound of each way, in instructions; how much more it may be, as a share.
+BOUNDS = Path(__file__).with_suffix(".toml")
+TOLERANCE = 0.03
+#: How many registers are read at once, and how many requests are in flight: for each answer another one is asked.
+COUNT = 10
+IN_FLIGHT = 8
+#: The size of an answer: header, unit, function, byte count, values.
+ANSWER = 9 + 2 * COUNT
+#: The addresses that are read: the gateway knows all requests after the first run.
+ADDRESSES = range(0, 100, COUNT)
+#: No gateway takes longer to start, to answer or to end under valgrind, in seconds.
+PATIENCE = 120.0
+#: The system calls that are named in the table.
+NAMED = ("read", "write", "recvfrom", "sendto", "epoll_wait", "epoll_ctl", "pselect6")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """Reads of `units`, as clients know them, `many` of them after a `few`; `lines` carry them, `more` is config.
+
+    `clients` share what is in flight.
+    """
+
+    what: str
+    units: range
+    lines: Scenario
+    clients: int = 1
+    more: str = ""
+    #: The first unit whose values the clients get: of a device, or 0 for zeros.
+    values_of: int = 1
+    few: int = 400
+    many: int = 2000
+
+
+def _lines(number: int, **more: object) -> Scenario:
+    return Scenario(what="", clients=IN_FLIGHT, lines=number, count=COUNT, timeout=20_000, **more)  # type: ignore[arg-type]
+
+
+WAYS = {
+    "image": Way(
+        what="an image",
+        units=range(200, 201),
+        lines=_lines(0),
+        more='[[image]]\nunit = 200\nholding = "0-999"\n',
+        values_of=0,
+    ),
+    "mirror": Way(
+        what="a mirror",
+        units=range(200, 201),
+        lines=_lines(1),
+        more='[[image]]\nunit = 200\nof = "line0-1"\nread = [{ holding = "0-109", every = "30 s" }]\nstale = "90 s"\n',
+    ),
+    "line": Way(what="an RTU line", units=range(1, 9), lines=_lines(1)),
+    "ascii": Way(what="an ASCII line", units=range(1, 9), lines=_lines(1, is_ascii=True)),
+    "clients": Way(what="an RTU line, by 8 clients", units=range(1, 9), clients=IN_FLIGHT, lines=_lines(1)),
+    "ports8": Way(what="8 RTU lines, by 8 clients", units=range(1, 161), clients=IN_FLIGHT, lines=_lines(8)),
+    "paced": Way(what="an RTU line of 19200 baud", units=range(1, 9), lines=_lines(1, baud=19200), few=60, many=300),
+}
+
+
+def main() -> int:
+    """Measure the ways named on the command line."""
+    args = _arguments()
+    programs.compile_gateway()
+    bounds = tomllib.loads(BOUNDS.read_text())
+    is_comparable = bounds["python"] == f"{sys.version_info.major}.{sys.version_info.minor}"
+    titles = ["bound", *NAMED, "all"] if not args.check else ["bound"]
+    print(f"| a read through | instructions | {' | '.join(titles)} |\n|---|" + "---:|" * (len(titles) + 1))
+    exceeded = 0
+    with tempfile.TemporaryDirectory(prefix="instructions.") as name:
+        tools = Path(name)
+        programs.compile_into(tools)
+        compile_counter(tools)
+        for title in args.ways or WAYS:
+            way = WAYS[title]
+            count = instructions(way, tools)
+            cells = [f"{count:.0f}", f"{bounds[title]}"]
+            if not args.check:
+                calls = system_calls(way, tools)
+                cells += [f"{calls.get(call, 0.0):.2f}" for call in (*NAMED, "total")]
+            print(f"| {way.what} | {' | '.join(cells)} |", flush=True)
+            exceeded += count > bounds[title] * (1 + TOLERANCE)
+    if not is_comparable:
+        print(f"the bounds are those of Python {bounds['python']}: not compared", file=sys.stderr)
+        return 0
+    if exceeded:
+        print(f"more than the bound in {BOUNDS.name}, by over {TOLERANCE:.0%}", file=sys.stderr)
+    return 1 if exceeded else 0
+
+
+def instructions(way: Way, tools: Path) -> float:
+    """Instructions of the gateway, without the kernel's, for each read."""
+    return int(re.search(r"^totals: (\d+)", profile(way, tools), re.MULTILINE)[1]) / way.many
+
+
+def profile(way: Way, tools: Path) -> str:
+    """What callgrind counted in `many` reads."""
+    watch = ["valgrind", "--quiet", "--tool=callgrind", "--instr-atstart=no", "--callgrind-out-file={}/counted"]
+    with _running(way, tools, watch) as (gateway, port, folder):
+        _read(way, port, way.few)
+        gateway.send_signal(signal.SIGUSR1)
+        _read(way, port, way.many)
+        gateway.send_signal(signal.SIGUSR2)
+        counted = _written(folder / "counted.1", "totals: ")
+        gateway.kill()
+    return counted
+
+
+def system_calls(way: Way, tools: Path) -> dict[str, float]:
+    """System calls of the gateway for each read, by name, and `total`."""
+    few, many = _calls(way, tools, way.few), _calls(way, tools, way.few + way.many)
+    return {name: (count - few.get(name, 0)) / way.many for name, count in many.items()}
+
+
+def _calls(way: Way, tools: Path, reads: int) -> dict[str, int]:
+    with _running(way, tools, ["strace", "-D", "-f", "-c", "-o", "{}/counted"]) as (gateway, port, folder):
+        _read(way, port, reads)
+        gateway.terminate()
+        gateway.wait(PATIENCE)
+        rows = [line.split() for line in _written(folder / "counted", " total\n").splitlines()]
+    return {row[-1]: int(row[3]) for row in rows if len(row) >= 5 and row[3].isdigit()}
+
+
+@contextmanager
+def _running(way: Way, tools: Path, watch: list[str]) -> Iterator[tuple[subprocess.Popen, int, Path]]:
+    """A gateway that `watch` has started, its port and its folder, which is `{}` in `watch`."""
+    with tempfile.TemporaryDirectory(prefix="instructions.") as name, _devices(way, tools, Path(name)) as ttys:
+        folder, port = Path(name), programs.free_port()
+        file, log = folder / "gateway.toml", folder / "gateway.log"
+        file.write_text(programs.config(way.lines, folder, ttys, port) + way.more)
+        command = [*(word.format(folder) for word in watch), *programs.GATEWAY, file]
+        with log.open("w") as output:
+            gateway = subprocess.Popen(command, stdout=output, stderr=output, env=_environment(tools))
+        try:
+            programs.wait_for_listener(port, gateway, PATIENCE)
+            yield gateway, port, folder
+        except (BenchError, OSError) as error:
+            raise BenchError(f"{error}; the gateway's log ends: {log.read_text()[-500:]}") from error
+        finally:
+            gateway.kill()
+            gateway.wait(PATIENCE)
+
+
+def compile_counter(tools: Path) -> None:
+    """Build what begins and ends counting."""
+    source = programs.HERE / "count.c"
+    subprocess.run([os.environ.get("CC", "cc"), "-shared", "-fPIC", "-o", tools / "count.so", source], check=True)
+
+
+def _environment(tools: Path) -> dict[str, str]:
+    """Modules are compiled to bytecode once, and hashes are always the same."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {
+        "LD_PRELOAD": str(tools / "count.so"),
+        "PYTHONPYCACHEPREFIX": str(tools / "bytecode"),
+        "PYTHONHASHSEED": "0",
+    }
+
+
+def _written(file: Path, last: str) -> str:
+    """What a program has written, once its `last` words are there. `strace` writes after the end of what it watches."""
+    until = time.monotonic() + PATIENCE
+    while last not in (text := file.read_text() if file.exists() else ""):
+        if time.monotonic() > until:
+            raise BenchError("nothing was counted")
+        time.sleep(0.02)
+    return text
+
+
+@contextmanager
+def _devices(way: Way, tools: Path, folder: Path) -> Iterator[list[Path]]:
+    ttys = [folder / f"tty{i}" for i in range(way.lines.lines)]
+    if not ttys:
+        yield ttys
+        return
+    simulator = programs.start(programs.devices(way.lines, tools, ttys), programs.processors()[0], stdout=-1)
+    try:
+        programs.wait_for_ports(ttys, simulator)
+        yield ttys
+    finally:
+        programs.end(simulator)
+
+
+def _read(way: Way, port: int, reads: int) -> None:
+    """Ask so many times in all, and check each answer. A client asks again for as many as it was answered."""
+    places = [(unit, address) for address in ADDRESSES for unit in _living(way)]
+    clients = {socket.create_connection(("127.0.0.1", port), PATIENCE): b"" for _ in range(way.clients)}
+    asked, answered = 0, 0
+
+    def ask(client: socket.socket, count: int) -> None:
+        nonlocal asked
+        numbers = range(asked, min(asked + count, reads))
+        asked = numbers.stop
+        client.sendall(
+            b"".join(
+                pack(">HHHBBHH", n, 0, 6, places[n % len(places)][0], 3, places[n % len(places)][1], COUNT)
+                for n in numbers
+            )
+        )
+
+    for client in clients:
+        ask(client, IN_FLIGHT // way.clients)
+    while answered < reads:
+        ready = select.select(list(clients), [], [], PATIENCE)[0]
+        if not ready:
+            raise BenchError("no answer")
+        for client in ready:
+            received = clients[client] + client.recv(4096)
+            whole = len(received) // ANSWER
+            clients[client] = received[whole * ANSWER :]
+            for at in range(0, whole * ANSWER, ANSWER):
+                _check(received[at : at + ANSWER], places, way)
+            answered += whole
+            ask(client, whole)
+    for client in clients:
+        client.close()
+
+
+def _living(way: Way) -> list[int]:
+    """The units, one of each line after the other."""
+    step = way.lines.line_step if way.lines.lines else 1
+    return sorted((unit for unit in way.units if (unit - 1) % step < 8 or len(way.units) == 1), key=lambda u: u % step)
+
+
+def _check(answer: bytes, places: list[tuple[int, int]], way: Way) -> None:
+    number, *head, byte_count = unpack_from(">HHHBBB", answer)
+    unit, address = places[number % len(places)]
+    expected = [_value(way, unit, address + i) for i in range(COUNT)]
+    if [*head, byte_count] != [0, ANSWER - 6, unit, 3, 2 * COUNT] or [*unpack(f">{COUNT}H", answer[9:])] != expected:
+        raise BenchError(f"a wrong answer: {answer.hex(' ')}")
+
+
+def _value(way: Way, unit: int, address: int) -> int:
+    """What a device has in this register: `wire_reg` of wire.h."""
+    known_as = unit if len(way.units) > 1 else way.values_of
+    return (known_as * 2654435761 + address * 40503 + 0x1234) & 0xFFFF if known_as else 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], epilog="What the figures mean: docs/performance.md"
+    )
+    parser.add_argument("ways", nargs="*", metavar="WAY", help=f"some of {', '.join(WAYS)} (default: all)")
+    parser.add_argument("--check", action="store_true", help="only what has a bound: no system calls")
+    args = parser.parse_args()
+    if unknown := set(args.ways) - set(WAYS):
+        parser.error(f"no such way: {', '.join(sorted(unknown))}")
+    return args
+
+
+if __name__ == "__main__":
+    sys.exit(main())
