@@ -46,10 +46,102 @@ def waited(selector: ExactSelector, timeout: float) -> float:
 def test_a_descriptor_ends_an_exact_wait() -> None:
     near, far = socket.socketpair()
     with near, far, closing(ExactSelector()) as selector:
-        selector.register(near, selectors.EVENT_READ, "near")
+        selector.register(near, selectors.EVENT_READ, ("read", None))
         far.send(b"x")
-        [(key, _)] = selector.select(EXACT_PART)
-        assert key.data == "near"
+        assert selector.select(EXACT_PART) == ["read"]
+
+
+def test_it_returns_what_waits_for_a_descriptor_at_the_moment() -> None:
+    near, far = socket.socketpair()
+    with near, far, closing(ExactSelector()) as selector:
+        far.send(b"x")
+        selector.register(near, selectors.EVENT_READ | selectors.EVENT_WRITE, ("read", "write"))
+        assert selector.select(0) == ["read", "write"]
+        selector.modify(near, selectors.EVENT_READ, ("another", None))
+        assert selector.select(0) == ["another"]
+        selector.unregister(near)
+        assert selector.select(0) == []
+
+
+def test_the_end_of_a_connection_is_for_who_reads_and_for_who_writes() -> None:
+    near, far = socket.socketpair()
+    with near, closing(ExactSelector()) as selector:
+        selector.register(near, selectors.EVENT_WRITE, (None, "write"))
+        far.close()
+        assert selector.select(0) == ["write"]
+        selector.modify(near, selectors.EVENT_READ, ("read", None))
+        assert selector.select(0) == ["read"]
+
+
+async def test_a_callback_that_another_one_has_removed_is_not_called() -> None:
+    loop = asyncio.get_running_loop()
+    pairs = [socket.socketpair() for _ in range(2)]
+    called = []
+
+    def take(number: int) -> None:
+        called.append(number)
+        for near, _ in pairs:
+            loop.remove_reader(near)
+
+    for number, (near, far) in enumerate(pairs):
+        far.send(b"x")
+        loop.add_reader(near, take, number)
+    await asyncio.sleep(0.01)
+    assert len(called) == 1
+    close_all(pairs)
+
+
+async def test_an_error_in_a_callback_is_reported_and_the_others_are_called() -> None:
+    loop = asyncio.get_running_loop()
+    pairs = [socket.socketpair() for _ in range(2)]
+    reported, called = [], []
+    loop.set_exception_handler(lambda _, context: reported.append(context["exception"]))
+
+    def take(near: socket.socket) -> None:
+        called.append(near)
+        loop.remove_reader(near)
+        raise ZeroDivisionError
+
+    for near, far in pairs:
+        far.send(b"x")
+        loop.add_reader(near, take, near)
+    await asyncio.sleep(0.01)
+    assert len(called) == 2
+    assert [type(error) for error in reported] == [ZeroDivisionError, ZeroDivisionError]
+    close_all(pairs)
+
+
+def close_all(pairs: list[tuple[socket.socket, socket.socket]]) -> None:
+    for pair in pairs:
+        for each in pair:
+            each.close()
+
+
+async def test_its_clock_is_that_of_the_timers() -> None:
+    loop = asyncio.get_running_loop()
+    assert abs(loop.time() - time.monotonic()) < 1
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [
+        (selectors.EpollSelector, "_selector"),
+        (asyncio.SelectorEventLoop, "_process_events"),
+        (asyncio.Handle, "_run"),
+        (asyncio.Handle, "_cancelled"),
+    ],
+)
+def test_a_private_name_is_there(owner: type, name: str) -> None:
+    """A version of Python without one gets asyncio's own loop."""
+    with closing(selectors.EpollSelector()) as selector:
+        assert hasattr(selector if owner is selectors.EpollSelector else owner, name)
+
+
+def test_without_a_private_name_the_loop_is_that_of_asyncio(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exact_loop_module, "_NAMES", ((asyncio.Handle, "_no_such_name"),))
+    with closing(exact_loop()) as loop:
+        assert type(loop) is asyncio.SelectorEventLoop
+        loop.run_until_complete(asyncio.sleep(0))
 
 
 @pytest.mark.parametrize(("parts", "waited"), [(0.3, 0.3), (1.0, 1.0), (1.5, 0.5)])
