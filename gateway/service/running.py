@@ -19,7 +19,7 @@ from gateway.service.self_state import show_itself
 
 #: How long requests in progress and their clients may take when their part stops, in seconds; and how long ports may
 #: take to close then. In total the process ends in less than 5 s. Only a disk that hangs adds to it: 1 s for the files
-#: of the state folder, or 2 s with persistent images.
+#: of the state folder, or 2 s with persistent images, and 1 s for the history of the web page.
 DRAIN_TIME: Final = 3.0
 CLOSING_TIME: Final = 1.5
 #: How often this is checked, in seconds.

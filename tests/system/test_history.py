@@ -1,0 +1,155 @@
+"""The history of a gateway that runs: what outlives a power cut, a torn file and a full disk."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import pytest
+
+from gateway.modbus import mbap
+from gateway.service.history import FILE_NAME
+from kit import process
+from kit.process import PATIENCE, GatewayProcess
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[line]]
+name = "hall"
+port = "{folder}/absent"
+devices = [{{ unit = 1, name = "silo" }}]
+
+[web]
+bind = "http://127.0.0.1:0"
+history = {history}
+"""
+#: The same program, which looks and writes so often that a test need not wait for a minute.
+QUICK = """
+import sys
+from gateway.service import history
+history.LOOK_EVERY, history.WRITE_EVERY = 0.2, 0.4
+from gateway.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+class Gateway(GatewayProcess):
+    """A gateway whose silo cannot be reached."""
+
+    def __init__(self, folder: Path, history: str = "true") -> None:
+        super().__init__(folder, CONFIG.format(folder=folder, history=history))
+
+    def ask(self, count: int) -> None:
+        with socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE) as client:
+            for _ in range(count):
+                client.sendall(mbap.encode(1, 1, bytes.fromhex("03 0000 0001")))
+                assert client.recv(260)[7:] == bytes.fromhex("83 0A")
+
+    def get(self, path: str) -> Any:
+        (address,) = (event["address"] for event in self.log if event["event"] == "web_up")
+        with urlopen(address + path, timeout=PATIENCE) as response:
+            return response.read().decode()
+
+    @property
+    def not_sent(self) -> int:
+        """What the history has of the silo."""
+        return sum(slot["not_sent"] for slot in json.loads(self.get("/api/v1/units/silo/history"))["slots"])
+
+    def named(self, name: str) -> list[dict[str, Any]]:
+        return [event for event in self.log if event["event"] == name]
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "state"
+    monkeypatch.setenv("STATE_DIRECTORY", str(folder))
+    monkeypatch.setattr(process, "COMMAND", [sys.executable, "-P", "-c", QUICK])
+    return folder
+
+
+def until(is_so: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
+def test_what_was_written_outlives_the_process(tmp_path: Path, end: signal.Signals) -> None:
+    for runs in range(3):
+        with Gateway(tmp_path) as gateway:
+            until(lambda gateway=gateway, runs=runs: gateway.not_sent == 5 * runs)
+            gateway.ask(5)
+            if end is signal.SIGKILL:
+                until(lambda gateway=gateway, runs=runs: gateway.not_sent == 5 * runs + 5)
+                time.sleep(2.0)
+            gateway.signal(end)
+            gateway.wait()
+            assert gateway.named("state_damaged") == gateway.named("part_failed") == []
+
+
+def test_a_torn_file_is_set_aside_and_the_pages_go_on(tmp_path: Path, state: Path) -> None:
+    with Gateway(tmp_path) as gateway:
+        gateway.ask(5)
+        until(lambda: gateway.not_sent == 5)
+        gateway.stop()
+    file = state / FILE_NAME
+    file.write_bytes(file.read_bytes()[:5000])
+    with Gateway(tmp_path) as gateway:
+        gateway.wait_for("state_damaged")
+        gateway.ask(3)
+        until(lambda: gateway.not_sent >= 3)
+        assert "silo" in gateway.get("/")
+        gateway.stop()
+    assert len([path for path in state.iterdir() if path.name.startswith(FILE_NAME + ".")]) == 1
+    with Gateway(tmp_path) as gateway:
+        until(lambda: gateway.not_sent >= 3)
+
+
+def test_without_history_there_is_no_file(tmp_path: Path, state: Path) -> None:
+    with Gateway(tmp_path, history="false") as gateway:
+        gateway.ask(5)
+        until(lambda: gateway.not_sent == 5)
+        time.sleep(1.0)
+    assert not list(state.glob(FILE_NAME + "*"))
+
+
+@pytest.fixture
+def small_disk(state: Path) -> Iterator[Path]:
+    """The state folder on a disk of 256 KiB."""
+    state.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", state]
+    if os.geteuid() or subprocess.run(mount, check=False).returncode:
+        pytest.skip("only root may mount a small disk")
+    yield state
+    subprocess.run(["umount", state], check=True)
+
+
+def test_a_full_disk_is_told_once_and_costs_nothing_else(tmp_path: Path, small_disk: Path) -> None:
+    with Gateway(tmp_path) as gateway:
+        gateway.ask(1)
+        until(lambda: gateway.not_sent == 1)
+        ballast = small_disk / "ballast"
+        with ballast.open("wb", buffering=0) as stream, suppress(OSError):
+            while stream.write(bytes(4096)):
+                pass
+        gateway.ask(4)
+        until(lambda: (gateway.ask(1), gateway.named("state_not_kept"))[1] != [])
+        time.sleep(2.0)
+        assert len(gateway.named("state_not_kept")) == 1
+        ballast.unlink()
+        gateway.wait_for("state_kept_again")
+        until(lambda: gateway.not_sent >= 6)
+        kept = gateway.not_sent
+    with Gateway(tmp_path) as gateway:
+        until(lambda: gateway.not_sent == kept)
