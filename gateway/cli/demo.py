@@ -83,9 +83,9 @@ async def _demo(*, once: bool) -> int:
         await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in lines))
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         config = _write_config(folder, lines, has_page=not once and _can_serve_pages())
-        plan = _plan(config)
+        plan, text = _plan(config)
         stage = Stage(config, plan)
-        running, answers = await parts.enter_async_context(_gateway(config, plan, stage))
+        running, answers = await parts.enter_async_context(_gateway(config, text, plan, stage))
         await parts.enter_async_context(stage.connected(running.gateway))
         wrong = await _play(stage, panel)
         if not once:
@@ -177,15 +177,16 @@ def _may_write(folder: Path) -> bool:
     return os.access(existing, os.W_OK)
 
 
-def _plan(config: Path) -> Plan:
+def _plan(config: Path) -> tuple[Plan, str]:
+    """The plan of a file, and its text."""
     loaded = load(config)
     if loaded.config is None:
         raise DemoError("\n".join(map(str, loaded.problems)))
-    return resolve(loaded.config)
+    return resolve(loaded.config), loaded.text
 
 
 @asynccontextmanager
-async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Verbs]]:
+async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Verbs]]:
     """The gateway of `plan`, ready; its events go to `stage`."""
     ready = asyncio.Event()
 
@@ -199,7 +200,7 @@ async def _gateway(config: Path, plan: Plan, stage: Stage) -> AsyncIterator[tupl
     emit = fan_out.emit
     running, stop = Running(build(plan, loop, opener, memory, emit), emit), Stop()
     reloader = Reloader(
-        config, running, lambda new, old: build(new, loop, opener, memory, emit, None, old), Notifier({})
+        config, running, lambda new, old: build(new, loop, opener, memory, emit, None, old), Notifier({}), text=text
     )
     serving = asyncio.create_task(serve(running, stop, None, reloader), name="gateway")
     try:

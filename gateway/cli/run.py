@@ -38,6 +38,13 @@ from gateway.service.verbs import verbs
 from gateway.service.web import web_pages
 
 
+class _Source(NamedTuple):
+    """The config file, and its text when it was loaded."""
+
+    file: Path
+    text: str
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `run`."""
     parser.add_argument("--control", metavar="PATH", help="path of the control socket; overrides the config")
@@ -67,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
             warn(loaded.problems, emit)
             control = args.control or plan.control or control_path(file)
-            _serve(plan, file, Path(control), fan_out)
+            _serve(plan, _Source(file, loaded.text), Path(control), fan_out)
     except (ListenError, StateError) as error:
         _tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise
@@ -81,7 +88,7 @@ def _tell_journal(rejected: events.ConfigRejected) -> None:
             emit(rejected)
 
 
-def _serve(plan: Plan, file: Path, control: Path, fan_out: FanOut) -> None:
+def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
     emit = fan_out.emit
     folder = state_folder()
     with (
@@ -91,7 +98,7 @@ def _serve(plan: Plan, file: Path, control: Path, fan_out: FanOut) -> None:
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        run_exactly(_run(plan, file, control, _State(memory, store, left_behind, folder), fan_out))
+        run_exactly(_run(plan, source, control, _State(memory, store, left_behind, folder), fan_out))
 
 
 class _State(NamedTuple):
@@ -103,7 +110,7 @@ class _State(NamedTuple):
     folder: Path
 
 
-async def _run(plan: Plan, file: Path, control: Path, state: _State, fan_out: FanOut) -> None:
+async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_out: FanOut) -> None:
     emit = fan_out.emit
     loop = asyncio.get_running_loop()
 
@@ -116,7 +123,7 @@ async def _run(plan: Plan, file: Path, control: Path, state: _State, fan_out: Fa
 
     systemd, stop = Notifier(), Stop()
     running = Running(rebuild(plan, None), emit, OpenSockets(take_inherited_sockets()), state.left_behind)
-    reloader = Reloader(file, running, rebuild, systemd, prepare)
+    reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)

@@ -4,7 +4,7 @@ import os
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import Any, Final
@@ -63,10 +63,11 @@ _NOT_REFERRED_TO: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A loaded file: its config if it has no error, and its problems in the order of the file."""
+    """A loaded file: its config if it has no error, its problems in the order of the file, and its text."""
 
     config: Config | None
     problems: tuple[Problem, ...]
+    text: str = ""
 
     @property
     def errors(self) -> tuple[str, ...]:
@@ -90,7 +91,7 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
     except OSError as wrong:
         remedy = f"sudo chmod 644 {file}" if isinstance(wrong, PermissionError) else ""
         return _fail(error((), f"cannot be read: {wrong.strerror}", remedy), file, 0, 0)
-    return parse(text, file, address_trouble=address_trouble)
+    return replace(parse(text, file, address_trouble=address_trouble), text=text)
 
 
 def parse(

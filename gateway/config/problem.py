@@ -53,13 +53,17 @@ class Problem:
         """The same problem at its place in a file."""
         return replace(self, file=file, line=line, column=column, name=name)
 
+    @property
+    def subject(self) -> str:
+        """What it is about: `line[0].baud: `; empty for the whole file."""
+        return f"{dotted(self.path)}: " if self.path else ""
+
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
         where = f"{place}: {self.severity}: "
-        subject = f"{dotted(self.path)}: " if self.path else ""
         remedy = f"\n  help: {self.remedy}" if self.remedy else ""
         table = f' ({self.path[0]} "{self.name}")' if self.name else ""
-        return where + subject + self.what + table + remedy
+        return where + self.subject + self.what + table + remedy
 
 
 def error(path: Path, what: str, remedy: str = "") -> Problem:

@@ -39,9 +39,18 @@ class Outcome:
     defect: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Reloaded:
+    """The last reload: `at` this time of the loop's clock, in seconds."""
+
+    at: float
+    outcome: Outcome
+
+
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
+    `text` is that of the file when it was used last.
     `prepare` reads saved values for a plan from the disk, in a thread: an image may have a hundred thousand.
     `rebuild` builds the gateway of a plan, reusing unchanged parts of the present one.
     """
@@ -53,13 +62,17 @@ class Reloader:
         rebuild: Callable[[Plan, Gateway], Gateway],
         systemd: Notifier,
         prepare: Callable[[Plan], None] = lambda _: None,
+        *,
+        text: str = "",
     ) -> None:
-        self._file = file
+        self.file = file
+        self.text = text
+        self.last: Reloaded | None = None
         self._running = running
         self._rebuild = rebuild
         self._prepare = prepare
         self._systemd = systemd
-        self._at_start = running.gateway.plan
+        self.at_start = running.gateway.plan
         self._turn = asyncio.Lock()
         self._next: asyncio.Task[Outcome] | None = None
         self._tasks: set[asyncio.Task[Outcome]] = set()
@@ -85,22 +98,26 @@ class Reloader:
             self._next = None
             self._systemd.reloading()
             try:
-                return await self._reload()
+                return self._told(await self._reload())
             except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: the gateway keeps running
                 self._running.reload_succeeded = False
                 self._running.emit(events.PartFailed.of("reload", error))
-                return Outcome((f"a defect in the gateway: {error!r}",))
+                return self._told(Outcome((f"a defect in the gateway: {error!r}",)))
             finally:
                 if self._running.ready.is_set():
                     self._systemd.ready(summary(self._running.gateway))
+
+    def _told(self, outcome: Outcome) -> Outcome:
+        self.last = Reloaded(asyncio.get_running_loop().time(), outcome)
+        return outcome
 
     async def _reload(self) -> Outcome:
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(LOADING_TIME):
-                loaded = await loop.run_in_executor(ThreadPerCall("load config"), load, self._file)
+                loaded = await loop.run_in_executor(ThreadPerCall("load config"), load, self.file)
         except TimeoutError:
-            return self._rejected((f"{self._file}: cannot be read within {LOADING_TIME:g} s; is it a file?",))
+            return self._rejected((f"{self.file}: cannot be read within {LOADING_TIME:g} s; is it a file?",))
         if loaded.config is None:
             return self._rejected(loaded.errors)
         old, new = self._running.gateway.plan, resolve(loaded.config)
@@ -113,14 +130,15 @@ class Reloader:
         except (ListenError, StateError) as error:
             return self._rejected((str(error),))
         garbage.settle()
+        self.text = loaded.text
         self._running.reload_succeeded = not defect
         warnings = tuple(map(str, loaded.problems))
         outcome = replace(
-            differences(old, new), restart=find_settled(self._at_start, new), warnings=warnings, defect=defect
+            differences(old, new), restart=find_settled(self.at_start, new), warnings=warnings, defect=defect
         )
         warn(loaded.problems, self._running.emit)
         self._running.emit(
-            events.ConfigApplied(str(self._file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
+            events.ConfigApplied(str(self.file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
         )
         return outcome
 
@@ -141,7 +159,7 @@ class Reloader:
 
     def _rejected(self, problems: tuple[str, ...]) -> Outcome:
         self._running.reload_succeeded = False
-        self._running.emit(events.ConfigRejected.of(str(self._file), problems))
+        self._running.emit(events.ConfigRejected.of(str(self.file), problems))
         return Outcome(problems)
 
 

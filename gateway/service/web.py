@@ -19,6 +19,7 @@ from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import status as told
 from gateway.service import unit_facts
+from gateway.service.config_view import ConfigView, ConfigViewer
 from gateway.service.examinations import Examinations
 from gateway.service.history import history_kept
 from gateway.service.operator import Question, UnitPicture, picture, pictures, send
@@ -153,6 +154,7 @@ class _Answers:
         self._one_status_at_a_time = asyncio.Lock()
         self._texts = Texts()
         self.doctor = Examinations(running, clock)
+        self._config = ConfigViewer(running, reloader, clock)
 
     async def aclose(self) -> None:
         """End what is in progress for the pages."""
@@ -220,6 +222,9 @@ class _Answers:
 
     async def reload(self) -> Mapping[str, Any]:
         return asdict(await asyncio.shield(self._reloader.order()))
+
+    async def config(self) -> ConfigView:
+        return await self._config.view()
 
     def trace(self, which: Which, host: str) -> TraceReader:
         return TraceReader(lambda: self._running.gateway, asdict(which), host, self._texts)

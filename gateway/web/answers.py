@@ -201,6 +201,42 @@ class Report(Protocol):
         """The findings by line; under no name those about clients."""
 
 
+class ConfigView(Protocol):
+    """The config that is in use, and the file as it is now; see `service/config_view.py`."""
+
+    @property
+    def file(self) -> str:
+        """Its path."""
+
+    @property
+    def text(self) -> str:
+        """What is in use, without secrets; empty if it is not known."""
+
+    @property
+    def problems(self) -> Sequence[Any]:
+        """What `check` says of the file as it is now."""
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether the file cannot be used."""
+
+    @property
+    def difference(self) -> Sequence[str]:
+        """How the file differs from what is in use, line by line."""
+
+    @property
+    def changes(self) -> Any:
+        """What a reload would change: names in `added`, `removed`, `changed` and `restart`."""
+
+    @property
+    def reloaded(self) -> Any:
+        """The outcome of the last reload; None without one."""
+
+    @property
+    def at(self) -> float:
+        """When that was, in seconds since 1970."""
+
+
 class Doctor(Protocol):
     """Looks for what is wrong."""
 
@@ -278,6 +314,9 @@ class Answers(UnitAnswers, Protocol):
 
     async def reload(self) -> Mapping[str, Any]:
         """Read the config again; the outcome has `problems` if the file was rejected, or a `defect`."""
+
+    async def config(self) -> ConfigView:
+        """The config that is in use, and the file as it is now."""
 
     def trace(self, which: Which, host: str) -> EventSource:
         """What happened, and happens, for a reader at the address `host`.

@@ -16,6 +16,7 @@ from gateway.web.api import Api
 from gateway.web.assets import Assets
 from gateway.web.guard import Guard, Need
 from gateway.web.pages.clients import ClientsPage
+from gateway.web.pages.config import ConfigPage
 from gateway.web.pages.health import HealthPage
 from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.image import ImagePage
@@ -119,6 +120,7 @@ def _application(
         WritePages(answers, renderer, reads, rights),
         ClientsPage(answers, renderer),
         HealthPage(answers, renderer),
+        ConfigPage(answers, renderer),
         LoginPage(settings, answers, guard, table, sessions, renderer),
     )
     routes = [

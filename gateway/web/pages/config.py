@@ -1,0 +1,47 @@
+"""The page of the config: shown and checked here, edited in its file."""
+
+import asyncio
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Final
+
+from aiohttp import web
+
+from gateway.web.answers import Answers
+from gateway.web.guard import Need
+from gateway.web.problems import Handler, ProblemError
+from gateway.web.renderer import Renderer
+
+#: A reload takes no longer than this, in seconds.
+RELOAD_TIME: Final = 45.0
+
+
+class ConfigPage:
+    """The handlers of `/config`."""
+
+    def __init__(self, answers: Answers, renderer: Renderer) -> None:
+        self._answers = answers
+        self._renderer = renderer
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+        return [("GET", "/config", self.show, "page"), ("POST", "/config/reload", self.reload, "operator")]
+
+    async def show(self, request: web.Request) -> web.Response:
+        """What is in use, what the file says now, and what became of the last reload."""
+        config = await self._answers.config()
+        at = datetime.fromtimestamp(config.at).astimezone().isoformat(" ", "seconds")[:19] if config.at else ""
+        return await self._renderer.page("config.html", request, config=config, reloaded_at=at)
+
+    async def reload(self, _request: web.Request) -> web.Response:
+        """Read the file again; the page tells the outcome.
+
+        Raises:
+            ProblemError: 503, the gateway is not ready.
+        """
+        try:
+            async with asyncio.timeout(RELOAD_TIME):
+                await self._answers.reload()
+        except TimeoutError:
+            raise ProblemError(503, "the gateway is not ready") from None
+        raise web.HTTPSeeOther("/config")
