@@ -5,7 +5,7 @@ from typing import Final
 
 MASK: Final = "•••"
 
-_NAMES: Final = r"[\w-]*(?:passw(?:or)?d|passphrase|secret|token|credentials?|psk)[\w-]*"
+_NAMES: Final = r"[\w-]*(?:passw(?:or)?d|passphrase|secret|token|psk)[\w-]*"
 _TEXT: Final = r'"""(?:.*?)"""|\'\'\'(?:.*?)\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''
 _VALUE: Final = re.compile(rf"""(?P<key>["']?{_NAMES}["']?\s*=\s*)(?P<value>{_TEXT})""", re.DOTALL | re.IGNORECASE)
 _COMMENT: Final = re.compile(rf"(?P<key>#[^\n]*?\b{_NAMES}\s*[=:]\s*)(?P<value>[^\n]*)", re.IGNORECASE)

@@ -190,7 +190,7 @@ async def web_bench(config: str, folder: Path, **settings: Any):
         def rebuild(plan, gateway):
             return build(plan, loop, home._open, home.memory, home.events.append, running=gateway)
 
-        reloader = Reloader(file, running, rebuild, Notifier({}))
+        reloader = Reloader(file, running, rebuild, Notifier({}), text=config)
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
         answers = _Answers(running, reloader, fan_out, history, lambda: CLOCK + loop.time())

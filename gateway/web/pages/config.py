@@ -31,7 +31,9 @@ class ConfigPage:
         """What is in use, what the file says now, and what became of the last reload."""
         config = await self._answers.config()
         at = datetime.fromtimestamp(config.at).astimezone().isoformat(" ", "seconds")[:19] if config.at else ""
-        return await self._renderer.page("config.html", request, config=config, reloaded_at=at)
+        return await self._renderer.page(
+            "config.html", request, config=config, commands=_commands(config.file), reloaded_at=at
+        )
 
     async def reload(self, _request: web.Request) -> web.Response:
         """Read the file again; the page tells the outcome.
@@ -45,3 +47,8 @@ class ConfigPage:
         except TimeoutError:
             raise ProblemError(503, "the gateway is not ready") from None
         raise web.HTTPSeeOther("/config")
+
+
+def _commands(file: str) -> Sequence[str]:
+    """How the file is changed, checked and used."""
+    return f"sudoedit {file}", f"modbus-gateway check {file}", "sudo modbus-gateway reload"
