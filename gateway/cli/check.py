@@ -3,7 +3,7 @@
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, floor, log10
 from typing import Any, Final
 
@@ -14,7 +14,6 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.rights import rights_as_json, rights_as_text
 from gateway.config.address_trouble import address_trouble
 from gateway.config.duration import show_duration
-from gateway.config.file_trouble import file_trouble
 from gateway.config.forecast import (
     FunctionLimits,
     function_limits,
@@ -35,6 +34,7 @@ from gateway.events import AddressRemembered, BaudRemembered
 from gateway.lines.settings import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import url
+from gateway.service.file_troubles import with_file_troubles
 from gateway.service.remembered import in_force
 from gateway.service.state import read_memory, state_folder
 
@@ -64,9 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _load_and_look(file: str) -> Loaded:
     """Load the file, and add what would keep the service of this machine from using it."""
-    loaded = load(file, address_trouble)
-    trouble = None if loaded.config is None else file_trouble(file)
-    return loaded if trouble is None else replace(loaded, problems=(trouble, *loaded.problems))
+    return with_file_troubles(load(file, address_trouble), file)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Final
 
 from gateway.config.address_trouble import address_trouble
-from gateway.config.file_trouble import file_trouble
 from gateway.config.load import Loaded, load
 from gateway.config.masking import masked
 from gateway.config.plan import Plan, resolve
 from gateway.config.problem import Problem
 from gateway.ports.threads import ThreadPerCall
+from gateway.service.file_troubles import with_file_troubles
 from gateway.service.reload import Outcome, Reloader, differences, find_settled
 from gateway.service.running import Running
 
@@ -22,6 +22,8 @@ from gateway.service.running import Running
 MOST_LINES: Final = 400
 MOST_TEXT: Final = 128 * 1024
 READING_TIME: Final = 10.0
+#: Files that it names may change too: after so many seconds all is looked at again.
+KEPT: Final = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +49,13 @@ class _Seen:
     """The file as it was looked at: `sign` changes when it does."""
 
     sign: tuple[int, ...]
+    at: float
     loaded: Loaded
     plan: Plan | None
 
 
 class ConfigViewer:
-    """Looks at the file again only when it has changed: checking a long one takes tenths of a second."""
+    """Looks at the file again when it has changed, or after a while: checking a long one takes tenths of a second."""
 
     def __init__(self, running: Running, reloader: Reloader, clock: Callable[[], float] = time.time) -> None:
         self._running = running
@@ -70,24 +73,23 @@ class ConfigViewer:
                     self._seen = await loop.run_in_executor(ThreadPerCall("web config"), self._look)
             except TimeoutError:
                 why = Problem("error", (), f"cannot be read within {READING_TIME:g} s; is it a file?")
-                self._seen = _Seen((), Loaded(None, (why,)), None)
+                self._seen = _Seen((), 0.0, Loaded(None, (why,)), None)
             return await loop.run_in_executor(ThreadPerCall("web config"), self._view, self._seen, loop.time())
 
     def _look(self) -> _Seen:
-        file, sign = self._reloader.file, _sign(self._reloader.file)
-        if self._seen is not None and sign and self._seen.sign == sign:
+        file, sign, now = self._reloader.file, _sign(self._reloader.file), time.monotonic()
+        if self._seen is not None and sign and self._seen.sign == sign and now - self._seen.at < KEPT:
             return self._seen
-        loaded = load(file, address_trouble)
-        return _Seen(sign, loaded, None if loaded.config is None else resolve(loaded.config))
+        loaded = with_file_troubles(load(file, address_trouble), str(file))
+        return _Seen(sign, now, loaded, None if loaded.config is None else resolve(loaded.config))
 
     def _view(self, seen: _Seen, now: float) -> ConfigView:
-        reloader, problems = self._reloader, seen.loaded.problems
-        trouble = None if seen.plan is None else file_trouble(str(reloader.file))
+        reloader = self._reloader
         shown, current = masked(reloader.text), masked(seen.loaded.text)
         return ConfigView(
             file=str(reloader.file),
             text=shown[:MOST_TEXT],
-            problems=problems if trouble is None else (trouble, *problems),
+            problems=seen.loaded.problems,
             has_errors=seen.plan is None,
             difference=_difference(shown, current) if reloader.text and seen.loaded.text else (),
             changes=Outcome() if seen.plan is None else self._changes(seen.plan),

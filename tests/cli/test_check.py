@@ -9,7 +9,7 @@ import pytest
 
 from gateway.cli.check import _round_up
 from gateway.cli.main import main
-from gateway.config.file_trouble import file_trouble
+from gateway.service.file_troubles import with_file_troubles
 from kit.pty import VirtualPort
 
 FILE = """\
@@ -579,7 +579,7 @@ def test_an_address_that_this_machine_does_not_have_is_a_warning(config, capsys)
 
 def test_a_file_that_the_service_may_not_read_is_a_warning(config, capsys, monkeypatch):
     path = config("[[image]]\nunit = 1\ncoils = 1\n")
-    monkeypatch.setattr("gateway.cli.check.file_trouble", partial(file_trouble, folder=Path(path).parent))
+    monkeypatch.setattr("gateway.cli.check.with_file_troubles", partial(with_file_troubles, folder=Path(path).parent))
     Path(path).chmod(0o600)
     assert main(["check", path]) == 0
     said = capsys.readouterr().out

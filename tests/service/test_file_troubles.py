@@ -1,0 +1,81 @@
+"""What `check` says of the file with the users of the web page."""
+
+import os
+
+import pytest
+
+from gateway.config.load import load
+from gateway.service.file_troubles import with_file_troubles
+from kit.browser import CHEAP_HASH
+
+CONFIG = """\
+[[line]]
+name = "hall"
+port = "/dev/null"
+baud = 9600
+
+[web]
+bind = "http://127.0.0.1:8502"
+users = "{users}"
+write = {write}
+"""
+
+
+@pytest.fixture
+def troubles(tmp_path):
+    """Writes the config and, unless None, the users; what is said of these."""
+    users, file = tmp_path / "users", tmp_path / "gateway.toml"
+
+    def find(text, *, mode=0o600, write="false", folder=tmp_path / "elsewhere"):
+        if text is not None:
+            users.write_text(text)
+            users.chmod(mode)
+        file.write_text(CONFIG.format(users=users, write=write))
+        loaded = with_file_troubles(load(file), str(file), folder)
+        assert loaded.config is not None
+        return [str(each) for each in loaded.problems if str(each.path[:1]) == "('web',)"]
+
+    return find
+
+
+def test_a_file_that_can_be_used_is_fine(troubles):
+    assert troubles(f"anna:operator:{CHEAP_HASH}\n", write="true") == []
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "what", "remedy"),
+    [
+        (None, {}, "there will be no web page", "modbus-gateway user add"),
+        (f"anna:operator:{CHEAP_HASH}", {"mode": 0o644}, "others may read or change", "chmod 600"),
+        (f"anna:operator:{CHEAP_HASH}", {"mode": 0o660}, "others may read or change", "chmod 600"),
+        ("anna:operator:geheim", {}, "users:1: this is no user", ""),
+        ("", {}, "has no users", "modbus-gateway user add"),
+        (f"vera:viewer:{CHEAP_HASH}", {"write": "true"}, "has no operator", "--role operator"),
+    ],
+)
+def test_what_keeps_it_from_being_used_is_a_warning_at_its_place(troubles, text, settings, what, remedy):
+    (told,) = troubles(text, **settings)
+    assert "gateway.toml:8:9: warning: web.users: " in told
+    assert what in told
+    assert remedy in told
+    assert "geheim" not in told
+
+
+def test_without_an_operator_nobody_needs_one_who_only_reads(troubles):
+    assert troubles(f"vera:viewer:{CHEAP_HASH}") == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root has files that only root may read")
+@pytest.mark.parametrize(("mode", "group", "is_fine"), [(0o600, 0, False), (0o640, 0, False), (0o640, 20, True)])
+def test_the_service_has_to_be_able_to_read_it(troubles, tmp_path, mode, group, is_fine):
+    users = tmp_path / "users"
+    users.touch()
+    os.chown(users, 0, group)
+    told = troubles(f"anna:operator:{CHEAP_HASH}", mode=mode, folder=tmp_path)
+    assert (told == []) is is_fine
+    assert is_fine or "chgrp dialout" in told[0]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_who_may_not_read_it_is_told(troubles):
+    assert "cannot be read" in troubles(f"anna:operator:{CHEAP_HASH}", mode=0o200)[0]
