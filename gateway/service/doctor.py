@@ -15,7 +15,7 @@ from gateway.diagnosis.lines import about_line
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings
 from gateway.service.control import IsThere
-from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence
+from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence, units_evidence
 from gateway.service.operator import may_read_all, no_such_line
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.questions import harmless_read, outcome_of
@@ -58,7 +58,10 @@ async def examined(
     if wanted is not None and not lines and not servers:
         names = [line.name for line in gateway.lines] + [server.name for server in gateway.servers]
         raise no_such_line(wanted, names)
-    about_lines = await asyncio.gather(*(_about(running, line, is_there, asks=asks) for line in lines))
+    if asks:
+        about_lines = await asyncio.gather(*(_about(running, line, is_there, asks=True) for line in lines))
+    else:  # one after the other, each with pauses
+        about_lines = [await _about(running, line, is_there, asks=False) for line in lines]
     groups = [(line.name, found) for line, found in zip(lines, about_lines, strict=True)]
     groups += [(server.name, _about_server(server)) for server in servers]
     if wanted is None:
@@ -81,7 +84,8 @@ async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks
         found = await _look_for_silent_units(running, line, is_there)
         if found is not None:
             said += _told(found)
-    findings = list(about_line(line_evidence(line, now(), running.recent, found)))
+    units = await units_evidence(line)
+    findings = list(about_line(line_evidence(line, now(), running.recent, units, found)))
     if said:
         findings.append(Finding("note", line.name, f"doctor has sent {', and '.join(said)}"))
     return findings

@@ -1,5 +1,8 @@
 """Evidence about lines, units and clients for the rules of `diagnosis`, from the counters."""
 
+import asyncio
+from typing import Final
+
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
 from gateway.lines.counts import total
@@ -11,9 +14,27 @@ from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.recent import Recent
 from gateway.timing.histogram import SHARES, merged
 
+#: So long the units of a line are looked at without a pause, in seconds: a line with 240 would hold up the others.
+_SLICE: Final = 0.0005
 
-def line_evidence(line: GatewayLine, now: float, recent: Recent, found: Search | None = None) -> LineEvidence:
-    """The evidence about a line; `found` is the result of a search there."""
+
+async def units_evidence(line: GatewayLine) -> tuple[UnitEvidence, ...]:
+    """The evidence about the devices of a line, with pauses for the lines."""
+    now = asyncio.get_running_loop().time
+    found: list[UnitEvidence] = []
+    until = now() + _SLICE
+    for device in shown_devices(line):
+        if now() >= until:
+            await asyncio.sleep(0)
+            until = now() + _SLICE
+        found.append(unit_evidence(line, device))
+    return tuple(found)
+
+
+def line_evidence(
+    line: GatewayLine, now: float, recent: Recent, units: tuple[UnitEvidence, ...], found: Search | None = None
+) -> LineEvidence:
+    """The evidence about a line with that about its `units`; `found` is the result of a search there."""
     machine, plan = line.driver.line, line.plan
     timing, overheard = machine.settings.timing, machine.overheard
     rate = recent.rate(line, now)
@@ -30,7 +51,7 @@ def line_evidence(line: GatewayLine, now: float, recent: Recent, found: Search |
         copies=overheard.copies,
         others=overheard.requests,
         errors=line.driver.errors,
-        units=tuple(unit_evidence(line, device) for device in shown_devices(line)),
+        units=units,
         search=found,
     )
 
