@@ -352,8 +352,8 @@ class Line:
     def _take_idle(self, size: int, now: float) -> None:
         self.unasked_bytes += size
         self._report_late(now)
-        resting = self._scheduler.resting
-        if size and resting:
+        resting = self._scheduler.resting if size else None
+        if resting:
             self._scheduler.record_frames(self._receiver.responding(resting))
         self._go_on(now)
 

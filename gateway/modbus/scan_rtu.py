@@ -316,7 +316,7 @@ class RtuScanner(Scanner):
             rest = len(self._buffer) - at
             return rest + patient if rest <= MAX_RTU_ADU else 0
         size = response_size(self._buffer[at + 1 :])
-        return size + OVERHEAD if 0 < size <= longest else 0
+        return size + OVERHEAD if size <= longest else 0
 
     def _starts(self, expected: Expected, at: int = 0) -> list[int]:
         """Where the expected response may begin in the buffer, from `at` on."""

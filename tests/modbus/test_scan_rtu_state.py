@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.modbus.codes import MAX_PDU
+from gateway.modbus.codes import MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response, parse_request
 from gateway.modbus.rtu import encode
@@ -258,6 +258,22 @@ def test_a_response_with_a_damaged_byte_is_a_damaged_frame() -> None:
     assert scanner.received(RESPONSE[4:6], 1.1, damaged=True) == []
     (token,) = scanner.received(RESPONSE[6:], 1.2)
     assert token.is_damaged
+
+
+# --- the largest responses ---
+
+
+@pytest.mark.parametrize("size", [1, 7, MAX_RTU_ADU])
+@pytest.mark.parametrize("head", ["41", "11 FB"], ids=["ended by silence", "with a byte count"])
+def test_an_exception_inside_of_the_largest_response_is_data(head: str, size: int) -> None:
+    begin = bytes.fromhex(head)
+    pdu = begin + encode(1, exception_response(begin[0], 2)) + bytes(MAX_PDU - len(begin) - 6) + b"\x01"
+    scanner, _ = scanning(begin[:1])
+    whole = encode(1, pdu)
+    assert len(whole) == MAX_RTU_ADU
+    tokens = [token for at in range(0, len(whole), size) for token in scanner.received(whole[at : at + size], 1.0)]
+    tokens += scanner.tick(1.0 + 2 * SILENCE)
+    assert [token.frame for token in tokens] == [(1, pdu)]
 
 
 # --- frames that nobody has asked for ---
