@@ -148,7 +148,12 @@ def _write_mutants(module: Module) -> None:
 
 def _leave_out_equivalent(module: Module) -> None:
     seen = set()
+    left_out = "\n".join(module.equivalent)
+    lines = module.source.splitlines()
     for item in module.database.work_items if module.equivalent else ():
+        first, last = item.mutations[0].start_pos[0] - 2, item.mutations[0].end_pos[0]
+        if not any(line.strip() in left_out for line in lines[max(0, first) : last] if line.strip()):
+            continue  # to make a mutant takes long
         change = Mutant(module, item).change
         if change in module.equivalent:
             seen.add(change)
