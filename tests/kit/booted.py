@@ -30,6 +30,8 @@ SOCKET = "modbus-gateway.socket"
 
 _CODE = "/opt/modbus-gateway"
 _LIBRARIES = "/opt/libraries"
+#: Where what was compiled of both is kept. Without it each start would compile all of it again: nobody may write there.
+_BYTECODE = "/opt/bytecode"
 #: What the Debian package starts, and where it looks there.
 _LAUNCHER = Path(__file__).parents[2] / "deploy/debian/launcher/modbus-gateway"
 _PACKAGED = 'sys.path.insert(0, "/usr/lib/modbus-gateway")'
@@ -223,11 +225,13 @@ def _started(nspawn: subprocess.Popen[bytes], console: str) -> BootedSystem:
 def _installed(system: BootedSystem) -> BootedSystem:
     launcher = _LAUNCHER.read_text()
     assert _PACKAGED in launcher
-    system.write("/usr/bin/modbus-gateway", launcher.replace(_PACKAGED, f"sys.path[:0] = {[_CODE, _LIBRARIES]}"))
+    here = f"sys.pycache_prefix = {_BYTECODE!r}; sys.path[:0] = {[_CODE, _LIBRARIES]}"
+    system.write("/usr/bin/modbus-gateway", launcher.replace(_PACKAGED, here))
     (system.root / "usr/bin/modbus-gateway").chmod(0o755)
     for unit in UNITS.iterdir():
         system.write(f"/etc/systemd/system/{unit.name}", unit.read_text())
     system.done("systemctl", "daemon-reload")
+    system.done("modbus-gateway", "run", "--help")
     return system
 
 
