@@ -449,6 +449,7 @@ class Poller(Asker):
         self.answered_at = self.plant.now
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("timeout", [0.3, 1.0])
 def test_a_dead_unit_takes_at_most_a_tenth_of_its_lines_time(timeout: float) -> None:
     hour = 3600.0

@@ -3,6 +3,8 @@
 import asyncio
 import itertools
 
+import pytest
+
 from gateway.events import QueueFull
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import Client, GatewayBench, gateway_bench
@@ -55,6 +57,7 @@ async def test_a_client_with_one_request_is_not_refused_though_others_have_fille
             task.cancel()
 
 
+@pytest.mark.search
 async def test_clients_that_ask_again_at_once_are_not_refused_over_and_over() -> None:
     """Each refusal costs the processor what the lines need: there are not many more of them than answers."""
     async with gateway_bench(CONFIG) as bench:

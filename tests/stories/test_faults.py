@@ -101,6 +101,7 @@ async def test_twenty_thousand_transactions_with_every_fault_and_no_wrong_answer
     assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == "right data") > 10_000
 
 
+@pytest.mark.search
 async def test_it_notices_a_gateway_that_does_not_wait_for_late_answers() -> None:
     """Late windows of a millisecond: the run must find wrong answers, or it would find none of anybody's."""
     config = CONFIG.replace("echo    =", 'late_window = "1 ms"\n            echo    =')

@@ -68,6 +68,7 @@ async def measured(running: GatewayBench, **question):
     return await bench(running.running, {"line": "hall", **question}, lambda: True)
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("items", [1, 10, 99])
 @pytest.mark.parametrize("baud", [9600, 19200, 115200])
 async def test_an_ascii_line_carries_as_many_reads_in_a_minute_as_foretold(baud, items):
@@ -79,6 +80,7 @@ async def test_an_ascii_line_carries_as_many_reads_in_a_minute_as_foretold(baud,
     assert result.busy_share > 0.97
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("items", [1, 10, 100])
 @pytest.mark.parametrize("baud", [9600, 19200, 115200])
 async def test_an_rtu_line_carries_as_many_reads_in_a_minute_as_foretold(baud, items):

@@ -196,6 +196,7 @@ def test_a_late_answer_is_dropped_counted_and_told_and_never_given_to_the_next_r
     assert bench.client.answers == ["83 0B", "03 02 00 01"]
 
 
+@pytest.mark.search
 def test_no_identifier_is_used_again_while_its_answer_may_come() -> None:
     bench = UpstreamBench()
     bench.ask(unit=38)
