@@ -19,6 +19,11 @@ pytest_plugins = ["kit.skips"]
 _TESTS = Path(__file__).parent
 #: Folders whose tests meet sockets, terminals and processes: they run in real time, after all others.
 _REAL_TIME = frozenset({"system", "bench"})
+#: Files of them that take longest, in that order: each is run by one worker, and none of these shall begin last.
+_LONGEST = (
+    *("test_systemd", "test_doctor", "test_web_api", "test_trace", "test_scan", "test_read_write", "test_demo"),
+    *("test_web", "test_store", "test_go", "test_device_server", "test_calibrate"),
+)
 
 #: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.
 os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])
@@ -39,12 +44,17 @@ def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=_in_real_time)  # stable: otherwise as collected
+    items.sort(key=_order)  # stable: otherwise as collected
 
 
 def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()  # thousands of tests that stay: each collection would look at them again
+
+
+def _order(item: pytest.Item) -> tuple[bool, int]:
+    file = item.path.stem
+    return _in_real_time(item), _LONGEST.index(file) if file in _LONGEST else len(_LONGEST)
 
 
 def _in_real_time(item: pytest.Item) -> bool:
