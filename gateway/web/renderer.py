@@ -46,6 +46,7 @@ class Renderer:
         frame = {
             "visitor": request[VISITOR],
             "path": request.path,
+            "is_kiosk": "kiosk" in request.query,
             "other_languages": [(each, address) for each, address in others if each is not language],
         }
         is_packed = "gzip" in request.headers.get("Accept-Encoding", "")

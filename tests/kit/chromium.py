@@ -8,16 +8,22 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from urllib.parse import urlsplit
 
 from kit.process import COMMAND, PATIENCE
 
-CHROMIUM = Path("/usr/bin/chromium")
-MISSING = "Chromium and playwright are not installed (Debian package chromium; pip install playwright)"
+#: The browser without windows is a third of the other one.
+CHROMIUM = next(
+    (path for path in (Path("/usr/bin/chromium-headless-shell"), Path("/usr/bin/chromium")) if path.exists()),
+    Path("/usr/bin/chromium"),
+)
+MISSING = "Chromium is not installed (apt install chromium-headless-shell)"
 
 
 @contextmanager
@@ -51,6 +57,41 @@ def chromium() -> Iterator[Any]:
             yield browser
         finally:
             browser.close()
+
+
+@contextmanager
+def watched(browser: Any, **settings: Any) -> Iterator[Any]:
+    """A page in a browser of its own. At the end it must have reported no error, and have asked nobody else."""
+    context = browser.new_context(**settings)
+    page = context.new_page()
+    complaints: list[str] = []
+    hosts: set[str] = set()
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: hosts.add(urlsplit(request.url).netloc))
+    yield page
+    own = urlsplit(page.url).netloc
+    context.close()
+    assert complaints == []
+    assert hosts == {own}
+
+
+def axe_findings(page: Any) -> list[str]:
+    """What axe-core finds: the rule, and the elements that break it."""
+    from axe_playwright_python.sync_playwright import Axe  # noqa: PLC0415 - with playwright
+
+    return [
+        f"{each['id']}: {'; '.join(str(node['html']) for node in each['nodes'][:3])}"
+        for each in Axe().run(page).response["violations"]
+    ]
+
+
+def until(page: Any, is_so: Callable[[], bool]) -> None:
+    """Wait for what the page shows. (Playwright's own way needs `eval`, which the page forbids.)"""
+    end = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < end
+        page.wait_for_timeout(100)
 
 
 def take_pictures(folder: Path) -> None:

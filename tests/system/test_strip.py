@@ -1,19 +1,14 @@
 """The line strip in a real browser, on the page of the demo."""
 
 import re
-import time
-from collections.abc import Callable, Iterator
-from importlib.util import find_spec
-from types import SimpleNamespace
+from collections.abc import Iterator
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, chromium, demo_page
-from kit.process import PATIENCE
+from kit.chromium import CHROMIUM, MISSING, chromium, demo_page, until, watched
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists() or find_spec("playwright") is None, reason=MISSING)
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
 
 @pytest.fixture(scope="module")
@@ -29,36 +24,20 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
-def seen(address: str, browser: Any) -> Iterator[SimpleNamespace]:
-    """A page, what it asks for, and what it complains of."""
-    page = browser.new_page(viewport={"width": 1000, "height": 900})
-    seen = SimpleNamespace(page=page, complaints=[], hosts=set())
-    page.on("console", lambda message: seen.complaints.append(message.text))
-    page.on("pageerror", lambda error: seen.complaints.append(str(error)))
-    page.on("request", lambda request: seen.hosts.add(urlsplit(request.url).netloc))
-    yield seen
-    page.close()
-    assert seen.complaints == []
-    assert seen.hosts == {urlsplit(address).netloc}
+def page(browser: Any) -> Iterator[Any]:
+    with watched(browser, viewport={"width": 1000, "height": 900}) as page:
+        yield page
 
 
-def test_the_strip_shows_transactions_as_they_come(seen: SimpleNamespace, address: str) -> None:
-    seen.page.goto(f"{address}/lines/hall")
-    rows = seen.page.locator("table[data-trace] tbody tr")
-    wait_for_rows(seen.page)
+def test_the_strip_shows_transactions_as_they_come(page: Any, address: str) -> None:
+    page.goto(f"{address}/lines/hall")
+    rows = page.locator("table[data-trace] tbody tr")
+    wait_for_rows(page)
     first = rows.first.inner_text()
-    until(seen.page, lambda: rows.first.inner_text() != first)
-    assert drawn(seen.page) > 1000
-    assert re.search(r"[\d.]+ requests/s", seen.page.locator(".summary").inner_text())
-    assert "73 drive-73" in seen.page.locator(".legend").inner_text()
-
-
-def until(page: Any, is_so: Callable[[], bool]) -> None:
-    """Wait for what the page shows. (Playwright's own way needs `eval`, which the page forbids.)"""
-    end = time.monotonic() + PATIENCE
-    while not is_so():
-        assert time.monotonic() < end
-        page.wait_for_timeout(100)
+    until(page, lambda: rows.first.inner_text() != first)
+    assert drawn(page) > 1000
+    assert re.search(r"[\d.]+ requests/s", page.locator(".summary").inner_text())
+    assert "73 drive-73" in page.locator(".legend").inner_text()
 
 
 def wait_for_rows(page: Any) -> None:
@@ -79,8 +58,7 @@ def drawn(page: Any) -> int:
     }""")
 
 
-def test_a_transaction_is_reached_by_keyboard_and_its_frames_are_decoded(seen: SimpleNamespace, address: str) -> None:
-    page = seen.page
+def test_a_transaction_is_reached_by_keyboard_and_its_frames_are_decoded(page: Any, address: str) -> None:
     page.goto(f"{address}/lines/silo")
     wait_for_rows(page)
     page.wait_for_timeout(1500)
@@ -94,8 +72,7 @@ def test_a_transaction_is_reached_by_keyboard_and_its_frames_are_decoded(seen: S
     assert page.get_by_role("button", name="Pause").is_visible()
 
 
-def test_it_is_pointed_at_paused_and_zoomed(seen: SimpleNamespace, address: str) -> None:
-    page = seen.page
+def test_it_is_pointed_at_paused_and_zoomed(page: Any, address: str) -> None:
     page.goto(f"{address}/lines/hall")
     wait_for_rows(page)
     page.wait_for_timeout(3000)
@@ -116,8 +93,44 @@ def test_it_is_pointed_at_paused_and_zoomed(seen: SimpleNamespace, address: str)
     assert page.locator(".controls .span").inner_text() == "6.3 s"
 
 
-def test_each_line_of_the_overview_has_a_strip_that_outlives_the_renewal(seen: SimpleNamespace, address: str) -> None:
-    page = seen.page
+def test_fingers_move_and_pinch_it(browser: Any, address: str) -> None:
+    with watched(browser, has_touch=True, viewport={"width": 800, "height": 900}) as page:
+        page.goto(f"{address}/lines/hall")
+        wait_for_rows(page)
+        box = page.locator("figure .plot > canvas").bounding_box()
+        send = page.context.new_cdp_session(page).send
+
+        def touch(kind: str, *places: float) -> None:
+            points = [{"x": box["x"] + x, "y": box["y"] + 100, "id": finger} for finger, x in enumerate(places)]
+            send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        span = page.locator(".controls .span")
+        assert (span.inner_text(), page.get_by_role("button", name="Pause").count()) == ("10 s", 1)
+        touch("touchStart", 300)
+        for x in range(300, 500, 20):
+            touch("touchMove", x)
+        touch("touchEnd")
+        assert page.get_by_role("button", name="Live").count() == 1
+        touch("touchStart", 300, 400)
+        for x in range(0, 100, 10):
+            touch("touchMove", 300 - x, 400 + x)
+        touch("touchEnd")
+        assert 3 < float(span.inner_text().removesuffix(" s")) < 4.5
+
+
+def test_keys_move_it(page: Any, address: str) -> None:
+    page.goto(f"{address}/lines/hall")
+    wait_for_rows(page)
+    page.locator("figure canvas").first.focus()
+    page.keyboard.press("PageUp")
+    assert page.get_by_role("button", name="Live").is_visible()
+    page.keyboard.press("+")
+    assert page.locator(".controls .span").inner_text() == "5 s"
+    page.keyboard.press(" ")
+    assert page.get_by_role("button", name="Pause").is_visible()
+
+
+def test_each_line_of_the_overview_has_a_strip_that_outlives_the_renewal(page: Any, address: str) -> None:
     page.goto(address)
     page.wait_for_selector("figure.strip canvas")
     assert page.locator("figure.strip canvas").count() == 7

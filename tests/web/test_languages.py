@@ -83,9 +83,16 @@ async def test_a_page_is_never_kept_for_somebody_with_another_language(browser):
 
 
 async def test_a_page_leads_to_itself_in_the_other_language(browser):
-    page = await browser.get("/lines/hall?kiosk=1&lang=en")
-    assert '<a href="/lines/hall?kiosk=1&amp;lang=zh" lang="zh-CN" hreflang="zh-CN">中文</a>' in page.text
-    assert ">English</a>" in (await browser.get("/lines/hall?kiosk=1&lang=zh")).text
+    page = await browser.get("/lines/hall?seconds=5&lang=en")
+    assert '<a href="/lines/hall?seconds=5&amp;lang=zh" lang="zh-CN" hreflang="zh-CN">中文</a>' in page.text
+    assert ">English</a>" in (await browser.get("/lines/hall?seconds=5&lang=zh")).text
+
+
+async def test_a_panel_has_nothing_but_the_content(browser):
+    page = await browser.get("/?kiosk")
+    assert '<html lang="en" class="kiosk">' in page.text
+    for part in ("<header", "<nav", "<footer"):
+        assert part not in page.text
 
 
 async def test_a_wrong_password_is_told_in_the_language_of_the_page(browser):

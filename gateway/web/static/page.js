@@ -1,30 +1,75 @@
-// Keeps the content of a page fresh: the server makes the page anew, and its content replaces what is shown.
-const EVERY = 5000; // milliseconds
+// Keeps a page fresh: the server makes it anew, and its content replaces what is shown.
+import { textsOf } from "./texts.js";
 
-// What a script draws stays as it is: it is kept up to date by a stream.
-function renew(shown, fresh) {
-  for (const kept of shown.querySelectorAll("[data-keep]")) fresh.querySelector(`[data-keep="${kept.dataset.keep}"]`)?.setAttribute("data-old", "");
-  for (const open of shown.querySelectorAll("details[open][id]")) fresh.querySelector(`#${CSS.escape(open.id)}`)?.setAttribute("open", "");
-  const places = [...fresh.children], there = [...shown.children];
-  if (places.length !== there.length) return location.reload();
-  places.forEach((place, at) => place.dataset.old === undefined && there[at].replaceWith(place));
-}
+const TEXTS = await textsOf("page");
+const EVERY = 5000; // milliseconds
+const main = document.querySelector("main");
+const isKiosk = document.documentElement.classList.contains("kiosk");
+const told = document.createElement("p"); // that the gateway cannot be reached
+told.className = "unreachable";
+told.setAttribute("role", "alert");
+let reachedAt = new Date();
 
 async function refresh() {
-  const main = document.querySelector("main");
-  if (document.hidden || main.contains(document.activeElement)) return;
+  if (document.hidden) return;
   try {
-    const response = await fetch(location.href, { redirect: "error", signal: AbortSignal.timeout(EVERY) });
+    const response = await fetch(location.href, { redirect: "manual", signal: AbortSignal.timeout(EVERY) });
+    if (response.type === "opaqueredirect") return location.reload(); // to the login: the session has ended
     if (!response.ok) throw new Error(response.status);
     const page = new DOMParser().parseFromString(await response.text(), "text/html");
+    if (filesOf(page) !== filesOf(document)) return location.reload(); // of another version of the gateway
     document.dispatchEvent(new CustomEvent("renewed", { detail: page }));
-    renew(main, page.querySelector("main"));
+    renew(page.querySelector("main"));
+    reachedAt = new Date();
+    told.remove();
     main.classList.remove("stale");
   } catch {
+    told.textContent = TEXTS.unreachable(reachedAt.toTimeString().slice(0, 8));
+    main.before(told);
     main.classList.add("stale");
   }
 }
 
+const filesOf = (page) => [...page.head.querySelectorAll("script[src], link[href]")].map((file) => file.getAttribute("src") ?? file.getAttribute("href")).join();
+
+/** Replace what the server made, but not where somebody is busy. What a script draws (`data-keep`), it renews itself at the event. */
+function renew(fresh) {
+  if (!getSelection().isCollapsed) return;
+  for (const open of main.querySelectorAll("details[open][id]")) fresh.querySelector(`#${CSS.escape(open.id)}`)?.setAttribute("open", "");
+  const places = [...fresh.children], there = [...main.children];
+  if (places.length !== there.length) return location.reload();
+  const isKept = (part) => part.dataset.keep !== undefined || part.querySelector("[data-keep]") || part.contains(document.activeElement);
+  there.forEach((part, at) => isKept(part) || part.replaceWith(places[at]));
+  letScroll();
+}
+
+/** What is wider than the page can be reached, and so scrolled, by keyboard. */
+function letScroll() {
+  for (const part of main.querySelectorAll("section")) {
+    if (part.scrollWidth > part.clientWidth) part.tabIndex = 0;
+    else part.removeAttribute("tabindex");
+  }
+}
+
+function beKiosk() {
+  const stayAwake = () => navigator.wakeLock?.request("screen").catch(() => {});
+  stayAwake();
+  document.addEventListener("visibilitychange", stayAwake);
+  document.addEventListener("click", ({ target }) => {
+    const link = target.closest("a[href]");
+    if (!link || link.origin !== location.origin || link.hasAttribute("download")) return;
+    const address = new URL(link.href);
+    address.searchParams.set("kiosk", "");
+    link.href = address;
+  });
+}
+
+letScroll();
+addEventListener("resize", letScroll);
+if (isKiosk) beKiosk();
 // A page that follows by itself, that has asked a unit for something, or asks somebody, stays as it is.
-const isLive = [...document.querySelector("main").children].every((part) => part.dataset.keep !== undefined || part.tagName === "H1");
-if (location.pathname !== "/login" && !isLive && !document.querySelector("[data-still]")) setInterval(refresh, EVERY);
+const isLive = [...main.children].every((part) => part.dataset.keep !== undefined || part.tagName === "H1");
+if (location.pathname !== "/login" && !isLive && !document.querySelector("[data-still]")) {
+  setInterval(refresh, EVERY);
+  document.addEventListener("visibilitychange", refresh);
+}

@@ -7,6 +7,7 @@ const TEXTS = await textsOf("strip");
 
 const KEPT = 120; // seconds
 const MOST_KEPT = 20000; // transactions of a line
+const SILENT = 6000; // milliseconds: the gateway tells its time each second
 const BEHIND = 0.4; // seconds: what is shown at the right edge has been told by then
 const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60]; // seconds
 const ROWS = 20; // of the table
@@ -45,6 +46,11 @@ class Strip {
     this.sizes.observe(this.canvas);
     figure.hidden = false;
     this.resize();
+  }
+
+  close() {
+    this.sizes.disconnect();
+    this.figure.remove();
   }
 
   addControls() {
@@ -110,7 +116,7 @@ class Strip {
     canvas.addEventListener("keydown", (event) => {
       const act = {
         " ": () => this.togglePause(), "+": () => this.zoom(-1), "=": () => this.zoom(-1), "-": () => this.zoom(1),
-        ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), End: () => this.resume(), Escape: () => this.resume(),
+        ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), PageUp: () => this.move(-this.span / 2), PageDown: () => this.move(this.span / 2), End: () => this.resume(), Escape: () => this.resume(),
       }[event.key];
       if (!act || event.ctrlKey || event.altKey || event.metaKey) return;
       event.preventDefault();
@@ -233,6 +239,7 @@ class Strip {
     pen.fillStyle = theme.lane;
     pen.fillRect(lanes.left, lanes.middle - lanes.half, width - lanes.left, 2 * lanes.half);
     if (this.isFull) this.drawAxis();
+    if (!isConnected && toldUntil < this.edge) this.block(toldUntil, this.edge, lanes.middle - lanes.half, 2 * lanes.half, theme.unknown);
     pen.fillStyle = theme.middle;
     pen.fillRect(lanes.left, lanes.middle - 0.5, width - lanes.left, 1);
   }
@@ -454,7 +461,7 @@ class Strip {
     const busy = sums.request + sums.think + sums.response + sums.lost;
     sums.free = Math.max(0, this.span - busy);
     setText(this.summary, isConnected ? countsInWords(counts, this.span) : TEXTS.reconnecting);
-    if (this.isFull) this.showShares(sums);
+    if (this.isFull && isConnected) this.showShares(sums);
     if (this.isFull) this.showLegend();
   }
 
@@ -527,6 +534,7 @@ function readTheme() {
   theme = { ground: colour("ground"), ink: colour("ink"), quiet: colour("quiet"), bad: colour("bad"), warn: colour("warn"), good: colour("good"), grid: colour("grid"), lane: colour("lane"), middle: colour("middle"), foreign: colour("foreign") };
   patterns.clear();
   theme.lost = patternOf("lost", theme.bad);
+  theme.unknown = patternOf("lost", theme.quiet);
 }
 
 /** A fill of one colour: 0 plain, 1 slanted, 2 dotted, 3 upright; `lost` is thin lines on the ground. */
@@ -588,42 +596,71 @@ function setText(node, text) {
 
 let offset; // the gateway's clock minus ours, in seconds
 let isConnected = true;
+let toldUntil; // by the gateway's clock
 let source;
 const now = () => Date.now() / 1000 + (offset ?? 0) - BEHIND;
 
+/** Reads the stream. What breaks off is read again, with what has happened since. */
 function follow(strips) {
-  const byName = new Map(strips.map((strip) => [strip.line.name, strip]));
-  const only = strips.length === 1 ? "&line=" + encodeURIComponent(strips[0].line.name) : "";
+  const lastOf = () => new Map(strips.map((strip) => [strip, strip.items.at(-1)?.fact.time ?? 0]));
+  let last = lastOf(), heardAt;
   const open = () => {
     source?.close();
+    heardAt = Date.now();
     if (document.hidden) return;
-    source = new EventSource(`/api/v1/trace?seconds=20${only}`);
-    let last = new Map(strips.map((strip) => [strip, strip.items.at(-1)?.fact.time ?? 0]));
+    const byName = new Map(strips.map((strip) => [strip.line.name, strip]));
+    const only = strips.length === 1 ? "&line=" + encodeURIComponent(strips[0].line.name) : "";
+    const missing = toldUntil === undefined ? 0 : Math.ceil(now() - toldUntil) + 2;
+    source = new EventSource(`/api/v1/trace?seconds=${Math.min(KEPT, Math.max(20, missing))}${only}`);
     source.onopen = () => {
       isConnected = true;
-      last = new Map(strips.map((strip) => [strip, strip.items.at(-1)?.fact.time ?? 0]));
+      last = lastOf();
     };
     source.onerror = () => (isConnected = false);
     source.onmessage = ({ data }) => {
       const fact = JSON.parse(data);
+      heardAt = Date.now();
+      isConnected = true;
       if (fact.kind === "clock") {
         const seen = fact.time - Date.now() / 1000;
         offset = offset === undefined || Math.abs(seen - offset) > 2 ? seen : Math.max(seen, offset - 0.001);
+        toldUntil = fact.time;
       }
       const strip = byName.get(fact.line);
-      if (strip && fact.time > last.get(strip)) strip.add(fact);
+      if (strip && fact.time > (last.get(strip) ?? 0)) strip.add(fact);
     };
   };
+  // A network that is pulled is no error, and one that the gateway refuses is not tried again by the browser.
+  setInterval(() => {
+    if (document.hidden || Date.now() - heardAt < SILENT) return;
+    isConnected = false;
+    open();
+  }, SILENT / 2);
   document.addEventListener("visibilitychange", open);
   open();
+  return open;
+}
+
+/** Lines come, go and change with a reload of the config: a strip whose line is as it was stays. */
+function adopt(strips, place, fresh) {
+  const figures = [...fresh.querySelectorAll("figure.strip")];
+  const keyOf = (figure) => JSON.stringify({ ...figure.dataset });
+  const there = new Map(strips.map((strip) => [keyOf(strip.figure), strip]));
+  if (figures.map(keyOf).join() === [...there.keys()].join()) return false;
+  const wanted = figures.map((figure) => there.get(keyOf(figure)) ?? new Strip(figure));
+  for (const strip of strips) if (!wanted.includes(strip)) strip.close();
+  place.prepend(...wanted.map((strip) => strip.figure));
+  strips.splice(0, strips.length, ...wanted);
+  return true;
 }
 
 function start() {
-  const strips = [...document.querySelectorAll("figure.strip")].map((figure) => new Strip(figure));
-  if (!strips.length) return;
+  const place = document.querySelector("[data-keep=strips]");
+  const strips = [...place.querySelectorAll("figure.strip")].map((figure) => new Strip(figure));
   readTheme();
   for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", readTheme);
-  follow(strips);
+  const reopen = follow(strips);
+  document.addEventListener("renewed", ({ detail }) => adopt(strips, place, detail) && reopen());
   const isCalm = matchMedia("(prefers-reduced-motion: reduce)");
   let drawnAt = -Infinity, toldAt = -Infinity;
   const frame = (at) => {

@@ -15,6 +15,6 @@ export const TEXTS = {
     ].filter(Boolean).join(" · "),
   marks: { exception: "exception", timeout: "time-out", broken: "broken frame", foreign: "foreign traffic", late: "late response", refused: "not sent" },
   hint: "Point at a transaction, or use ← and →, to see its frames.",
-  keys: "Space pauses, + and − zoom, ← and → go from one transaction to the next, drag or swipe moves, End is live again.",
+  keys: "Space pauses, + and − zoom, ← and → go from one transaction to the next, drag, swipe, Page Up and Page Down move, End is live again.",
   strip: (line) => `What line ${line} has done in the last seconds`,
 };

@@ -15,6 +15,6 @@ export const TEXTS = {
     ].filter(Boolean).join(" · "),
   marks: { exception: "异常响应", timeout: "超时", broken: "坏帧", foreign: "外来通信", late: "迟到的响应", refused: "未发送" },
   hint: "指向一次事务，或用 ← 和 → 选择，即可查看其帧。",
-  keys: "空格键暂停，+ 和 − 缩放，← 和 → 切换到前后事务，拖动可移动，End 键回到实时。",
+  keys: "空格键暂停，+ 和 − 缩放，← 和 → 切换到前后事务，拖动或 Page Up、Page Down 移动，End 键回到实时。",
   strip: (line) => `线路 ${line} 最近几秒的活动`,
 };

@@ -1,0 +1,3 @@
+export const TEXTS = {
+  unreachable: (time) => `The gateway cannot be reached. What is shown is of ${time}.`,
+};

@@ -1,0 +1,93 @@
+"""The overview on a wall panel: what it shows is never old without saying so, and it follows the gateway by itself."""
+
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kit.chromium import CHROMIUM, MISSING, chromium, until, watched
+from kit.free_port import free_port
+from kit.process import GatewayProcess
+
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[image]]
+unit = 200
+holding = 1
+
+[web]
+bind = "http://127.0.0.1:{port}"
+"""
+LINE = """
+[[line]]
+name = "{line}"
+port = "/nowhere/{line}"
+devices = [{{ unit = 1, as = {unit} }}]
+"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+def config(port: int, *lines: str) -> str:
+    return CONFIG.format(port=port) + "".join(LINE.format(line=line, unit=ord(line[0])) for line in lines)
+
+
+def test_a_panel_says_when_the_gateway_cannot_be_reached_and_comes_back_by_itself(browser: Any, tmp_path: Path) -> None:
+    port = free_port()
+    page = browser.new_page(color_scheme="dark")
+    told = page.get_by_role("alert")
+    with GatewayProcess(tmp_path, config(port, "hall")):
+        page.goto(f"http://127.0.0.1:{port}/?kiosk&lang=zh")
+        assert page.locator("header, nav, footer").count() == 0
+        assert page.locator("h1").inner_text() == "概览"
+        assert told.count() == 0
+    until(page, lambda: told.count() == 1)
+    assert re.fullmatch(r"无法连接网关。所示为 \d\d:\d\d:\d\d 的状态。", told.inner_text())
+    page.evaluate("window.isOld = true")
+    until(page, lambda: "连接中断" in page.locator(".summary").inner_text())
+    with GatewayProcess(tmp_path, config(port, "hall")):
+        until(page, lambda: told.count() == 0)
+        until(page, lambda: "连接中断" not in page.locator(".summary").inner_text())
+        assert page.locator("html").get_attribute("lang") == "zh-CN"
+        assert page.evaluate("window.isOld && matchMedia('(prefers-color-scheme: dark)').matches")
+    page.context.close()
+
+
+def test_the_links_of_a_panel_lead_to_pages_of_a_panel(browser: Any, tmp_path: Path) -> None:
+    port = free_port()
+    with GatewayProcess(tmp_path, config(port, "hall")), watched(browser) as page:
+        page.goto(f"http://127.0.0.1:{port}/?kiosk")
+        page.get_by_role("link", name="hall").first.click()
+        assert page.locator("h1").inner_text() == "hall"
+        assert page.locator("header, nav, footer").count() == 0
+
+
+def test_strips_follow_a_reload(browser: Any, tmp_path: Path) -> None:
+    port = free_port()
+    with GatewayProcess(tmp_path, config(port)) as gateway, watched(browser) as page:
+        page.goto(f"http://127.0.0.1:{port}/")
+
+        def reload(*lines: str) -> None:
+            gateway.config.write_text(config(port, *lines))
+            gateway.signal(signal.SIGHUP)
+            shown = page.locator("figure.strip")
+            until(page, lambda: [each.get_attribute("data-line") for each in shown.all()] == list(lines))
+            assert page.locator("figure.strip canvas").count() == len(lines)
+
+        reload("hall")
+        reload("press", "hall")
+        page.evaluate("document.querySelectorAll('figure.strip canvas')[1].id = 'kept'")
+        reload("silo", "press", "hall", "mill")
+        assert page.locator("figure.strip[data-line=hall] #kept").count() == 1
+        reload("hall")
