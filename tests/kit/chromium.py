@@ -76,13 +76,14 @@ def watched(browser: Any, **settings: Any) -> Iterator[Any]:
     assert hosts == {own}
 
 
-def axe_findings(page: Any) -> list[str]:
-    """What axe-core finds: the rule, and the elements that break it."""
+def axe_findings(page: Any, *rules: str) -> list[str]:
+    """What axe-core finds by these rules, or by all: the rule, and the elements that break it."""
     from axe_playwright_python.sync_playwright import Axe  # noqa: PLC0415 - with playwright
 
+    options = {"resultTypes": ["violations"], **({"runOnly": rules} if rules else {})}
     return [
         f"{each['id']}: {'; '.join(str(node['html']) for node in each['nodes'][:3])}"
-        for each in Axe().run(page).response["violations"]
+        for each in Axe().run(page, options=options).response["violations"]
     ]
 
 
