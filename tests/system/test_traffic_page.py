@@ -1,0 +1,161 @@
+"""The pages of traffic, health, clients and config in a real browser, on the page of the demo."""
+
+import time
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from types import SimpleNamespace
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from kit.chromium import CHROMIUM, MISSING, chromium, demo_page
+from kit.process import PATIENCE
+
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists() or find_spec("playwright") is None, reason=MISSING)
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with demo_page() as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def seen(address: str, browser: Any) -> Iterator[SimpleNamespace]:
+    """A page, what it asks for, and what it complains of."""
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    seen = SimpleNamespace(page=page, complaints=[], hosts=set())
+    page.on("console", lambda message: seen.complaints.append(message.text))
+    page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+    page.on("request", lambda request: seen.hosts.add(urlsplit(request.url).netloc))
+    yield seen
+    page.close()
+    assert seen.complaints == []
+    assert seen.hosts == {urlsplit(address).netloc}
+
+
+def until(page: Any, is_so: Callable[[], bool]) -> None:
+    """Wait for what the page shows. (Playwright's own way needs `eval`, which the page forbids.)"""
+    end = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < end
+        page.wait_for_timeout(100)
+
+
+def rows(page: Any) -> Any:
+    return page.locator("table.traffic tbody tr")
+
+
+def first_row(page: Any) -> str:
+    return rows(page).first.inner_text() if rows(page).count() else ""
+
+
+def live(seen: SimpleNamespace, path: str) -> Any:
+    """The page, once new rows come."""
+    seen.page.goto(path)
+    before = first_row(seen.page)
+    until(seen.page, lambda: first_row(seen.page) != before)
+    return seen.page
+
+
+def test_transactions_come_in_above_and_are_counted(seen: SimpleNamespace, address: str) -> None:
+    page = live(seen, f"{address}/traffic")
+    until(page, lambda: "records/s" in page.locator(".controls output").inner_text())
+    times = page.locator("table.traffic tbody td:first-child").all_inner_texts()
+    assert len(times) > 10
+    assert times == sorted(times, reverse=True) or times[0] < times[-1]  # around midnight
+
+
+def test_a_row_opens_to_its_frames_and_the_page_holds_still(seen: SimpleNamespace, address: str) -> None:
+    page = live(seen, f"{address}/traffic?line=silo&result=ok")
+    summary = rows(page).first.locator("summary")
+    summary.focus()
+    page.keyboard.press("Enter")
+    until(page, lambda: page.locator("details[open] .told").count() == 1)
+    told = page.locator("details[open] .told").inner_text()
+    for each in ("00 02\ncount 2", "C4 0B\nCRC", "limit", "asked at address 1"):
+        assert each in told
+    assert page.get_by_role("button", name="Live").is_visible()
+    before = first_row(page)
+    until(page, lambda: "more since then" in page.locator(".controls output").inner_text())
+    assert first_row(page) == before
+    page.get_by_role("button", name="Live").click()
+    until(page, lambda: first_row(page) != before)
+
+
+def test_a_row_that_the_server_made_opens_to_the_same(seen: SimpleNamespace, address: str) -> None:
+    page = seen.page
+    page.goto(f"{address}/traffic?line=silo&result=ok")
+    page.keyboard.press(" ")
+    row = page.locator("tr[data-fact]").first
+    row.locator("summary").click()
+    until(page, lambda: "C4 0B\nCRC" in row.inner_text())
+
+
+def test_the_form_chooses_and_the_address_has_the_choice(seen: SimpleNamespace, address: str) -> None:
+    page = live(seen, f"{address}/traffic")
+    page.locator("select[name=line]").select_option("motion")
+    page.locator("select[name=result]").select_option("failed")
+    page.get_by_role("button", name="Show").click()
+    page.wait_for_url("**/traffic?*line=motion*")
+    until(page, lambda: rows(page).count() > 3)
+    assert set(page.locator("table.traffic tbody td:nth-child(2)").all_inner_texts()) == {"motion"}
+    assert "line=motion" in page.locator("a[download]").get_attribute("href")
+    page.get_by_role("link", name="Show all").click()
+    page.wait_for_url("**/traffic")
+
+
+def test_space_pauses(seen: SimpleNamespace, address: str) -> None:
+    page = live(seen, f"{address}/traffic")
+    page.keyboard.press(" ")
+    page.get_by_role("button", name="Live").wait_for()
+    page.keyboard.press(" ")
+    page.get_by_role("button", name="Pause").wait_for()
+
+
+def test_the_table_is_bounded(seen: SimpleNamespace, address: str) -> None:
+    page = live(seen, f"{address}/traffic")
+    page.evaluate("""() => {
+        const body = document.querySelector("table.traffic tbody");
+        for (let at = 0; at < 700; at++) body.append(body.rows[0].cloneNode(true));
+    }""")
+    until(page, lambda: rows(page).count() == 500)
+
+
+@pytest.mark.parametrize("path", ["/health", "/clients", "/config"])
+def test_a_page_outlives_its_renewal_without_a_complaint(seen: SimpleNamespace, address: str, path: str) -> None:
+    seen.page.goto(f"{address}{path}?lang=zh")
+    heading = seen.page.locator("h1").inner_text()
+    seen.page.wait_for_timeout(6000)
+    assert seen.page.locator("h1").inner_text() == heading
+    assert seen.page.locator("main.stale").count() == 0
+    assert seen.page.locator(f'nav a[href="{path}"][aria-current=page]').count() == 1
+
+
+@pytest.mark.parametrize("path", ["/traffic", "/health", "/clients", "/config"])
+def test_a_page_fits_on_a_phone(address: str, browser: Any, path: str) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    page.goto(f"{address}{path}")
+    page.wait_for_timeout(1500)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.close()
+
+
+def test_without_javascript_all_of_it_is_there(address: str, browser: Any) -> None:
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(f"{address}/traffic?line=silo&result=ok")
+    assert rows(page).count() > 3
+    rows(page).first.locator("summary").click()
+    assert "03 00 00 00 02" in rows(page).first.inner_text()
+    for path, text in [("/health", "What was measured"), ("/clients", "127.0.0.1:"), ("/config", "[[line]]")]:
+        page.goto(f"{address}{path}")
+        assert text in page.locator("main").inner_text()
+    context.close()
