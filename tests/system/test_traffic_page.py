@@ -1,18 +1,13 @@
 """The pages of traffic, health, clients and config in a real browser, on the page of the demo."""
 
-import time
-from collections.abc import Callable, Iterator
-from importlib.util import find_spec
-from types import SimpleNamespace
+from collections.abc import Iterator
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, chromium, demo_page
-from kit.process import PATIENCE
+from kit.chromium import CHROMIUM, MISSING, chromium, demo_page, until, watched
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists() or find_spec("playwright") is None, reason=MISSING)
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
 
 @pytest.fixture(scope="module")
@@ -28,25 +23,9 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture
-def seen(address: str, browser: Any) -> Iterator[SimpleNamespace]:
-    """A page, what it asks for, and what it complains of."""
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
-    seen = SimpleNamespace(page=page, complaints=[], hosts=set())
-    page.on("console", lambda message: seen.complaints.append(message.text))
-    page.on("pageerror", lambda error: seen.complaints.append(str(error)))
-    page.on("request", lambda request: seen.hosts.add(urlsplit(request.url).netloc))
-    yield seen
-    page.close()
-    assert seen.complaints == []
-    assert seen.hosts == {urlsplit(address).netloc}
-
-
-def until(page: Any, is_so: Callable[[], bool]) -> None:
-    """Wait for what the page shows. (Playwright's own way needs `eval`, which the page forbids.)"""
-    end = time.monotonic() + PATIENCE
-    while not is_so():
-        assert time.monotonic() < end
-        page.wait_for_timeout(100)
+def page(browser: Any) -> Iterator[Any]:
+    with watched(browser, viewport={"width": 1280, "height": 900}) as page:
+        yield page
 
 
 def rows(page: Any) -> Any:
@@ -57,24 +36,24 @@ def first_row(page: Any) -> str:
     return rows(page).first.inner_text() if rows(page).count() else ""
 
 
-def live(seen: SimpleNamespace, path: str) -> Any:
+def live(page: Any, path: str) -> Any:
     """The page, once new rows come."""
-    seen.page.goto(path)
-    before = first_row(seen.page)
-    until(seen.page, lambda: first_row(seen.page) != before)
-    return seen.page
+    page.goto(path)
+    before = first_row(page)
+    until(page, lambda: first_row(page) != before)
+    return page
 
 
-def test_transactions_come_in_above_and_are_counted(seen: SimpleNamespace, address: str) -> None:
-    page = live(seen, f"{address}/traffic")
+def test_transactions_come_in_above_and_are_counted(page: Any, address: str) -> None:
+    live(page, f"{address}/traffic")
     until(page, lambda: "records/s" in page.locator(".controls output").inner_text())
     times = page.locator("table.traffic tbody td:first-child").all_inner_texts()
     assert len(times) > 10
     assert times == sorted(times, reverse=True) or times[0] < times[-1]  # around midnight
 
 
-def test_a_row_opens_to_its_frames_and_the_page_holds_still(seen: SimpleNamespace, address: str) -> None:
-    page = live(seen, f"{address}/traffic?line=silo&result=ok")
+def test_a_row_opens_to_its_frames_and_the_page_holds_still(page: Any, address: str) -> None:
+    live(page, f"{address}/traffic?line=silo&result=ok")
     summary = rows(page).first.locator("summary")
     summary.focus()
     page.keyboard.press("Enter")
@@ -90,8 +69,7 @@ def test_a_row_opens_to_its_frames_and_the_page_holds_still(seen: SimpleNamespac
     until(page, lambda: first_row(page) != before)
 
 
-def test_a_row_that_the_server_made_opens_to_the_same(seen: SimpleNamespace, address: str) -> None:
-    page = seen.page
+def test_a_row_that_the_server_made_opens_to_the_same(page: Any, address: str) -> None:
     page.goto(f"{address}/traffic?line=silo&result=ok")
     page.keyboard.press(" ")
     row = page.locator("tr[data-fact]").first
@@ -99,8 +77,8 @@ def test_a_row_that_the_server_made_opens_to_the_same(seen: SimpleNamespace, add
     until(page, lambda: "C4 0B\nCRC" in row.inner_text())
 
 
-def test_the_form_chooses_and_the_address_has_the_choice(seen: SimpleNamespace, address: str) -> None:
-    page = live(seen, f"{address}/traffic")
+def test_the_form_chooses_and_the_address_has_the_choice(page: Any, address: str) -> None:
+    live(page, f"{address}/traffic")
     page.locator("select[name=line]").select_option("motion")
     page.locator("select[name=result]").select_option("failed")
     page.get_by_role("button", name="Show").click()
@@ -112,16 +90,16 @@ def test_the_form_chooses_and_the_address_has_the_choice(seen: SimpleNamespace, 
     page.wait_for_url("**/traffic")
 
 
-def test_space_pauses(seen: SimpleNamespace, address: str) -> None:
-    page = live(seen, f"{address}/traffic")
+def test_space_pauses(page: Any, address: str) -> None:
+    live(page, f"{address}/traffic")
     page.keyboard.press(" ")
     page.get_by_role("button", name="Live").wait_for()
     page.keyboard.press(" ")
     page.get_by_role("button", name="Pause").wait_for()
 
 
-def test_the_table_is_bounded(seen: SimpleNamespace, address: str) -> None:
-    page = live(seen, f"{address}/traffic")
+def test_the_table_is_bounded(page: Any, address: str) -> None:
+    live(page, f"{address}/traffic")
     page.evaluate("""() => {
         const body = document.querySelector("table.traffic tbody");
         for (let at = 0; at < 700; at++) body.append(body.rows[0].cloneNode(true));
@@ -130,13 +108,13 @@ def test_the_table_is_bounded(seen: SimpleNamespace, address: str) -> None:
 
 
 @pytest.mark.parametrize("path", ["/health", "/clients", "/config"])
-def test_a_page_outlives_its_renewal_without_a_complaint(seen: SimpleNamespace, address: str, path: str) -> None:
-    seen.page.goto(f"{address}{path}?lang=zh")
-    heading = seen.page.locator("h1").inner_text()
-    seen.page.wait_for_timeout(6000)
-    assert seen.page.locator("h1").inner_text() == heading
-    assert seen.page.locator("main.stale").count() == 0
-    assert seen.page.locator(f'nav a[href="{path}"][aria-current=page]').count() == 1
+def test_a_page_outlives_its_renewal_without_a_complaint(page: Any, address: str, path: str) -> None:
+    page.goto(f"{address}{path}?lang=zh")
+    heading = page.locator("h1").inner_text()
+    page.wait_for_timeout(6000)
+    assert page.locator("h1").inner_text() == heading
+    assert page.locator("main.stale").count() == 0
+    assert page.locator(f'nav a[href="{path}"][aria-current=page]').count() == 1
 
 
 @pytest.mark.parametrize("path", ["/traffic", "/health", "/clients", "/config"])
