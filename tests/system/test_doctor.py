@@ -29,6 +29,9 @@ devices = [
 socket = "{control}"
 """
 
+#: A device that is looked for has 250 ms to answer. On a busy machine a simulated one may need more once in a while.
+ATTEMPTS = 3
+
 HOLD = """
 import os, sys, time
 descriptor = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
@@ -87,9 +90,12 @@ def test_a_healthy_set_up_has_nothing_to_fix(tmp_path):
 )
 def test_a_broken_set_up_is_named(tmp_path, fault, named):
     with Hall(tmp_path, "--fault", fault) as hall:
-        status, rows = hall.doctor()
-        assert status == 1
-        assert any(named in row for row in rows["fix"]), rows
+        for _ in range(ATTEMPTS):
+            status, rows = hall.doctor()
+            assert status == 1
+            if any(named in row for row in rows["fix"]):
+                return
+        pytest.fail(f"{rows}")
 
 
 def test_an_adapter_that_another_program_has_taken_is_named(tmp_path):
