@@ -61,15 +61,29 @@ def simulated(path: Path, *devices: str) -> Iterator[None]:
             process.terminate()
 
 
-@pytest.fixture
-def gateway(tmp_path: Path) -> Iterator[GatewayProcess]:
-    hall, motion, control = tmp_path / "hall", tmp_path / "motion", tmp_path / "control.sock"
-    with simulated(hall, "v80:6"), simulated(motion, "mint:2"), VirtualPort(tmp_path / "spoiled") as spoiled:
+@contextmanager
+def gateway_with_lines(folder: Path) -> Iterator[GatewayProcess]:
+    hall, motion, control = folder / "hall", folder / "motion", folder / "control.sock"
+    with simulated(hall, "v80:6"), simulated(motion, "mint:2"), VirtualPort(folder / "spoiled") as spoiled:
         config = CONFIG.format(hall=hall, motion=motion, control=control, spoiled=spoiled.path)
-        with GatewayProcess(tmp_path, config) as running:
+        with GatewayProcess(folder, config) as running:
             running.control = str(control)
             running.spoiled = spoiled
             yield running
+
+
+@pytest.fixture
+def gateway(tmp_path: Path) -> Iterator[GatewayProcess]:
+    with gateway_with_lines(tmp_path) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[GatewayProcess]:
+    """One that was asked by `ask_all`, for tests that only look at what it keeps."""
+    with gateway_with_lines(tmp_path_factory.mktemp("asked")) as running:
+        ask_all(running)
+        yield running
 
 
 def ask(gateway: GatewayProcess, unit: int, pdu: str) -> str:
@@ -101,9 +115,8 @@ def trace(gateway: GatewayProcess, *words: str, code: int = 0) -> str:
     return done.stdout
 
 
-def test_what_has_passed_is_shown_in_words(gateway: GatewayProcess) -> None:
-    ask_all(gateway)
-    rows = [row.split("  ", 1)[1].strip() for row in trace(gateway, "--since", "5min").splitlines()]
+def test_what_has_passed_is_shown_in_words(asked: GatewayProcess) -> None:
+    rows = [row.split("  ", 1)[1].strip() for row in trace(asked, "--since", "5min").splitlines()]
     assert any(
         re.fullmatch(r"hall +> +6 +read holding 107-109 \(40108-40110\) +\[127.0.0.1:\d+ as 46(, .*)?\]", row)
         for row in rows
@@ -111,8 +124,8 @@ def test_what_has_passed_is_shown_in_words(gateway: GatewayProcess) -> None:
     assert any(re.fullmatch(r"hall +< +6 +99 99 99 +\[[\d.]+ of \d+ ms\]", row) for row in rows)
     assert any(re.search(r"hall +- +9 +timeout .*exception 0B", row) for row in rows)
     assert any(re.search(r"spoiled +< +\? +no valid response: 01 03 02 01 10 B8 19", row) for row in rows)
-    assert all(" 6  " in row for row in trace(gateway, "hall", "--unit", "press", "--since", "5min").splitlines())
-    facts = [json.loads(line) for line in trace(gateway, "--since", "5min", "--json", "-n", "1").splitlines()]
+    assert all(" 6  " in row for row in trace(asked, "hall", "--unit", "press", "--since", "5min").splitlines())
+    facts = [json.loads(line) for line in trace(asked, "--since", "5min", "--json", "-n", "1").splitlines()]
     assert [(fact["line"], fact["result"]) for fact in facts] == [("spoiled", "bad_frame")]
 
 
@@ -164,10 +177,9 @@ def decoded(file: Path, *fields: str) -> list[list[str]]:
 
 
 @needs_tshark
-def test_tshark_decodes_a_capture_without_settings(gateway: GatewayProcess, tmp_path: Path) -> None:
-    ask_all(gateway)
+def test_tshark_decodes_a_capture_without_settings(asked: GatewayProcess, tmp_path: Path) -> None:
     file = tmp_path / "hall.pcapng"
-    done = command("trace", "--since", "5min", "--pcapng", str(file), "--control", gateway.control)
+    done = command("trace", "--since", "5min", "--pcapng", str(file), "--control", asked.control)
     assert (done.returncode, done.stdout) == (0, "")
     assert "7 frames written" in done.stderr
     fields = (
@@ -195,10 +207,9 @@ def test_tshark_decodes_a_capture_without_settings(gateway: GatewayProcess, tmp_
 
 
 @needs_tshark
-def test_check_sums_are_right_where_they_were_also_for_ascii(gateway: GatewayProcess, tmp_path: Path) -> None:
-    ask_all(gateway)
+def test_check_sums_are_right_where_they_were_also_for_ascii(asked: GatewayProcess, tmp_path: Path) -> None:
     file = tmp_path / "all.pcapng"
-    command("trace", "--since", "5min", "--pcapng", str(file), "--control", gateway.control)
+    command("trace", "--since", "5min", "--pcapng", str(file), "--control", asked.control)
     words = ["tshark", "-n", "-r", str(file), "-o", "mbrtu.crc_verification:TRUE", "-T", "fields"]
     words += ["-e", "frame.interface_name", "-e", "mbrtu.crc16.status"]
     done = subprocess.run(words, capture_output=True, text=True, check=True).stdout
@@ -224,13 +235,13 @@ def test_what_cannot_be_meant_is_answered_with_what_to_type(words: list[str], co
     assert complaint in done.stderr
 
 
-def test_a_line_or_a_unit_that_is_not_there_is_told(gateway: GatewayProcess) -> None:
+def test_a_line_or_a_unit_that_is_not_there_is_told(asked: GatewayProcess) -> None:
     for words, complaint in (
         (["hal"], 'there is no line "hal"; there are hall, motion, spoiled'),
         (["--unit", "pres"], 'did you mean "press"?'),
         (["--pcapng", "/nowhere/x"], "/nowhere/x cannot be written: No such file or directory"),
     ):
-        done = command("trace", *words, "--since", "1min", "--control", gateway.control)
+        done = command("trace", *words, "--since", "1min", "--control", asked.control)
         assert (done.returncode, done.stdout) == (1, "")
         assert complaint in done.stderr
 

@@ -5,7 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.error import HTTPError
@@ -70,6 +70,14 @@ def config(tmp_path: Path) -> str:
     return CONFIG.format(folder=tmp_path)
 
 
+@pytest.fixture(scope="module")
+def idle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Web]:
+    """One whose line is down, for tests that only ask."""
+    folder = tmp_path_factory.mktemp("idle")
+    with Web(folder, f'{CONFIG.format(folder=folder)}hosts = ["gw.plant.local"]\n') as gateway:
+        yield gateway
+
+
 def test_metrics_count_what_clients_ask(tmp_path, config):
     devices = SimulatedLine("rtu", SimulatedDevice(1))
     with VirtualPort(tmp_path / "hall-a") as port, SerialDevices({port: devices}), Web(tmp_path, config) as gateway:
@@ -84,11 +92,10 @@ def test_metrics_count_what_clients_ask(tmp_path, config):
         assert gateway.stop() == 0
 
 
-def test_a_gateway_of_which_no_line_can_answer_is_healthy_and_not_ready(tmp_path, config):
-    with Web(tmp_path, config) as gateway:
-        assert gateway.get("/healthz").status == 200
-        problem = gateway.problem("/readyz")
-        assert (problem["status"], problem["detail"]) == (503, "no line is up, and there is no image")
+def test_a_gateway_of_which_no_line_can_answer_is_healthy_and_not_ready(idle):
+    assert idle.get("/healthz").status == 200
+    problem = idle.problem("/readyz")
+    assert (problem["status"], problem["detail"]) == (503, "no line is up, and there is no image")
 
 
 def test_an_image_can_always_answer(tmp_path, config):
@@ -96,11 +103,10 @@ def test_an_image_can_always_answer(tmp_path, config):
         assert gateway.get("/readyz").status == 200
 
 
-def test_errors_are_problem_details(tmp_path, config):
-    with Web(tmp_path, config) as gateway:
-        assert gateway.problem("/nothing")["status"] == 404
-        assert gateway.problem("/metrics", method="DELETE")["status"] == 405
-        assert gateway.get("/metrics", method="DELETE").headers["Allow"] == "GET,HEAD"
+def test_errors_are_problem_details(idle):
+    assert idle.problem("/nothing")["status"] == 404
+    assert idle.problem("/metrics", method="DELETE")["status"] == 405
+    assert idle.get("/metrics", method="DELETE").headers["Allow"] == "GET,HEAD"
 
 
 @pytest.mark.parametrize(
@@ -117,9 +123,8 @@ def test_errors_are_problem_details(tmp_path, config):
         ("", 421),
     ],
 )
-def test_only_names_that_are_its_own_are_answered(tmp_path, config, host, status):
-    with Web(tmp_path, f'{config}hosts = ["gw.plant.local"]\n') as gateway:
-        assert gateway.get("/metrics", Host=host).status == status
+def test_only_names_that_are_its_own_are_answered(idle, host, status):
+    assert idle.get("/metrics", Host=host).status == status
 
 
 def test_a_token_guards_the_metrics_and_not_the_health(tmp_path, config):
@@ -168,16 +173,16 @@ def test_connections_have_a_bound_and_those_that_idle_do_not_delay_the_end(tmp_p
             each.close()
 
 
-@pytest.mark.parametrize("data", [b"\x00\x01\x00\x00\x00\x06\x01\x03\x00\x00\x00\x01", b"GET\r\n\r\n", b"\x16\x03\x01"])
-def test_what_is_no_http_is_closed_and_not_logged(tmp_path, config, data):
+def test_what_is_no_http_is_closed_and_not_logged(tmp_path, config):
     with Web(tmp_path, config) as gateway:
         address = ("127.0.0.1", int(gateway.address.rpartition(":")[2]))
-        with socket.create_connection(address, timeout=PATIENCE) as client:
-            client.sendall(data + b"\r\n\r\n")
-            assert client.recv(4096).startswith(b"HTTP/1.")
-            client.shutdown(socket.SHUT_WR)
-            while client.recv(4096):
-                pass
+        for data in (READ, b"GET\r\n\r\n", b"\x16\x03\x01"):
+            with socket.create_connection(address, timeout=PATIENCE) as client:
+                client.sendall(data + b"\r\n\r\n")
+                assert client.recv(4096).startswith(b"HTTP/1.")
+                client.shutdown(socket.SHUT_WR)
+                while client.recv(4096):
+                    pass
         assert gateway.get("/healthz").status == 200
         assert gateway.stop() == 0
         assert gateway.rest == []

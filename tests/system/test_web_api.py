@@ -10,7 +10,9 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.error import HTTPError
 
@@ -65,7 +67,9 @@ class Web(GatewayProcess):
 
     def __init__(self, folder: Path, scheme: str = "http", more: str = "") -> None:
         super().__init__(folder, CONFIG.format(folder=folder, scheme=scheme, more=more), level="info")
-        user(folder, "add", "anna", "--role", "operator")
+        users = folder / "users"
+        users.write_text(operators())
+        users.chmod(0o600)
         self.csrf = ""
 
     def __enter__(self):
@@ -93,6 +97,14 @@ class Web(GatewayProcess):
         status, text = self.ask("POST", "/login", form, **kind)
         assert status == 200
         self.csrf = json.loads(text)["csrf"]
+
+
+@cache
+def operators() -> str:
+    """The file in which `anna` may operate, made once."""
+    with TemporaryDirectory() as folder:
+        user(Path(folder), "add", "anna", "--role", "operator")
+        return (Path(folder) / "users").read_text()
 
 
 def user(folder: Path, *words: str) -> None:
