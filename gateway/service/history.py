@@ -7,7 +7,7 @@ could not be written is written with what comes later. A power cut loses what ha
 import asyncio
 import sqlite3
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -64,7 +64,9 @@ async def history_kept(
         history.add(clock(), uses.lines, uses.units)
 
     file = None if folder is None else HistoryFile(folder / FILE_NAME, history, running.emit)
-    works = [_keep_adding(add)] if file is None else [_keep_adding(add), file.keep_writing()]
+    works: list[Callable[[], Awaitable[None]]] = [partial(_keep_adding, add)]
+    if file is not None:
+        works.append(file.keep_writing)
     tasks = [asyncio.create_task(_guarded(work, running.emit), name="history") for work in works]
     try:
         yield history
@@ -83,9 +85,9 @@ async def _keep_adding(add: Callable[[], Awaitable[None]]) -> None:
         await add()
 
 
-async def _guarded(work: Coroutine[None, None, None], emit: Emit) -> None:
+async def _guarded(work: Callable[[], Awaitable[None]], emit: Emit) -> None:
     try:
-        await work
+        await work()
     except Exception as error:  # noqa: BLE001 - a defect here ends the history and nothing else
         emit(PartFailed.of("history", error))
 

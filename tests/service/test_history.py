@@ -1,6 +1,7 @@
 """Where the history of lines and units comes from, and what its file does when the disk does not do its part."""
 
 import asyncio
+import gc
 import sqlite3
 from contextlib import asynccontextmanager, closing
 from pathlib import Path
@@ -148,6 +149,13 @@ async def test_lines_do_not_wait_while_the_units_are_looked_at(monkeypatch):
         monkeypatch.setattr(uses_module, "_SLICE", 0.0)
         await Look().take(home.gateway)
         assert turns == [1]
+
+
+async def test_a_gateway_that_ends_at_once_leaves_nothing_that_never_ran(tmp_path, recwarn):
+    async with bench_with_history(tmp_path):
+        pass
+    gc.collect()
+    assert [str(each.message) for each in recwarn] == []
 
 
 async def test_a_run_goes_on_where_the_one_before_has_stopped(tmp_path):
