@@ -5,7 +5,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -23,8 +23,14 @@ Figures = dict[str, float]
 FAULTS = ("wrong", "lost", "exceptions", "line_faults")
 
 
-def run(scenario: Scenario, tools: Path, between: str) -> Figures:
-    """Measure `gateway` or `relay`, or `direct`, a client on the line itself.
+def run(
+    scenario: Scenario,
+    tools: Path,
+    between: str,
+    more_config: str = "",
+    beside: AbstractContextManager[None] | None = None,
+) -> Figures:
+    """Measure `gateway` or `relay`, or `direct`, a client on the line itself; a gateway in the context `beside`.
 
     Raises:
         BenchError: something has not started, or the load has not come to its end.
@@ -38,7 +44,7 @@ def run(scenario: Scenario, tools: Path, between: str) -> Figures:
             if between == "direct":
                 figures = _figures(scenario, _load(scenario, programs.load_on_line(scenario, tools, ttys[0])))
             else:
-                figures = _run(scenario, tools, Path(name), ttys, between)
+                figures = _run(scenario, tools, Path(name), ttys, between, more_config, beside)
         finally:
             seen = programs.end(simulator)
         if not seen:
@@ -46,7 +52,15 @@ def run(scenario: Scenario, tools: Path, between: str) -> Figures:
         return figures | _line_figures(json.loads(seen))
 
 
-def _run(scenario: Scenario, tools: Path, folder: Path, ttys: list[Path], between: str) -> Figures:
+def _run(
+    scenario: Scenario,
+    tools: Path,
+    folder: Path,
+    ttys: list[Path],
+    between: str,
+    more_config: str,
+    beside: AbstractContextManager[None] | None,
+) -> Figures:
     others, own = programs.processors()
     port = programs.free_port()
     with ExitStack() as stack:
@@ -58,8 +72,9 @@ def _run(scenario: Scenario, tools: Path, folder: Path, ttys: list[Path], betwee
             stack.enter_context(_running("server", relay, others, server, folder))
             command = programs.gateway(scenario, folder, [f"tcp://127.0.0.1:{server}"], port)
         else:
-            command = programs.gateway(scenario, folder, ttys, port)
+            command = programs.gateway(scenario, folder, ttys, port, more_config)
         program = stack.enter_context(_running(between, command, own, port, folder))
+        stack.enter_context(beside or nullcontext())
         before = resident(program.pid)
         counted = _load(scenario, programs.load(scenario, tools, port, program.pid))
         memory_each = (counted["gw_rss_kb"] - before) / (scenario.idle or scenario.clients)

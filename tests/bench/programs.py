@@ -117,10 +117,12 @@ def relay(scenario: Scenario, tools: Path, ttys: list[Path], port: int) -> list[
     ]
 
 
-def gateway(scenario: Scenario, folder: Path, places: list[str | Path], port: int) -> list[str | Path]:
+def gateway(
+    scenario: Scenario, folder: Path, places: list[str | Path], port: int, more_config: str = ""
+) -> list[str | Path]:
     """The command of the gateway; its config is written into `folder`."""
     file = folder / "gateway.toml"
-    file.write_text(config(scenario, folder, places, port))
+    file.write_text(config(scenario, folder, places, port) + more_config)
     return [*GATEWAY, file]
 
 
