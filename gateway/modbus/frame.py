@@ -1,13 +1,31 @@
 """Frames on a serial line, and what all framers of a server have in common."""
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 
-class Frame(NamedTuple):
-    """Unit identifier and PDU of a frame with a correct CRC or LRC."""
+class Frame:
+    """Unit identifier and PDU of a frame with a correct CRC or LRC. It equals the pair of both.
 
-    unit: int
-    pdu: bytes
+    No NamedTuple: making one calls a function that is not compiled.
+    """
+
+    __slots__ = ("pdu", "unit")
+
+    def __init__(self, unit: int, pdu: bytes) -> None:
+        self.unit = unit
+        self.pdu = pdu
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.unit, self.pdu))
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, Frame):
+            return self.unit == other.unit and self.pdu == other.pdu
+        return (self.unit, self.pdu) == other
+
+    def __hash__(self) -> int:
+        return hash((self.unit, self.pdu))
 
     def __repr__(self) -> str:
         return f"<Frame unit={self.unit} {self.pdu.hex(' ').upper()}>"

@@ -39,13 +39,17 @@ class ErrorBoundary:
         try:
             step(*arguments)
         except Exception as error:  # noqa: BLE001 - a defect in one part must not reach the others
-            self._log(error)
-            self.hang_up()
-        self.plan()
+            self.fail(error)
+        self.plan(self._deadline())
 
-    def plan(self) -> None:
+    def fail(self, error: Exception) -> None:
+        """A step has failed unexpectedly."""
+        self._log(error)
+        self.hang_up()
+
+    def plan(self, deadline: float | None) -> None:
         """Set the timer to the part's deadline, which may have changed. No step runs before this returns."""
-        self._timer.set(self._deadline())
+        self._timer.set(deadline)
 
     def wake(self) -> None:
         """Run `tick`: the deadline has passed."""

@@ -12,10 +12,11 @@ class LazyTimer:
     loop's timer as it is: when it fires, it is set again. Only an earlier deadline costs a call into the loop.
     """
 
-    __slots__ = ("_armed_for", "_callback", "_deadline", "_loop", "_timer")
+    __slots__ = ("_armed_for", "_call_at", "_callback", "_deadline", "_time", "_timer")
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
-        self._loop = loop
+        self._call_at = loop.call_at
+        self._time = loop.time
         self._callback = callback
         self._deadline: float | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -36,7 +37,7 @@ class LazyTimer:
     def _arm(self, when: float) -> None:
         self._disarm()
         self._armed_for = when
-        self._timer = self._loop.call_at(when, self._fired)
+        self._timer = self._call_at(when, self._fired)
 
     def _disarm(self) -> None:
         if self._timer is not None:
@@ -49,7 +50,7 @@ class LazyTimer:
         deadline = self._deadline
         if deadline is None:
             return
-        if self._loop.time() < deadline:
+        if self._time() < deadline:
             self._arm(deadline)
             return
         self._deadline = None
@@ -58,4 +59,4 @@ class LazyTimer:
     def __repr__(self) -> str:
         if self._deadline is None:
             return "<LazyTimer off>"
-        return f"<LazyTimer in {1000 * (self._deadline - self._loop.time()):.1f} ms>"
+        return f"<LazyTimer in {1000 * (self._deadline - self._time()):.1f} ms>"

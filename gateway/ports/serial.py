@@ -139,11 +139,9 @@ class SerialPort(SerialTransport):
         """Send `data` now; what the driver does not take at once follows later."""
         if self._closing:
             return
-        data = bytes(data)
-        if not self._write_buffer:
-            data = data[self._send(data) :]
-        if data and not self._closing:
-            self._buffer(data)
+        rest = bytes(data) if self._write_buffer else bytes(data[self._send(data) :])
+        if rest and not self._closing:
+            self._buffer(rest)
 
     def pause(self) -> bool:
         """Read nothing until `read_now`. A loss is noticed only then."""
@@ -195,7 +193,7 @@ class SerialPort(SerialTransport):
         if isinstance(error, PortError) and not self._closing:
             self._abort(error)
 
-    def _send(self, data: bytes) -> int:
+    def _send(self, data: bytes | bytearray | memoryview) -> int:
         """Write what the driver takes; returns how many bytes."""
         try:
             return os.write(self._descriptor, data)
