@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from math import ceil
 
@@ -44,7 +45,7 @@ class Proposal:
             ends = dict.fromkeys((min(sizes), max(sizes)))
             self.timing += [(function, items, line.time(items)) for items in ends]
 
-    @property
+    @cached_property
     def margin(self) -> float:
         """What the table is to be multiplied with: as now, or more where 99 of 100 responses need it."""
         needed = [row.quantile(0.99) / max(self.fitted(row), 0.001) for row in self.rows]

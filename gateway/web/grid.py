@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final
 
 from gateway.modbus.codes import Area
@@ -62,13 +63,10 @@ class Grid:
         """Each row with its first address. What is left of a range for no whole value is left out."""
         width = self.size * self.columns
         for span, items in self.window.parts:
-            cells = list(self._cells(span, items))
-            for at in range(0, len(cells), self.columns):
-                yield span.start + at // self.columns * width, cells[at : at + self.columns]
-
-    def cells(self) -> list[Cell]:
-        """All of them."""
-        return [cell for _, row in self.rows() for cell in row]
+            cells, first = self._cells(span, items), span.start
+            while row := list(islice(cells, self.columns)):
+                yield first, row
+                first += width
 
     def _cells(self, span: Span, items: bytes) -> Iterator[Cell]:
         written, width = _writers(self.window.writes, self.area), len(items) // span.count
