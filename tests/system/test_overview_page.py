@@ -1,0 +1,133 @@
+"""The overview and the plot of a line in a real browser, on the page of the demo: what a script adds to them."""
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from types import SimpleNamespace
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from kit.chromium import CHROMIUM, MISSING, chromium, demo_page
+from kit.process import PATIENCE
+
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists() or find_spec("playwright") is None, reason=MISSING)
+TIME = r"\d\d:\d\d\D*"
+NUMBERS = re.compile(
+    rf"^silo-1, {TIME}\N{{EN DASH}}{TIME}: \d+ requests?\b.* · answer in [\d.]+ ms on average, [\d.]+ % of the limit"
+)
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with demo_page() as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def seen(address: str, browser: Any) -> Iterator[SimpleNamespace]:
+    """A page, what it asks for, and what it complains of."""
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    seen = SimpleNamespace(page=page, complaints=[], hosts=set())
+    page.on("console", lambda message: seen.complaints.append(message.text))
+    page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+    page.on("request", lambda request: seen.hosts.add(urlsplit(request.url).netloc))
+    yield seen
+    page.close()
+    assert seen.complaints == []
+    assert seen.hosts == {urlsplit(address).netloc}
+
+
+def until(page: Any, is_so: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < end
+        page.wait_for_timeout(200)
+
+
+def shown_row(page: Any) -> Any:
+    """The row of a unit that has answered since the demo began."""
+    row = page.locator("tr[data-unit=silo-1]")
+    until(page, lambda: row.locator("path.fine").count() == 1)
+    return row
+
+
+def point(row: Any, from_right: float) -> None:
+    """Point at a place in the picture of a row, so many pixels from its right edge."""
+    picture = row.locator("svg.map")
+    width = picture.bounding_box()["width"]
+    picture.hover(position={"x": width - from_right, "y": 5}, force=True)
+
+
+def reading(page: Any) -> str:
+    return page.locator("[data-reading]").inner_text()
+
+
+def test_pointing_at_a_column_tells_its_numbers(seen: SimpleNamespace, address: str) -> None:
+    page = seen.page
+    page.goto(address)
+    row = shown_row(page)
+    assert reading(page).startswith("Point at a place")
+    point(row, from_right=2)
+    until(page, lambda: NUMBERS.match(reading(page)) is not None)
+    assert row.locator("rect.mark").get_attribute("x") == "143"
+    point(row, from_right=row.locator("svg.map").bounding_box()["width"] - 2)
+    until(page, lambda: reading(page).endswith(": the gateway did not run"))
+
+
+def test_the_numbers_stay_when_the_page_is_made_anew(seen: SimpleNamespace, address: str) -> None:
+    page = seen.page
+    page.goto(address)
+    point(shown_row(page), from_right=2)
+    until(page, lambda: NUMBERS.match(reading(page)) is not None)
+    page.locator("[data-reading]").evaluate("(each) => each.dataset.old = 1")
+    until(page, lambda: page.locator("[data-reading][data-old]").count() == 0)
+    until(page, lambda: NUMBERS.match(reading(page)) is not None)
+    assert page.locator("rect.mark").count() == 1
+
+
+def test_the_keyboard_tells_the_same(seen: SimpleNamespace, address: str) -> None:
+    page = seen.page
+    page.goto(address)
+    shown_row(page).get_by_role("link", name="silo-1").focus()
+    page.keyboard.press("ArrowRight")
+    until(page, lambda: NUMBERS.match(reading(page)) is not None)
+    for _ in range(3):
+        page.keyboard.press("ArrowLeft")
+    until(page, lambda: reading(page).endswith(": the gateway did not run"))
+
+
+def test_a_unit_leads_to_its_page(seen: SimpleNamespace, address: str) -> None:
+    seen.page.goto(address)
+    shown_row(seen.page).get_by_role("link", name="silo-1").click()
+    assert urlsplit(seen.page.url).path == "/units/silo-1"
+
+
+def test_the_busy_share_is_drawn_over_a_day_and_a_week(seen: SimpleNamespace, address: str) -> None:
+    page = seen.page
+    page.goto(f"{address}/lines/hall")
+    plot = page.locator("figure.busy canvas")
+    until(page, lambda: plot.count() == 1)
+    day = page.get_by_role("button", name="24 hours")
+    assert day.get_attribute("aria-pressed") == "true"
+    page.get_by_role("button", name="7 days").click()
+    until(page, lambda: day.get_attribute("aria-pressed") == "false")
+    page.locator("summary").first.click()
+    assert page.locator("figure.busy + details tbody tr").count() >= 1
+
+
+def test_without_javascript_both_pictures_are_there(browser: Any, address: str) -> None:
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(address)
+    assert page.locator("tr[data-unit=silo-1] svg.map path").count() >= 1
+    page.goto(f"{address}/lines/hall")
+    assert page.locator("figure.busy svg.busy path").count() == 1
+    page.close()
