@@ -76,17 +76,17 @@ def test_pointing_at_a_column_tells_its_numbers(seen: SimpleNamespace, address: 
     page.goto(address)
     row = shown_row(page)
     assert reading(page).startswith("Point at a place")
-    point(row, from_right=2)
+    point(row, from_right=1)
     until(page, lambda: NUMBERS.match(reading(page)) is not None)
     assert row.locator("rect.mark").get_attribute("x") == "143"
-    point(row, from_right=row.locator("svg.map").bounding_box()["width"] - 2)
+    point(row, from_right=row.locator("svg.map").bounding_box()["width"] - 1)
     until(page, lambda: reading(page).endswith(": the gateway did not run"))
 
 
 def test_the_numbers_stay_when_the_page_is_made_anew(seen: SimpleNamespace, address: str) -> None:
     page = seen.page
     page.goto(address)
-    point(shown_row(page), from_right=2)
+    point(shown_row(page), from_right=1)
     until(page, lambda: NUMBERS.match(reading(page)) is not None)
     page.locator("[data-reading]").evaluate("(each) => each.dataset.old = 1")
     until(page, lambda: page.locator("[data-reading][data-old]").count() == 0)

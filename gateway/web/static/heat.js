@@ -19,7 +19,7 @@ async function historyOf(unit) {
   return found;
 }
 
-const time = (seconds) => new Date(seconds * 1000).toLocaleTimeString(document.documentElement.lang, { hour: "2-digit", minute: "2-digit" });
+const time = (seconds) => new Date(seconds * 1000).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
 
 function words(slot) {
   if (!slot) return TEXTS.gap;
