@@ -234,6 +234,16 @@ async def test_a_value_of_a_mirror_that_is_too_old_is_stale(mirrored, device):
     assert "stale" in cells((await mirrored.browser().get(PAGE)).text, "level")[3]
 
 
+async def test_who_may_not_read_a_unit_sees_no_values_of_its_mirror_there(tmp_path, device):
+    rights = '[[access]]\nlisten = ["web"]\nunits = [41]\nallow = []\n[[access]]\nallow = ["read", "write"]\n'
+    async with web_bench(CONFIG + MIRROR + rights, tmp_path) as bench:
+        bench.inner.attach("hall", SimulatedLine("rtu", device))
+        await asyncio.sleep(10)
+        browser = bench.browser()
+        assert cells((await browser.get("/images/copy")).text, "level")[1] == "0.0"
+        assert cells((await browser.get(PAGE)).text, "level")[1] == "\u2013"
+
+
 async def test_values_are_read_by_area_address_type_and_swap(bench, device):
     device.holding[10:12] = [0x0000, 0x4120]
     browser = bench.browser()
