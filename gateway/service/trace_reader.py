@@ -4,7 +4,7 @@ import asyncio
 import json
 import time
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from gateway import __version__
@@ -20,7 +20,8 @@ from gateway.service.sampling import Sample
 from gateway.service.trace import Clock, Fact, fact, lines, page, wanted
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import Exchange, Heard, PortChanged, Record
-from gateway.trace.ring import STEP
+from gateway.trace.results import FAILURES
+from gateway.trace.ring import STEP, Ring
 
 #: How often to look for what is new, after how long for more of what there is, how often the time is told, in seconds.
 _STEP: Final = 0.1
@@ -128,20 +129,32 @@ async def latest(gateway: Gateway, question: Question, host: str, most: int) -> 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    clock, ring = _clock(), gateway.ring
-    is_wanted, may_see, names_of = wanted(gateway, question), what_is_seen(gateway, host), names(gateway.plan)
+    clock, is_wanted, may_see = _clock(), wanted(gateway, question), what_is_seen(gateway, host)
+    names_of = names(gateway.plan)
     found: list[Fact] = []
-    number = ring.added
-    last = number - MOST_LOOKED_AT
-    while len(found) < most and number > max(ring.first, last):
-        begin = max(ring.first, number - STEP)
-        for record in reversed(ring.after(begin, number - begin)):
+    for records in _newest_first(gateway.ring, only_failures=question.get("result") in FAILURES):
+        for record in records:
             if is_wanted(record) and len(found) < most:
                 told = fact(record, clock, names_of)
                 found.append(told if may_see(record) else without_values(told))
-        number = begin
+        if len(found) >= most:
+            break
         await asyncio.sleep(0)
     return found
+
+
+def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Record]]:
+    """The records in the ring, some at a time; it may go on meanwhile."""
+    if only_failures:
+        failures = list(ring.failures())
+        yield from (failures[at : at + STEP] for at in range(0, len(failures), STEP))
+        return
+    number = ring.added
+    last = number - MOST_LOOKED_AT
+    while number > max(ring.first, last):
+        begin = max(ring.first, number - STEP)
+        yield ring.after(begin, number - begin)[::-1]
+        number = begin
 
 
 async def capture(gateway: Gateway, question: Question, host: str) -> AsyncIterator[bytes]:

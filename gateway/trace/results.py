@@ -11,6 +11,8 @@ RESULTS: Final = (
     *("resting", "overdue", "queue_full", "expired", "line_down", "no_route", "denied", "unwanted", "refused"),
     *("echo_suspected", "stale"),
 )
+#: Those of which the ring keeps all records among its failures.
+FAILURES: Final = frozenset(RESULTS) - {"ok", "exception", "failed", "sent_again", "not_answered"}
 
 
 def has_result(record: Record, result: str) -> bool:

@@ -188,3 +188,11 @@ async def test_it_speaks_chinese(bench):
 async def test_without_a_ring_it_says_how_to_have_one(tmp_path):
     async with web_bench(CONFIG + '[trace]\nring = "0"\n', tmp_path) as bench:
         assert "ring" in (await bench.browser().get("/traffic")).text
+
+
+async def test_failures_are_found_however_much_has_happened_since(bench):
+    ring, now = bench.running.gateway.ring, asyncio.get_running_loop().time
+    for _ in range(30_000):
+        ring.add(PortChanged(now(), "hall <b>", ""))
+    assert [row[2] for row in await rows(bench, "/traffic?result=no_route")] == ["99"]
+    assert [row[2] for row in await rows(bench, "/traffic?result=timeout")] == ["47 oven"]
