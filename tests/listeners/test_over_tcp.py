@@ -196,6 +196,7 @@ def test_requests_that_come_together_wait_for_one_another(client: Client) -> Non
     client.respond(2, WRITE)
     assert client.heard(OTHER_RESPONSE, WRITE)
     assert client.session.is_idle
+    assert (client.session.asked, client.session.in_progress) == (3, 0)
 
 
 @pytest.mark.parametrize("in_flight", [1, 2, 16])

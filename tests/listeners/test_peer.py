@@ -53,6 +53,14 @@ def test_a_response_carries_the_requests_own_transaction_and_unit(client: Client
     assert client.peer.last_asked == 5.0
 
 
+def test_requests_are_counted_and_those_without_a_response(client: Client) -> None:
+    assert (client.peer.asked, client.peer.in_progress) == (0, 0)
+    client.ask(1)
+    client.ask(2)
+    client.respond(1)
+    assert (client.peer.asked, client.peer.in_progress) == (2, 1)
+
+
 def test_responses_go_out_as_they_come(client: Client) -> None:
     client.ask(1)
     client.ask(2)
