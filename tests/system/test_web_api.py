@@ -321,7 +321,7 @@ def tried_out(operation: Any, address: str, sent: dict[str, str]) -> set[int]:
         return statuses
 
     @hypothesis.settings(
-        max_examples=40,
+        max_examples=25,
         deadline=None,
         derandomize=True,
         database=None,
