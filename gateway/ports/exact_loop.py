@@ -11,6 +11,7 @@ selector returns the callbacks themselves, and they are called in turn. What tha
 import asyncio
 import select
 import selectors
+import sys
 from collections.abc import Coroutine
 from contextlib import suppress
 from pathlib import Path
@@ -35,6 +36,8 @@ _NAMES: Final = (
 )
 #: The kernel may let a thread sleep so many nanoseconds longer, by default 50 000 (proc(5)).
 _SLACK: Final = Path("/proc/self/timerslack_ns")
+#: How long a thread that computes (one that makes a page) may keep the loop waiting, in seconds; by default 5 ms.
+_HAND_OVER: Final = 0.0005
 
 
 def run_exactly(main: Coroutine[Any, Any, T]) -> T:
@@ -47,6 +50,7 @@ def exact_loop() -> asyncio.AbstractEventLoop:
     """A new event loop with exact timers, for the main thread."""
     with suppress(OSError):  # timers are 50 us later then
         _SLACK.write_text("1")
+    sys.setswitchinterval(_HAND_OVER)
     if not all(hasattr(owner, name) for owner, name in _NAMES):  # a Python to come: timers are 1 ms late then
         return asyncio.SelectorEventLoop()
     return ExactLoop(ExactSelector())

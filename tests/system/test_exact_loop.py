@@ -3,6 +3,7 @@
 import asyncio
 import selectors
 import socket
+import threading
 import time
 from contextlib import closing
 
@@ -41,6 +42,26 @@ def waited(selector: ExactSelector, timeout: float) -> float:
     started = time.monotonic()
     assert selector.select(timeout) == []
     return time.monotonic() - started
+
+
+def test_a_thread_that_computes_hands_over_in_less_than_a_millisecond() -> None:
+    """Where the interpreter keeps its 5 ms, each timer is as late."""
+    is_over = threading.Event()
+
+    def compute() -> None:
+        while not is_over.is_set():
+            sum(range(100))
+
+    async def usual() -> float:
+        thread = threading.Thread(target=compute)
+        thread.start()
+        try:
+            return sorted([await lateness(0.001) for _ in range(200)])[50]
+        finally:
+            is_over.set()
+            thread.join()
+
+    assert run_exactly(usual()) < 0.003
 
 
 def test_a_descriptor_ends_an_exact_wait() -> None:
