@@ -45,8 +45,8 @@ function renew(fresh) {
 
 /** What is wider than the page can be reached, and so scrolled, by keyboard. */
 function letScroll() {
-  for (const part of main.querySelectorAll("section")) {
-    if (part.scrollWidth > part.clientWidth) part.tabIndex = 0;
+  for (const part of main.querySelectorAll("section, pre")) {
+    if (part.scrollWidth > part.clientWidth || part.scrollHeight > part.clientHeight) part.tabIndex = 0;
     else part.removeAttribute("tabindex");
   }
 }
