@@ -17,12 +17,13 @@ from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived, Stall
 from gateway.lines.transaction import Destination, ScanTransaction, Transaction
 from gateway.modbus.scan import Expected
+from gateway.request import Request
 
 
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `expired`, `given_up`, `put_back` and `next_expiry` are those of its queue. `recorder` is the line's.
+    `recorder` is the line's.
     """
 
     def __init__(
@@ -38,10 +39,6 @@ class Scheduler:
         self._longest_rest = settings.rest
         self._resting: set[Destination] = set()
         self._held_until = 0.0
-        self.expired = self._queue.expired
-        self.given_up = self._queue.given_up
-        self.put_back = self._queue.put_back
-        self.next_expiry = self._queue.next_expiry
 
     def __len__(self) -> int:
         """How many requests wait."""
@@ -67,6 +64,22 @@ class Scheduler:
             self.recorder.refused(lost, errors.QueueFull(), now, waiting=len(self._queue))
             lost.fail(errors.QueueFull())
         return None
+
+    def put_back(self, transaction: Transaction) -> None:
+        """Let a transaction wait to be sent again; see WaitingQueue."""
+        self._queue.put_back(transaction)
+
+    def expired(self, now: float) -> list[Request]:
+        """Remove the requests that have waited too long at `now`."""
+        return self._queue.expired(now)
+
+    def given_up(self, now: float) -> list[Transaction]:
+        """Remove the transactions that it is too late to send again."""
+        return self._queue.given_up(now)
+
+    def next_expiry(self) -> float | None:
+        """When the next request will have waited too long, or earlier."""
+        return self._queue.next_expiry()
 
     def next(self, now: float) -> Transaction | None:
         """Take out the next transaction; None if none may be sent now."""

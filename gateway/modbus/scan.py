@@ -11,6 +11,8 @@ from gateway.modbus.pdu import RequestPdu
 
 #: The PDU of an exception response.
 EXCEPTION_SIZE: Final = 2
+#: Each unit identifier as it begins a frame.
+_BYTES: Final = tuple(bytes((unit,)) for unit in range(256))
 #: A place that no byte reaches.
 NEVER: Final = 1 << 60
 
@@ -37,7 +39,7 @@ class Expected:
     __slots__ = ("asked", "head", "since", "skipped", "unit")
 
     def __init__(self, unit: int | None, asked: RequestPdu, since: int = 0) -> None:
-        known = b"" if unit is None else bytes((unit,))
+        known = b"" if unit is None else _BYTES[unit]
         self.unit = unit
         self.asked = asked
         self.since = since

@@ -1,5 +1,6 @@
 """The scanner of an ASCII line: CR LF ends a frame, never silence (S 2.5.2)."""
 
+from functools import lru_cache
 from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
@@ -8,6 +9,9 @@ from gateway.modbus.scan import EXCEPTION_SIZE, NEVER, Expected, Scanner, Token
 
 #: Unit identifier and LRC around a PDU.
 _OVERHEAD: Final = 2
+
+#: Clients repeat the same few requests.
+_encoded: Final = lru_cache(maxsize=512)(ascii_framing.encode)
 
 
 class AsciiScanner(Scanner):
@@ -19,7 +23,7 @@ class AsciiScanner(Scanner):
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
         """See `Scanner`."""
-        return ascii_framing.encode(unit, pdu)
+        return _encoded(unit, pdu)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
         """See `Scanner`."""

@@ -14,6 +14,7 @@ tried.
 """
 
 import re
+from functools import lru_cache
 from heapq import heappop, heappush
 from typing import Final, cast
 
@@ -37,6 +38,8 @@ _FIRST_SIZES: Final = tuple(
     tuple((reading, size) for reading, pdu_size in enumerate(_READINGS) if (size := pdu_size(bytes((code,)))))
     for code in range(256)
 )
+#: Clients repeat the same few requests.
+_encoded: Final = lru_cache(maxsize=512)(rtu.encode)
 #: A unit identifier before a function code, no exception, whose frames tell their size.
 _BEGIN: Final = re.compile(
     b"(?s).(?=[" + re.escape(bytes(code for code in range(1, 128) if _FIRST_SIZES[code])) + b"])"
@@ -70,7 +73,7 @@ class RtuScanner(Scanner):
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
         """See `Scanner`."""
-        return rtu.encode(unit, pdu)
+        return _encoded(unit, pdu)
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
         """See `Scanner`."""

@@ -14,6 +14,7 @@ from serial import PARITY_NONE, Serial
 from serial_asyncio import SerialTransport
 
 from gateway.errors import PortClosed, PortError
+from gateway.ports.exact_loop import ExactLoop
 from gateway.ports.ioctls import character_errors, set_input_flags
 from gateway.ports.marked import MarkedInput
 from gateway.ports.opening import OpenDevice, change_baud, close_device, open_device
@@ -22,8 +23,8 @@ from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.threads import ThreadPerCall
 from gateway.timing.characters import CharacterFormat
 
-#: As much as the system buffers for a terminal.
-READ_SIZE: Final = 4096
+#: More than a line delivers between two looks, and little enough that Python has room for it at hand.
+READ_SIZE: Final = 256
 #: Bytes that may wait for a driver that takes none. A line has one frame under way.
 WRITE_BOUND: Final = 16 * 1024
 #: How long a closed port may go on passing them to the driver, in seconds.
@@ -127,6 +128,9 @@ class SerialPort(SerialTransport):
         self._user: PortUser | None = user
         self._received = MarkedInput(user.received).received if device.marked else user.received
         self._closed = asyncio.Event()
+        #: How the loop leaves the port alone for a while; None if it has to forget it.
+        self._mask = loop.mask if isinstance(loop, ExactLoop) else None
+        self._is_paused = False
         self._errors_before = character_errors(self._descriptor)
 
     @property
@@ -139,20 +143,28 @@ class SerialPort(SerialTransport):
         """Send `data` now; what the driver does not take at once follows later."""
         if self._closing:
             return
-        rest = bytes(data) if self._write_buffer else bytes(data[self._send(data) :])
-        if rest and not self._closing:
-            self._buffer(rest)
+        sent = 0 if self._write_buffer else self._send(data)
+        if sent < len(data) and not self._closing:
+            self._buffer(bytes(data[sent:]))
 
     def pause(self) -> bool:
-        """Read nothing until `read_now`. A loss is noticed only then."""
-        self._remove_reader()
+        """Read nothing until `read_now`."""
+        if self._mask is None or not self._has_reader:
+            self._remove_reader()
+        elif not self._is_paused:
+            self._is_paused = True
+            self._mask(self._descriptor, is_masked=True)
         return True
 
     def read_now(self) -> None:
         """See Port."""
-        if not self._closing:
-            self._ensure_reader()
-            self._read_ready()
+        if self._closing:
+            return
+        if self._is_paused and self._mask is not None:
+            self._is_paused = False
+            self._mask(self._descriptor, is_masked=False)
+        self._ensure_reader()
+        self._read_ready()
 
     def change_baud(self, baud: int) -> None:
         """Change the rate, in a thread, because the driver may block."""
@@ -176,17 +188,26 @@ class SerialPort(SerialTransport):
         return f"<SerialPort {self._device.port} {state}, {self.get_write_buffer_size()} bytes to send>"
 
     def _read_ready(self) -> None:
+        """Deliver what is there, in pieces of READ_SIZE."""
+        data = self._read()
+        while len(data) == READ_SIZE and not self._closing:
+            self._received(data)
+            data = self._read()
+        if data and not self._closing:
+            self._received(data)
+
+    def _read(self) -> bytes:
+        """What the driver has; empty if that is nothing, or if the port is lost."""
         try:
             data = os.read(self._descriptor, READ_SIZE)
         except (BlockingIOError, InterruptedError):
-            return
+            return b""
         except DriverError as error:
             self._abort(PortError(why_lost(self._device.port, error)))
-            return
-        if data:
-            self._received(data)
-        else:
+            return b""
+        if not data:
             self._abort(PortError(f"{self._device.port} is gone: unplugged, or its driver has closed it"))
+        return data
 
     def _baud_changed(self, changing: asyncio.Future[None]) -> None:
         error = None if changing.cancelled() else changing.exception()

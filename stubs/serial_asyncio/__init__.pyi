@@ -8,6 +8,7 @@ class SerialTransport(asyncio.Transport):
     _loop: asyncio.AbstractEventLoop
     _serial: Serial
     _closing: bool
+    _has_reader: bool
     _write_buffer: list[bytes]
     def __init__(
         self, loop: asyncio.AbstractEventLoop, protocol: asyncio.BaseProtocol, serial_instance: Serial

@@ -17,7 +17,7 @@ def test_the_version_that_was_read():
     assert version("pyserial-asyncio") == "0.6"
 
 
-@pytest.mark.parametrize("name", ["_loop", "_closing", "_write_buffer"])
+@pytest.mark.parametrize("name", ["_loop", "_closing", "_has_reader", "_write_buffer"])
 async def test_an_attribute_is_there(name):
     transport = SerialTransport(asyncio.get_running_loop(), asyncio.Protocol(), NoSerial())
     transport._closing = True  # so that it does not start to read
