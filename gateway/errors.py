@@ -210,6 +210,10 @@ class ListenError(GatewayError):
     """A listener cannot use its address; the message says why, and what to do."""
 
 
+class TlsError(GatewayError):
+    """A certificate, a key or a revocation list cannot be used; the message names its file, and what to do."""
+
+
 class StateError(GatewayError):
     """A file in the state directory cannot be read; the message names it, and what to do."""
 

@@ -162,6 +162,17 @@ class WebUsersRejected(Event):
     reason: str
 
 
+class CertificateExpires(Event):
+    """A certificate or a revocation list is valid for less than a month. `used_by` names a table of the config."""
+
+    level = Level.WARNING
+    used_by: str
+    key: str
+    file: str
+    subject: str
+    days_left: float
+
+
 class Ready(Event):
     """Clients can connect and every line was tried once."""
 
@@ -219,6 +230,17 @@ class StateDamaged(Event):
 # --- clients ---
 
 
+class ClientEvent(Event):
+    """An event about a client. One with a certificate has its `subject`, and its `role`, empty for the null role."""
+
+    def fields(self) -> dict[str, object]:
+        """The fields of the log line; these two only with a certificate."""
+        found = super().fields()
+        if not found["subject"]:
+            del found["subject"], found["role"]
+        return found
+
+
 class ListenerUp(Event):
     """Clients can connect to this address."""
 
@@ -226,12 +248,14 @@ class ListenerUp(Event):
     address: str
 
 
-class ClientConnected(Event):
+class ClientConnected(ClientEvent):
     """A client has connected."""
 
     level = Level.DEBUG
     listener: str
     client: str
+    subject: str = ""
+    role: str = ""
 
 
 class ClientClosed(Event):
@@ -267,7 +291,7 @@ class RequestRefused(Event):
         return cls(request.origin.client, request.unit, request.pdu[0], f"{error.code:02X}", str(error))
 
 
-class AccessDenied(Event):
+class AccessDenied(ClientEvent):
     """A client used a function without the right to it; it got exception 01, and nothing was sent."""
 
     level = Level.WARNING
@@ -275,9 +299,11 @@ class AccessDenied(Event):
     client: str
     unit: int
     function: int
+    subject: str = ""
+    role: str = ""
 
 
-class WriteAudit(Event):
+class WriteAudit(ClientEvent):
     """The result of a request that may have changed something: one event for each such request.
 
     `address` and `count` are the coils or registers to write; None for functions without them, and for malformed
@@ -295,6 +321,8 @@ class WriteAudit(Event):
     result: str
     code: str
     elapsed_ms: float
+    subject: str = ""
+    role: str = ""
 
     @property
     def was_sent(self) -> bool:

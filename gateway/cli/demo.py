@@ -35,6 +35,7 @@ from gateway.service.systemd import Notifier
 from gateway.service.verbs import verbs
 from gateway.service.web import web_pages
 from gateway.simulator.panel import Panel
+from gateway.tls.store import TlsStore
 
 #: The ports of the demo and of its page; any free port if one is in use.
 _PORT: Final = 5020
@@ -206,7 +207,7 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     try:
         async with asyncio.timeout(_PATIENCE):
             await ready.wait()
-        async with web_pages(plan.web, running, reloader, fan_out):
+        async with web_pages(plan.web, running, reloader, fan_out, TlsStore()):
             yield running, verbs(running, reloader)
     finally:
         stop.order("the demo is stopping")

@@ -48,6 +48,7 @@ VERBS: Final[Mapping[str, str]] = {
     "import": "turn the config of another program into one for the gateway",
     "completion": "print a script that completes commands in a shell",
     "user": "say who may log in at the web page",
+    "certificates": "make certificates for tls:// and https://",
 }
 
 

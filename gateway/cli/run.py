@@ -6,6 +6,7 @@ import faulthandler
 import signal
 import sys
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from gateway import events
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
-from gateway.errors import ListenError, StateError
+from gateway.errors import ListenError, StateError, TlsError
 from gateway.images.store import Store
 from gateway.listeners.sockets import OpenSockets
 from gateway.observe.fan_out import FanOut
@@ -36,6 +37,7 @@ from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
 from gateway.service.verbs import verbs
 from gateway.service.web import web_pages
+from gateway.tls.store import TlsStore, load_all
 
 
 class _Source(NamedTuple):
@@ -57,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ListenError: a listener's address cannot be used.
         StateError: what was remembered cannot be read.
+        TlsError: a certificate or a key cannot be used.
     """
     if sys.stderr is not None:
         faulthandler.enable()  # print a traceback if the watchdog ends the process
@@ -75,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
             warn(loaded.problems, emit)
             control = args.control or plan.control or control_path(file)
             _serve(plan, _Source(file, loaded.text), Path(control), fan_out)
-    except (ListenError, StateError) as error:
+    except (ListenError, StateError, TlsError) as error:
         _tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise
     return FINE
@@ -114,8 +117,12 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     emit = fan_out.emit
     loop = asyncio.get_running_loop()
 
+    contexts = TlsStore()
+    contexts.adopt(load_all(plan.secured))
+    open_port = partial(opener, store=contexts)
+
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
-        return build(plan, loop, opener, state.memory, emit, state.store, gateway)
+        return build(plan, loop, open_port, state.memory, emit, state.store, gateway, contexts)
 
     def prepare(plan: Plan) -> None:
         if any(image.persist != "never" for image in plan.images):
@@ -123,13 +130,13 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
 
     systemd, stop = Notifier(), Stop()
     running = Running(rebuild(plan, None), emit, OpenSockets(take_inherited_sockets()), state.left_behind)
-    reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text)
+    reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
     async with (
         control_open(control, verbs(running, reloader), emit),
-        web_pages(plan.web, running, reloader, fan_out, state.folder),
+        web_pages(plan.web, running, reloader, fan_out, contexts, state.folder),
     ):
         garbage.settle()
         await serve(running, stop, systemd, reloader)

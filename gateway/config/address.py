@@ -91,7 +91,7 @@ def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
         raise WrongValue("is not a valid address", f'write it as "{example}"; an IPv6 address needs brackets')
     scheme, ipv6, name, port = match.groups()
     if scheme not in schemes:
-        usable = ", ".join(f"{one}://" for one in schemes if one != "tls")  # not built yet: see not_yet.py
+        usable = ", ".join(f"{one}://" for one in schemes)
         raise WrongValue(f"unknown protocol {scheme}://", f"it can be {usable}")
     host = ipv6 if ipv6 is not None else name
     if host in ("", "*"):

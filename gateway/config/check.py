@@ -13,6 +13,7 @@ from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_load import check_load
 from gateway.config.check_points import check_points
 from gateway.config.check_repeats import check_repeats
+from gateway.config.check_tls import check_tls
 from gateway.config.check_units import (
     check_asked,
     check_device_rows,
@@ -23,7 +24,6 @@ from gateway.config.check_units import (
 )
 from gateway.config.check_upstreams import check_upstreams
 from gateway.config.check_web import check_web
-from gateway.config.not_yet import check_built, unbuilt_tables
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
 from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
 
@@ -52,16 +52,13 @@ def check(
     real_path: Callable[[str], str] = str,
     address_trouble: AddressTrouble = lambda _: None,
 ) -> Iterator[Problem]:
-    """All conflicts between tables, and features that this version does not have.
+    """All conflicts between tables.
 
     `failed` are the sections with a table that is missing because it has errors: references that may mean it are not
     reported. `port_trouble` and `real_path` check ports, `address_trouble` checks addresses of listeners.
     """
-    unbuilt = unbuilt_tables(config)
     looked_at = (*_look_at_ports(config, port_trouble), *_look_at_addresses(config, address_trouble))
-    misfits = (*_check_all(config, failed, real_path), *looked_at)
-    found = [problem for problem in misfits if not any(problem.path[: len(path)] == path for path in unbuilt)]
-    found += check_built(config)
+    found = [*_check_all(config, failed, real_path), *looked_at]
     yield from found
     if not failed and all(problem.severity == "warning" for problem in found):
         yield from check_repeats(config)
@@ -80,6 +77,7 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
         yield from _check_role(line)
     yield from _check_control(config)
     yield from check_web(config)
+    yield from check_tls(config)
     yield from _check_profiles(config, failed)
     yield from check_points(config, failed)
     yield from _check_spoken(config)
@@ -96,6 +94,8 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    if config.site:
+        yield warning(("site",), "site has no effect yet in this version")
     if not (config.line or config.image or config.upstream or failed):
         yield error((), "there is no [[line]], and nothing else to serve", 'add [[line]] with port = "/dev/ttyUSB0"')
 

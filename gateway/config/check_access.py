@@ -41,7 +41,10 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 def _defaults(config: Config) -> Iterator[Problem]:
     for listen in config.listen:
         row = ""
-        if listen.bind.scheme == "udp":
+        if listen.bind.scheme == "tls":
+            what = "TLS clients may only read without [[access]], whatever their roles"
+            row = f'role = "operator", listen = ["{listen.label}"]'
+        elif listen.bind.scheme == "udp":
             what = "UDP clients may only read without [[access]]: a datagram can name any address as its sender"
             row = f'listen = ["{listen.label}"]'
         elif not listen.bind.is_loopback:

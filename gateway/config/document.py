@@ -8,7 +8,6 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from gateway.config.load import builtin_profiles
-from gateway.config.not_yet import REFUSED, WITHOUT_EFFECT
 from gateway.config.schema import Config, Table
 from gateway.config.values import Kind
 from gateway.config.wording import keys_of, row_model
@@ -142,7 +141,7 @@ _HEADINGS: Final = {
 
 def document() -> str:
     """The whole page."""
-    parts = [_OPENING, *_sections(), _profiles(), _not_yet()]
+    parts = [_OPENING, *_sections(), _profiles()]
     return "\n".join(parts)
 
 
@@ -224,23 +223,6 @@ def _default(field: FieldInfo) -> str:
 def _profiles() -> str:
     rows = [f"| `{name}` | {table.title} |" for name, table in builtin_profiles().items()]
     return "\n".join(["## Built-in profiles", "", "| name | for |", "|---|---|", *rows, ""])
-
-
-def _not_yet() -> str:
-    return "\n".join(
-        [
-            "## Not implemented yet",
-            "",
-            "This version rejects a config with:",
-            "",
-            *(f"- {gap.what}" for gap in REFUSED),
-            "",
-            "It accepts, without effect:",
-            "",
-            *(f"- {gap.what}" for gap in WITHOUT_EFFECT),
-            "",
-        ]
-    )
 
 
 if __name__ == "__main__":

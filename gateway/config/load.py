@@ -12,7 +12,6 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from gateway.config.check import AddressTrouble, PortTrouble, check
-from gateway.config.not_yet import refusal
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
 from gateway.config.problem import Path, Problem, error
@@ -199,8 +198,7 @@ class _Reader:
             table = model.model_validate(raw)
         except ValidationError as wrong:
             self.failed.add(str(path[0]))
-            refused = refusal(model, path)
-            self.problems += [refused] if refused else value_problems(wrong, model, path, self._positions.written)
+            self.problems += value_problems(wrong, model, path, self._positions.written)
             rest = _without(wrong, raw, model)
             if rest is None:
                 return None

@@ -21,7 +21,6 @@ from gateway.config.schema import (
     Upstream,
     Web,
 )
-from gateway.config.secret_file import SecretFile
 from gateway.devices.device import DeviceSettings
 from gateway.images import self_map
 from gateway.images.image import ImageSettings
@@ -39,6 +38,7 @@ from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import LineTiming
 from gateway.timing.table import Point as TimingPoint
 from gateway.timing.table import TimingTable
+from gateway.tls.settings import ClientTls, Secured, ServerTls
 from gateway.upstreams.upstream import UpstreamSettings
 
 #: The listener without any [[listen]].
@@ -144,11 +144,16 @@ class WebPlan:
     hosts: tuple[str, ...]
     token: str | None
     users: str | None = None
-    certificate: SecretFile | None = None
-    key: SecretFile | None = None
+    tls: ServerTls | None = None
     proxy: tuple[Network, ...] = ()
     write: bool = False
     history: bool = True
+    source: str = field(default="", compare=False)
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """Its address, if it is https://."""
+        return () if self.tls is None else (Secured("web", self.source, self.tls),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +176,14 @@ class Plan:
     web: WebPlan | None = None
     #: How many bytes the ring of `trace` has; 0 for none.
     ring: int = DEFAULT_RING
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """Every address that TLS secures, but for the web page: without that, all else works."""
+        listeners = ((f"listen {one.name}", one.source, one.tls) for one in self.listeners)
+        upstreams = ((f"upstream {one.upstream.name}", one.upstream.source, one.port.tls) for one in self.upstreams)
+        every = (*listeners, *upstreams)
+        return tuple(Secured(name, source, tls) for name, source, tls in every if tls is not None)
 
 
 def resolve(config: Config) -> Plan:
@@ -254,7 +267,22 @@ def _listener(listen: Listen, everyone: Iterable[Listen]) -> ListenSettings:
         ipv6_only=any(bind.takes_ipv4_of(other.bind) for other in everyone),
         line=listen.line or "",
         shares_port=any(bind.has_port_of(other.bind) for other in everyone if other is not listen),
+        tls=_server_tls(listen),
     )
+
+
+def _server_tls(table: Listen | Web) -> ServerTls | None:
+    if table.certificate is None or table.key is None:
+        return None
+    if isinstance(table, Listen):
+        return ServerTls(table.certificate, table.key, table.clients_ca, table.crl)
+    return ServerTls(table.certificate, table.key)
+
+
+def _client_tls(upstream: Upstream) -> ClientTls | None:
+    if upstream.certificate is None or upstream.key is None or upstream.ca is None:
+        return None
+    return ClientTls(upstream.certificate, upstream.key, upstream.ca, upstream.server_name or upstream.to.host)
 
 
 def _line(line: Line, profiles: dict[str, Profile], config: Config) -> LinePlan:
@@ -369,7 +397,8 @@ def _upstream(upstream: Upstream) -> UpstreamPlan:
     settings = UpstreamSettings(
         name=upstream.label, timeout=upstream.timeout, in_flight=upstream.in_flight, source=upstream.source
     )
-    return UpstreamPlan(_server(upstream.to, latency=0.0), settings, tuple(_behind(upstream)))
+    port = replace(_server(upstream.to, latency=0.0), tls=_client_tls(upstream))
+    return UpstreamPlan(port, settings, tuple(_behind(upstream)))
 
 
 def _behind(upstream: Upstream) -> Iterator[DeviceSettings]:
@@ -458,6 +487,7 @@ def _access(row: Access) -> Row:
         networks=row.networks,
         listeners=None if row.listen is None else frozenset(row.listen),
         units=None if row.units == "all" else frozenset(row.units),
+        role=row.role,
         source=row.source,
     )
 
@@ -474,8 +504,8 @@ def _web(web: Web) -> WebPlan:
         hosts=web.hosts,
         token=web.token,
         users=web.users,
-        certificate=web.certificate,
-        key=web.key,
+        tls=_server_tls(web),
+        source=web.source,
         proxy=web.proxy or (),
         write=web.write,
         history=web.history,

@@ -32,6 +32,7 @@ from gateway.config.values import (
     PointName,
     PointWriting,
     Ranges,
+    Role,
     SerialPort,
     ServerAddress,
     Size,
@@ -92,8 +93,9 @@ class Listen(Table):
 
     name: Name | None = Field(None, description="Its name in logs and in `[[access]]`. Default: the address.")
     bind: ListenAddress = Field(
-        description="Protocol, host and port: `tcp://`, `rtu+tcp://`, `ascii+tcp://` or `udp://` (`tls://` is not "
-        "supported in this version). Default port: 502; none for RTU and ASCII over TCP. Port 0 uses a free one. "
+        description="Protocol, host and port: `tcp://`, `tls://` ([Modbus/TCP Security](certificates.md)), "
+        "`rtu+tcp://`, `ascii+tcp://` or `udp://`. Default port: 502, with `tls://` 802; none for RTU and ASCII over "
+        "TCP. Port 0 uses a free one. "
         "`0.0.0.0` is every IPv4 address. `[::]` is every address, except IPv4 if another listener has an IPv4 address "
         "on the same port.",
     )
@@ -134,6 +136,21 @@ class Listen(Table):
         description="Makes this a listener for one line: unit IDs 1-247 are addresses on that line, regardless of "
         "`as`, and nothing else can be reached. If the line has no `devices`, all addresses are passed through. "
         "`unit0`, and `[[access]]` rows that name this listener, use these addresses too.",
+    )
+    certificate: CredentialFile | None = Field(
+        None, description="With `tls://`: the file with the certificate and its chain (PEM)."
+    )
+    key: CredentialFile | None = Field(
+        None, description="With `tls://`: the file with the private key (PEM); only its owner and group may read it."
+    )
+    clients_ca: CredentialFile | None = Field(
+        None,
+        description="With `tls://`: the file with the certificates of the authorities of clients (PEM).",
+    )
+    crl: CredentialFile | None = Field(
+        None,
+        description="With `tls://`: the file with the revocation list of each of these authorities (PEM). A list that "
+        "has expired refuses every client.",
     )
 
     @property
@@ -447,11 +464,28 @@ class Upstream(Table):
     """Another Modbus TCP server, and the units behind it."""
 
     name: Name | None = Field(None, description="Its name in logs. Default: the address.")
-    to: ServerAddress = Field(description="Its address.")
+    to: ServerAddress = Field(
+        description="Its address: `tcp://`, or `tls://` for a server with Modbus/TCP Security. Default port: 502, with "
+        "`tls://` 802."
+    )
     units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
     timeout: Duration = Field(1.0, description="How long a response may take.")
     in_flight: Annotated[int, Field(ge=1, le=64)] = Field(
         16, description="Requests in progress at once; 1 for a server that can only handle one."
+    )
+    certificate: CredentialFile | None = Field(
+        None, description="With `tls://`: the file with the certificate that the gateway shows, and its chain (PEM)."
+    )
+    key: CredentialFile | None = Field(
+        None, description="With `tls://`: the file with its private key (PEM); only its owner and group may read it."
+    )
+    ca: CredentialFile | None = Field(
+        None,
+        description="With `tls://`: the file with the certificates of the authorities of the server (PEM).",
+    )
+    server_name: Name | None = Field(
+        None,
+        description="With `tls://`: the name or address in the certificate of the server. Default: the host in `to`.",
     )
 
     @property
@@ -527,7 +561,11 @@ class Access(Table):
         "socket and the web page keep their rights until a row names them. UDP clients can write only through a row "
         "that names their listener. A row names either listeners for one line, or others.",
     )
-    role: str | None = Field(None, description="The role in the certificate of a TLS client.")
+    role: Role | None = Field(
+        None,
+        description='The role in the certificate of a TLS client; `""` for one without a role. For clients of `tls://` '
+        "a row without this key counts only if it names the listener.",
+    )
     units: UnitsOrAll = Field(
         "all",
         description="Unit IDs for clients, 1-247 and 255; in a row that names a listener for one line, addresses on "

@@ -21,13 +21,14 @@ from gateway.config.duration import (
 )
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.ranges import parse_ranges
-from gateway.config.secret_file import SecretFile
 from gateway.config.size import parse_size_or_zero, show_size
 from gateway.config.unitset import CLIENT_UNITS, NO_CLIENT_UNIT, parse_client_units, parse_units
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
 from gateway.timing.characters import CharacterFormat
+from gateway.tls.certificate import LONGEST_ROLE
+from gateway.tls.secret_file import SecretFile
 
 #: What is spoken behind a device server, by the scheme of its address. A line's port is one of these, or a path.
 DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": "rtu", "ascii+tcp": "ascii"}
@@ -60,6 +61,19 @@ def parse_name(value: object) -> str:
         raise NotText
     if not value or len(value) > _LONGEST_NAME or not value.isprintable() or value != value.strip():
         raise WrongValue(f"must have 1 to {_LONGEST_NAME} visible characters, and no space around them")
+    return value
+
+
+def parse_role(value: object) -> str:
+    """A role in a certificate, or "" for none.
+
+    Raises:
+        WrongValue: no certificate has such a role.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if len(value) > LONGEST_ROLE or not value.isprintable():
+        raise WrongValue(f"must have at most {LONGEST_ROLE} visible characters")
     return value
 
 
@@ -300,6 +314,7 @@ _DURATION_OR_AUTO = Kind('duration or `"auto"`', _in_quotes)
 _UNITS = Kind("units")
 
 Name = Annotated[str, PlainValidator(parse_name), Kind("text")]
+Role = Annotated[str, PlainValidator(parse_role), Kind("text")]
 Duration = Annotated[float, PlainValidator(parse_duration), _DURATION]
 #: What a device needs to think. Fast ones need less than a millisecond.
 AnswerDuration = Annotated[float, PlainValidator(partial(parse_duration, least=0.0)), _DURATION]

@@ -11,7 +11,8 @@ from gateway.listeners.session import ListenSettings, Session
 from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.ports.lazy_timer import LazyTimer
-from gateway.routing.router import Router
+from gateway.request import Target
+from gateway.routing.identity import ANONYMOUS, Identity
 
 #: The most bytes that are kept for a client that does not read its responses.
 UNSENT_BYTES: Final = 64 * 1024
@@ -21,7 +22,6 @@ class ConnectionOwner(Protocol):
     """The listener that accepted a connection."""
 
     settings: ListenSettings
-    router: Router
 
     def connected(self, connection: "TcpConnection") -> None:
         """A client has connected."""
@@ -48,20 +48,29 @@ class TcpConnection(asyncio.BufferedProtocol):
     transport: asyncio.Transport
     session: Session
 
-    def __init__(self, listener: ConnectionOwner, host: str, client: str, time: Callable[[], float]) -> None:
-        """`host` is the peer's address and decides its rights; `client` names it in events."""
+    def __init__(
+        self,
+        listener: ConnectionOwner,
+        host: str,
+        client: str,
+        time: Callable[[], float],
+        router: Target,
+        identity: Identity = ANONYMOUS,
+    ) -> None:
+        """`host` is the peer's address and decides its rights, with `identity`; `client` names it in events."""
         self.host = host
         self.client = client
+        self.identity = identity
         self._listener = listener
         self._time = time
         self._came_at = time()
         self._reason = "the client closed it"
         self._timer: LazyTimer | None = None
-        session = MbapSession if listener.settings.scheme == "tcp" else OverTcpSession
+        session = MbapSession if listener.settings.scheme in ("tcp", "tls") else OverTcpSession
         self.session = session(
             client,
             host=host,
-            router=listener.router,
+            router=router,
             connection=self,
             settings=listener.settings,
             now=self._came_at,
@@ -197,9 +206,9 @@ class TcpConnection(asyncio.BufferedProtocol):
         elif idle and self.is_idle and now - max(self.last_asked, self._came_at) >= idle:
             self._part("idle")
 
-    def finish(self) -> None:
+    def finish(self, reason: str = "the gateway is stopping") -> None:
         """Take no more requests; close when those in progress have been answered."""
-        self._reason = "the gateway is stopping"
+        self._reason = reason
         self.session.finish()
 
     def abort(self, reason: str = "") -> None:

@@ -13,6 +13,7 @@ from gateway.listeners.back_pressure import BackPressure
 from gateway.listeners.failures import OnFailure
 from gateway.modbus.functions import only_reads
 from gateway.request import Request, Target
+from gateway.tls.settings import ServerTls
 
 #: How long a client may take to send one ADU, in seconds.
 SENDING_DEADLINE: Final = 10.0
@@ -39,7 +40,7 @@ class ListenSettings:
     """One address where clients connect. Times in seconds; `idle` 0 keeps connections for ever.
 
     `reserve` of the `clients` are only for addresses that rows of the rights name.
-    `scheme` is the protocol: `tcp`, `rtu+tcp`, `ascii+tcp` or `udp`.
+    `scheme` is the protocol: `tcp`, `tls`, `rtu+tcp`, `ascii+tcp` or `udp`; `tls` are the files of the second one.
     `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
     `on_failure` is what a client gets without a response from a unit. `line` is set on a listener for one line.
     `shares_port`: another listener uses this port at another address.
@@ -59,6 +60,7 @@ class ListenSettings:
     line: str = ""
     shares_port: bool = field(default=False, compare=False)
     reserve: int = 0
+    tls: ServerTls | None = None
 
 
 @dataclass(slots=True)

@@ -51,7 +51,8 @@ class TcpListener:
         self.counts = Counts()
         self.departures = Departures()
         self.rejections = Rejections()
-        self.connections: Admission[TcpConnection] = Admission(Origins().of)
+        self._origins = Origins()
+        self.connections: Admission[TcpConnection] = Admission(self._origins.of)
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
         self._sockets: list[socket.socket] = []
@@ -138,7 +139,10 @@ class TcpListener:
         """A client has connected."""
         self.counts.accepted += 1
         self.connections.enter(connection, _now())
-        self.emit(events.ClientConnected(self.settings.name, connection.client))
+        identity = connection.identity
+        self.emit(
+            events.ClientConnected(self.settings.name, connection.client, subject=identity.subject, role=identity.role)
+        )
 
     def closing(self, connection: TcpConnection) -> None:
         """A connection is being closed and no longer counts for `clients`."""
@@ -181,18 +185,24 @@ class TcpListener:
         host, client = show_host(host), join_host_port(host, port)
         loop = asyncio.get_running_loop()
         try:
-            if not is_meant(sock, listening, self._addresses):
-                why_not = NOT_MEANT
-            else:
-                why_not = self.connections.refusal(host, self.router.rights, self.settings, loop.time(), self._dismiss)
+            is_ours = is_meant(sock, listening, self._addresses)
+            why_not = self._refusal(host, loop.time()) if is_ours else NOT_MEANT
             if not why_not:
-                await loop.connect_accepted_socket(lambda: TcpConnection(self, host, client, loop.time), sock)
+                await self._serve(sock, host, client)
             else:
                 sock.close()
                 self.rejected(client, why_not)
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection that has just begun
             sock.close()
             self.failed(f"client {client}", error)
+
+    def _refusal(self, host: str, now: float) -> str:
+        """Why a client is rejected; empty if it is accepted, perhaps after another one was closed."""
+        return self.connections.refusal(host, self.router.rights, self.settings, now, self._dismiss)
+
+    async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
+        loop = asyncio.get_running_loop()
+        await loop.connect_accepted_socket(lambda: TcpConnection(self, host, client, loop.time, self.router), sock)
 
     async def _refuse(self, listening: socket.socket, reason: str) -> None:
         """Accepting failed, probably for lack of descriptors: reject the waiting clients."""

@@ -6,6 +6,7 @@ from typing import Literal, Protocol
 
 from gateway.errors import PortError
 from gateway.timing.characters import CharacterFormat
+from gateway.tls.settings import ClientTls
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,13 +106,14 @@ class SerialSettings:
 class TcpSettings:
     """The settings of a connection to a device server, or to another Modbus TCP server. `port` is its name in messages.
 
-    `latency` is what network and server may add to a response, in seconds.
+    `latency` is what network and server may add to a response, in seconds. `tls` secures the connection.
     """
 
     port: str
     host: str
     number: int
     latency: float = 0.0
+    tls: ClientTls | None = None
 
 
 #: The settings of any port.

@@ -4,6 +4,7 @@ import asyncio
 import errno
 import os
 import socket
+import ssl
 from contextlib import suppress
 from typing import Final, cast
 
@@ -12,6 +13,7 @@ from gateway.ports.ioctls import bytes_to_send
 from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.lookup import AddressInfo, look_up
 from gateway.ports.port import Port, PortUser, TcpSettings
+from gateway.tls.reasons import explain
 
 #: How long it may take to look up the server's address, in seconds.
 LOOKUP_DEADLINE: Final = 1.5
@@ -19,6 +21,8 @@ LOOKUP_DEADLINE: Final = 1.5
 CONNECTING_DEADLINE: Final = 2.5
 #: How long at most received bytes are dropped after that, in seconds.
 LONGEST_SETTLING: Final = 0.5
+#: With TLS 1.3, a server may refuse our certificate after our side of the handshake is done: within so many seconds.
+VERDICT_WITHIN: Final = 0.2
 #: Much more than a line carries between two reads.
 READ_SIZE: Final = 4096
 #: Bytes that may wait for a server that takes none, beyond the system's buffers.
@@ -29,6 +33,7 @@ FLUSHING_DEADLINE: Final = 1.0
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
 USER_TIMEOUT: Final = 20_000
 
+_NOT_SECURED: Final = "{port}: TLS failed: {reason}"
 _NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
 _NO_ROUTE: Final = "{port} cannot be reached: there is no route to it"
 _NO_SUCH_NAME: Final = "{port}: unknown host name {host}"
@@ -47,8 +52,8 @@ _REASONS: Final = {
 }
 
 
-async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
-    """Connect to a server for `user`. If cancelled, nothing stays open.
+async def open_tcp(settings: TcpSettings, user: PortUser, context: ssl.SSLContext | None = None) -> Port:
+    """Connect to a server for `user`, with TLS if `context` is given. If cancelled, nothing stays open.
 
     What comes within the latency of the connection is dropped (LONGEST_SETTLING at most): a device server may still
     hold responses to requests from an earlier connection.
@@ -59,7 +64,7 @@ async def open_tcp(settings: TcpSettings, user: PortUser) -> Port:
     try:
         addresses = await look_up(settings.host, settings.number, socket.SOCK_STREAM, LOOKUP_DEADLINE)
         async with asyncio.timeout(CONNECTING_DEADLINE):
-            port = await _connected(settings, addresses)
+            port = await _connected(settings, addresses, context)
     except (OSError, UnicodeError) as error:
         raise PortError(_why(settings, error)) from error
     try:
@@ -80,6 +85,7 @@ class TcpPort(asyncio.BufferedProtocol):
 
     def __init__(self, settings: TcpSettings) -> None:
         self.latency = settings.latency
+        self._verdict_within = 0.0 if settings.tls is None else VERDICT_WITHIN
         self._name = settings.port
         self._buffer = memoryview(bytearray(READ_SIZE))
         self._user: PortUser | None = None
@@ -93,9 +99,11 @@ class TcpPort(asyncio.BufferedProtocol):
             PortError: the server has closed the connection again.
         """
         with suppress(TimeoutError):
-            async with asyncio.timeout(min(self.latency, LONGEST_SETTLING)):
+            async with asyncio.timeout(max(min(self.latency, LONGEST_SETTLING), self._verdict_within)):
                 await self._closed.wait()
         if self._closed.is_set():
+            if not isinstance(self._loss, PortClosed):
+                raise self._loss
             raise PortError(f"{self._name} takes the connection and closes it at once: is somebody else connected?")
 
     def begin(self, user: PortUser) -> None:
@@ -140,6 +148,8 @@ class TcpPort(asyncio.BufferedProtocol):
 
     def close(self) -> None:
         """Close once all that was written has been sent, or after FLUSHING_DEADLINE."""
+        if self._transport.is_closing():
+            return
         self._transport.close()
         if self._transport.get_write_buffer_size():
             asyncio.get_running_loop().call_later(FLUSHING_DEADLINE, self._transport.abort)
@@ -169,7 +179,9 @@ class TcpPort(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended; call the user's `lost`, once."""
         self._closed.set()
-        if isinstance(exc, OSError):
+        if isinstance(exc, ssl.SSLError):
+            self._loss = PortError(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
+        elif isinstance(exc, OSError):
             self._loss = self._gone(exc)
         user, self._user = self._user, None
         if user is not None:
@@ -187,16 +199,16 @@ class TcpPort(asyncio.BufferedProtocol):
         return f"<TcpPort {self._name} {state}, {self._transport.get_write_buffer_size()} bytes to send>"
 
 
-async def _connected(settings: TcpSettings, addresses: list[AddressInfo]) -> TcpPort:
+async def _connected(settings: TcpSettings, addresses: list[AddressInfo], context: ssl.SSLContext | None) -> TcpPort:
     """A connection to the first of the server's addresses that accepts one."""
     for address in addresses[:-1]:
         with suppress(OSError):
             async with asyncio.timeout(CONNECTING_DEADLINE / len(addresses)):
-                return await _connect(settings, address)
-    return await _connect(settings, addresses[-1])
+                return await _connect(settings, address, context)
+    return await _connect(settings, addresses[-1], context)
 
 
-async def _connect(settings: TcpSettings, address: AddressInfo) -> TcpPort:
+async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSLContext | None) -> TcpPort:
     family, kind, protocol, _, where = address
     sock = socket.socket(family, kind, protocol)
     try:
@@ -204,7 +216,8 @@ async def _connect(settings: TcpSettings, address: AddressInfo) -> TcpPort:
         _set_options(sock)
         loop = asyncio.get_running_loop()
         await loop.sock_connect(sock, where)
-        _, port = await loop.create_connection(lambda: TcpPort(settings), sock=sock)
+        name = None if settings.tls is None or context is None else settings.tls.server_name
+        _, port = await loop.create_connection(lambda: TcpPort(settings), sock=sock, ssl=context, server_hostname=name)
     except BaseException:
         sock.close()
         raise
@@ -223,6 +236,8 @@ def _why(settings: TcpSettings, error: OSError | UnicodeError) -> str:
     """Why the server cannot be reached, and what to do."""
     if isinstance(error, UnicodeError):
         reason = _NO_SUCH_NAME
+    elif isinstance(error, ssl.SSLError):
+        return _NOT_SECURED.format(port=settings.port, reason=explain(error))
     elif isinstance(error, TimeoutError):
         reason = _NO_ANSWER
     else:

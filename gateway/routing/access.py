@@ -24,8 +24,9 @@ READING: Final[Right] = READING_FUNCTIONS | {READING_IDENTIFICATION}
 WRITING: Final[Right] = frozenset(bytes((function,)) for function in range(256) if function not in READING_FUNCTIONS)
 EVERYTHING: Final[Right] = READING | WRITING
 
-#: The rights of at most so many clients are cached.
+#: The rights of at most so many clients are cached, and of so many roles.
 MOST_CLIENTS: Final = 1000
+MOST_ROLES: Final = 100
 
 
 def right_to(functions: Iterable[int]) -> Right:
@@ -37,7 +38,8 @@ def right_to(functions: Iterable[int]) -> Right:
 class Row:
     """The right of clients from `networks` at `listeners` to `units`; None means all of them.
 
-    `source` is its place in the config.
+    `role` is that in the certificate of a TLS client, NULL_ROLE for one without. A row without it is for certificates
+    of any role, but only at listeners that it names, unless it is `for_all`. `source` is its place in the config.
     """
 
     right: Right
@@ -45,6 +47,8 @@ class Row:
     listeners: frozenset[str] | None = None
     units: frozenset[int] | None = None
     source: str = field(default="", compare=False)
+    role: str | None = None
+    for_all: bool = False
 
     def applies_to(self, address: IPv4Address | IPv6Address | None) -> bool:
         """Whether it applies to a client from `address`, None for a client without one."""
@@ -53,8 +57,8 @@ class Row:
 
 LOOPBACK: Final = (ip_network("127.0.0.0/8"), ip_network("::1"))
 
-#: The default table: clients on this machine can read and write, all others only read.
-DEFAULT_ROWS: Final = (Row(EVERYTHING, networks=LOOPBACK), Row(READING))
+#: The default table: clients on this machine can read and write, all others only read, TLS clients from everywhere.
+DEFAULT_ROWS: Final = (Row(EVERYTHING, networks=LOOPBACK), Row(READING, for_all=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +66,12 @@ class EntryPoint:
     """Where clients connect. `name` is that of the listener, or of the server line.
 
     The source address of a `datagram` can be forged. `local` clients, on a serial line or the control socket, have no
-    address. `unit0` is the unit that unit 0 stands for; None for all units.
+    address. `certified` clients have shown a certificate. `unit0` is the unit that unit 0 stands for; None for all
+    units.
     """
 
     name: str
-    kind: Literal["connection", "datagram", "local"] = "connection"
+    kind: Literal["connection", "datagram", "local", "certified"] = "connection"
     unit0: int | None = None
 
 
@@ -88,6 +93,9 @@ class Rights(dict[str, tuple[Right, ...]]):
     Datagrams can only read, except by a row that names their listener. Local clients can do everything until a row
     names their entry point. A broadcast needs the right to each unit. A row with listeners applies to the unit
     identifiers there, any other row to what these are `known_as`.
+
+    For certified clients ask `of_role`: by themselves, these are the rights of no role in particular, and only tell
+    whom the listener `admits` and `names`.
     """
 
     def __init__(self, rows: Iterable[Row], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
@@ -96,6 +104,17 @@ class Rights(dict[str, tuple[Right, ...]]):
         self._known_as = known_as
         self._rows = tuple(_rows_at(entry, tuple(rows)))
         self._named: set[str] = set()
+        self._roles: dict[str, Rights] = {}
+
+    def of_role(self, role: str) -> "Rights":
+        """The rights of certified clients with this role."""
+        rights = self._roles.get(role)
+        if rights is None:
+            if len(self._roles) >= MOST_ROLES:
+                self._roles.clear()
+            rows = (row for row in self._rows if row.role in (None, role))
+            rights = self._roles[role] = Rights(rows, self._entry, self._known_as)
+        return rights
 
     def admits(self, host: str) -> bool:
         """Whether a client from this address has any right."""
@@ -139,6 +158,9 @@ def _rows_at(entry: EntryPoint, rows: tuple[Row, ...]) -> Iterable[Row]:
     if entry.kind == "local" and not any(entry.name in (row.listeners or ()) for row in rows):
         return [Row(EVERYTHING)]
     here = [row for row in rows if row.listeners is None or entry.name in row.listeners]
+    if entry.kind == "certified":
+        return [row for row in here if row.role is not None or row.listeners is not None or row.for_all]
+    here = [row for row in here if row.role is None]
     if entry.kind == "datagram":
         return [replace(row, right=_reading_of(row.right)) if row.listeners is None else row for row in here]
     return here

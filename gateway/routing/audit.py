@@ -7,6 +7,7 @@ from gateway.events import Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import parse_request
 from gateway.request import Origin, Request
+from gateway.routing.identity import ANONYMOUS, Identity
 
 
 class AuditedOrigin:
@@ -15,10 +16,17 @@ class AuditedOrigin:
     `clock` is that of `received_at`.
     """
 
-    __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "_origin", "client", "host")
+    __slots__ = ("_clock", "_emit", "_identity", "_is_broadcast", "_listener", "_origin", "client", "host")
 
     def __init__(
-        self, origin: Origin, listener: str, clock: Callable[[], float], emit: Emit, *, is_broadcast: bool
+        self,
+        origin: Origin,
+        listener: str,
+        clock: Callable[[], float],
+        emit: Emit,
+        identity: Identity = ANONYMOUS,
+        *,
+        is_broadcast: bool,
     ) -> None:
         self.client = origin.client
         self.host = origin.host
@@ -27,6 +35,7 @@ class AuditedOrigin:
         self._is_broadcast = is_broadcast
         self._clock = clock
         self._emit = emit
+        self._identity = identity
 
     def wants(self, request: Request) -> bool:
         """See Origin."""
@@ -46,6 +55,8 @@ class AuditedOrigin:
                 result=self._result(request, pdu),
                 code=f"{pdu[1]:02X}" if pdu is not None and pdu[0] & EXCEPTION_BIT else "",
                 elapsed_ms=round((self._clock() - request.received_at) * 1000, 1),
+                subject=self._identity.subject,
+                role=self._identity.role,
             )
         )
         self._origin.answer(request, pdu)

@@ -9,6 +9,7 @@ from gateway.request import Request, Target
 from gateway.routing.access import EntryPoint, Rights
 from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
+from gateway.routing.identity import ANONYMOUS, Identity
 from gateway.trace.ring import Ring
 
 
@@ -51,15 +52,26 @@ class Router:
         if target is not None and request.pdu[0] in self.rights[request.origin.host][unit]:
             target.submit(request, now)
         else:
-            self._submit_other(request, target, now)
+            self._submit_other(request, target, now, self.rights, ANONYMOUS)
 
-    def _submit_other(self, request: Request, target: Target | None, now: float) -> None:
+    def submit_for(self, identity: Identity, request: Request, now: float) -> None:
+        """The same for a client with a certificate, which has the rights of its role."""
+        unit = request.unit
+        target, rights = self.routes.get(unit), self.rights.of_role(identity.role)
+        if target is not None and request.pdu[0] in rights[request.origin.host][unit]:
+            target.submit(request, now)
+        else:
+            self._submit_other(request, target, now, rights, identity)
+
+    def _submit_other(
+        self, request: Request, target: Target | None, now: float, rights: Rights, identity: Identity
+    ) -> None:
         """Submit a write, or fail a request without a route or a right."""
         pdu = request.pdu
         if not only_reads(pdu):
             is_broadcast = isinstance(target, Broadcast)
             request.origin = AuditedOrigin(
-                request.origin, self.entry.name, self._clock, self._emit, is_broadcast=is_broadcast
+                request.origin, self.entry.name, self._clock, self._emit, identity, is_broadcast=is_broadcast
             )
         if target is None:
             self.counts.no_route += 1
@@ -68,12 +80,31 @@ class Router:
             self._ring.refuse(request, rejection, now)
             request.fail(rejection)
             return
-        right = self.rights[request.origin.host][request.unit]
+        right = rights[request.origin.host][request.unit]
         if pdu[:1] in right or pdu[:2] in right:
             target.submit(request, now)
         else:
             self.counts.denied += 1
-            self._emit(events.AccessDenied(self.entry.name, request.origin.client, request.unit, pdu[0]))
+            client = request.origin.client
+            self._emit(
+                events.AccessDenied(
+                    self.entry.name, client, request.unit, pdu[0], subject=identity.subject, role=identity.role
+                )
+            )
             denial = errors.AccessDenied(f"through {self.entry.name}")
             self._ring.refuse(request, denial, now)
             request.fail(denial)
+
+
+class CertifiedRouter:
+    """The router of one certified client: that of its listener, with the rights of its role."""
+
+    __slots__ = ("_identity", "_router")
+
+    def __init__(self, router: Router, identity: Identity) -> None:
+        self._router = router
+        self._identity = identity
+
+    def submit(self, request: Request, now: float) -> None:
+        """See Router.submit."""
+        self._router.submit_for(self._identity, request, now)

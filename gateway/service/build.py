@@ -19,6 +19,7 @@ from gateway.lines.driver import LineDriver
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
+from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import Opener
@@ -29,6 +30,7 @@ from gateway.routing.router import Router
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.reach import Reach, everything, one_line
 from gateway.service.state import Memory
+from gateway.tls.store import TlsStore
 from gateway.trace.ring import Ring
 from gateway.upstreams.driver import UpstreamDriver
 
@@ -110,16 +112,18 @@ def build(
     emit: Emit,
     store: Store | None = None,
     running: Gateway | None = None,
+    contexts: TlsStore | None = None,
 ) -> Gateway:
     """Build the parts of `plan` without starting them: nothing is opened, and the new routes do not apply yet.
 
-    Persistent images need a `store`. Parts of the `running` gateway that are the same in `plan` are reused.
+    Persistent images need a `store`, and TLS listeners `contexts`. Parts of the `running` gateway that are the same in
+    `plan` are reused.
     """
     old, ring = _Old(running), running.ring if running else Ring()
     lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring) for one in plan.lines)
     upstreams = tuple(old.upstream(one) or GatewayUpstream(one, loop, opener, emit, ring) for one in plan.upstreams)
     servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit, ring) for one in plan.servers)
-    listeners = tuple(old.listener(one) or _listener(one, loop, emit, ring) for one in plan.listeners)
+    listeners = tuple(old.listener(one) or _listener(one, loop, emit, ring, contexts) for one in plan.listeners)
     images = tuple(old.image(one) or _image(one, store, emit, ring) for one in plan.images)
     on_lines = tuple(line.devices_of(one) for line, one in zip(lines, plan.lines, strict=True))
     devices = [device for units in (*on_lines, *(one.devices for one in upstreams)) for device in units.values()]
@@ -197,16 +201,22 @@ def _image(settings: ImageSettings, store: Store | None, emit: Emit, ring: Ring)
     return PersistentImage(settings, store, emit, ring)
 
 
-def _listener(settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit, ring: Ring) -> Listener:
+def _listener(
+    settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit, ring: Ring, contexts: TlsStore | None
+) -> Listener:
     why_no_route = "no such unit"
     if settings.line:
         why_no_route += f": {settings.name} leads to line {settings.line} only"
     router = Router(_entry_point(settings), loop.time, emit, why_no_route, ring)
+    if settings.tls is not None:
+        assert contexts is not None  # noqa: S101 - required for plans with TLS listeners
+        return TlsListener(settings, router, emit, contexts)
     return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 
 
 def _entry_point(settings: ListenSettings) -> EntryPoint:
-    kind: Literal["connection", "datagram"] = "datagram" if settings.scheme == "udp" else "connection"
+    kinds: dict[str, Literal["certified", "datagram", "connection"]] = {"tls": "certified", "udp": "datagram"}
+    kind = kinds.get(settings.scheme, "connection")
     return EntryPoint(settings.name, kind, settings.unit0 if isinstance(settings.unit0, int) else None)
 
 

@@ -10,13 +10,16 @@ from gateway import events
 from gateway.config.load import load
 from gateway.config.plan import Plan, resolve
 from gateway.config.problem import Problem
-from gateway.errors import ListenError, StateError
+from gateway.errors import ListenError, StateError, TlsError
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import garbage
 from gateway.service.build import Gateway
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary
+from gateway.tls.contexts import Loaded as LoadedTls
+from gateway.tls.settings import Secured
+from gateway.tls.store import TlsStore, load_all
 
 #: How long reading the file may take, in seconds. The client waits for 40 s.
 LOADING_TIME: Final = 10.0
@@ -51,7 +54,8 @@ class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
     `text` is that of the file when it was used last.
-    `prepare` reads saved values for a plan from the disk, in a thread: an image may have a hundred thousand.
+    `prepare` reads saved values for a plan from the disk, in a thread: an image may have a hundred thousand. So are
+    certificates read, those of unchanged tables too, and then replace those in `contexts`.
     `rebuild` builds the gateway of a plan, reusing unchanged parts of the present one.
     """
 
@@ -64,6 +68,7 @@ class Reloader:
         prepare: Callable[[Plan], None] = lambda _: None,
         *,
         text: str = "",
+        contexts: TlsStore | None = None,
     ) -> None:
         self.file = file
         self.text = text
@@ -71,6 +76,7 @@ class Reloader:
         self._running = running
         self._rebuild = rebuild
         self._prepare = prepare
+        self._contexts = contexts or TlsStore()
         self._systemd = systemd
         self.at_start = running.gateway.plan
         self._turn = asyncio.Lock()
@@ -123,11 +129,13 @@ class Reloader:
         old, new = self._running.gateway.plan, resolve(loaded.config)
         try:
             async with asyncio.timeout(LOADING_TIME):
+                secured = (*new.secured, *(new.web.secured if new.web else ()))
+                certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, secured)
                 await loop.run_in_executor(ThreadPerCall("read state"), self._prepare, new)
-            defect = await self._switch(self._rebuild(new, self._running.gateway))
+            defect = await self._switch(self._rebuild(new, self._running.gateway), certificates)
         except TimeoutError:
-            return self._rejected((f"what images keep cannot be read within {LOADING_TIME:g} s",))
-        except (ListenError, StateError) as error:
+            return self._rejected((f"what images keep, or certificates, cannot be read within {LOADING_TIME:g} s",))
+        except (ListenError, StateError, TlsError) as error:
             return self._rejected((str(error),))
         garbage.settle()
         self.text = loaded.text
@@ -142,16 +150,19 @@ class Reloader:
         )
         return outcome
 
-    async def _switch(self, new: Gateway) -> str:
+    async def _switch(self, new: Gateway, certificates: Mapping[Secured, LoadedTls]) -> str:
         """Switch to `new`; returns a defect, if one occurred and `new` is in use nevertheless.
 
         Raises:
             ListenError: as Running.switch.
         """
+        before = self._contexts.adopt(certificates)
         try:
             await self._running.switch(new)
+            self._running.renew_certificates()
         except Exception as error:
             if self._running.gateway is not new:
+                self._contexts.adopt(before)
                 raise
             self._running.emit(events.PartFailed.of("reload", error))
             return f"a defect in the gateway: {error!r}; restart it, and please report this"

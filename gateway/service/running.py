@@ -10,6 +10,7 @@ from gateway.errors import ListenError, PortError, WrongQuestion
 from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
+from gateway.listeners.tls import TlsListener
 from gateway.ports.reconnector import Reconnector
 from gateway.service.build import Driver, Gateway, Listener, Part
 from gateway.service.overdue import LeftBehind, place_of
@@ -199,6 +200,12 @@ class Running:
                     group.create_task(self._start_after(before, part), name=f"start:{part.name}")
             for mirror in new.mirrors:
                 mirror.start()
+
+    def renew_certificates(self) -> None:
+        """After a reload: clients that may not be trusted any more must show their certificates again."""
+        for listener in self.gateway.listeners:
+            if isinstance(listener, TlsListener):
+                listener.renew()
 
     async def _take_sockets(self, new: Gateway, come: list[Listener], gone: list[Listener]) -> None:
         """Listen at the addresses of the new listeners (`come`), replacing old ones (`gone`) where necessary."""

@@ -1,6 +1,7 @@
 """`[web]`: metrics and health over HTTP. Its libraries are loaded only if configured."""
 
 import asyncio
+import ssl
 import time
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, AsyncExitStack, aclosing, asynccontextmanager
@@ -13,7 +14,7 @@ from typing import Any, Final
 from gateway import events
 from gateway.config.plan import WebPlan
 from gateway.config.rights_in_words import RightsRow
-from gateway.errors import UsersError
+from gateway.errors import TlsError, UsersError
 from gateway.modbus.pdu import Span, exception_response
 from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
@@ -26,10 +27,10 @@ from gateway.service.operator import Question, UnitPicture, picture, pictures, s
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.rights import Verdict, rights_in_words, routers, verdict
 from gateway.service.running import Running
-from gateway.service.secret_files import path_of, refuse_if_exposed
 from gateway.service.trace import Fact
 from gateway.service.trace_reader import Texts, TraceReader, capture, latest
 from gateway.timing.history import History, Past
+from gateway.tls.store import TlsStore, load_all
 from gateway.web.answers import Answer, Asker, Which
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
 
@@ -41,7 +42,12 @@ _STATUS_KEPT: Final = 1.0
 
 @asynccontextmanager
 async def web_pages(
-    plan: WebPlan | None, running: Running, reloader: Reloader, fan_out: FanOut, folder: Path | None = None
+    plan: WebPlan | None,
+    running: Running,
+    reloader: Reloader,
+    fan_out: FanOut,
+    contexts: TlsStore,
+    folder: Path | None = None,
 ) -> AsyncIterator[None]:
     """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more.
 
@@ -50,21 +56,21 @@ async def web_pages(
     async with AsyncExitStack() as stack:
         if plan is not None:
             try:
-                await stack.enter_async_context(_open(plan, running, reloader, fan_out, folder))
+                await stack.enter_async_context(_open(plan, running, reloader, fan_out, contexts, folder))
             except ModuleNotFoundError as error:
                 running.emit(events.WebClosed(str(plan.bind), _MISSING.format(error.name)))
             except OSError as error:
                 running.emit(
                     events.WebClosed(str(plan.bind), f"{error.filename or ''} {error.strerror or error}".strip())
                 )
-            except UsersError as error:
+            except (UsersError, TlsError) as error:
                 running.emit(events.WebClosed(str(plan.bind), str(error)))
         yield
 
 
 @asynccontextmanager
 async def _open(
-    plan: WebPlan, running: Running, reloader: Reloader, fan_out: FanOut, folder: Path | None
+    plan: WebPlan, running: Running, reloader: Reloader, fan_out: FanOut, contexts: TlsStore, folder: Path | None
 ) -> AsyncIterator[None]:
     server = import_module("gateway.web.server")
     settings = server.WebSettings(
@@ -73,8 +79,7 @@ async def _open(
         hosts=plan.hosts,
         token=_token(plan),
         users=_users(plan),
-        certificate=None if plan.certificate is None else path_of(plan.certificate),
-        key=_key(plan),
+        tls=_renewed(plan, contexts),
         proxy=plan.proxy,
         write=plan.write,
     )
@@ -101,17 +106,23 @@ def _token(plan: WebPlan) -> str:
     return token
 
 
-def _key(plan: WebPlan) -> Path | None:
-    """The file with the private key.
+def _renewed(plan: WebPlan, contexts: TlsStore) -> ssl.SSLContext | None:
+    """The context for the server; None for http://. Each connection has what was loaded last, by a reload.
 
     Raises:
-        OSError: others may read it, or there is none.
+        TlsError: a file cannot be used.
     """
-    if plan.key is None:
+    tls = plan.tls
+    if tls is None:
         return None
-    path = path_of(plan.key)
-    refuse_if_exposed(path)
-    return path
+    contexts.add(load_all(plan.secured))
+
+    def renew(connection: ssl.SSLObject, _name: str | None, _context: ssl.SSLContext) -> None:
+        connection.context = contexts[tls].context
+
+    context = contexts[tls].context
+    context.sni_callback = renew
+    return context
 
 
 def _users(plan: WebPlan) -> Path | None:

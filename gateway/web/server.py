@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import ssl
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
@@ -59,10 +58,10 @@ async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str
     """Run the server inside the context; yields its address.
 
     Raises:
-        OSError: the address, the certificate or the file with the users cannot be used.
+        OSError: the address or the file with the users cannot be used.
         UsersError: a line of that file is none of a user.
     """
-    tls = _tls(settings)
+    tls = settings.tls
     async with serving(settings, answers) as connected:
         server = await asyncio.get_running_loop().create_server(
             connected,
@@ -175,21 +174,6 @@ def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:
 
 async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
     response.headers.update(HEADERS)
-
-
-def _tls(settings: WebSettings) -> ssl.SSLContext | None:
-    """What https:// needs; None for http://.
-
-    Raises:
-        OSError: certificate and key cannot be read, or do not fit together.
-    """
-    if settings.certificate is None:
-        return None
-    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    # Without a password, OpenSSL would ask for that of an encrypted key on the terminal.
-    context.load_cert_chain(settings.certificate, settings.key, password=lambda: "")
-    return context
 
 
 class _TooMany(asyncio.Protocol):

@@ -1,5 +1,6 @@
 """Where the server listens, and who is let in."""
 
+import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Network
@@ -8,7 +9,7 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
-    """The settings of the server. Without `users` nobody can log in; with a `certificate` and `key` it is https://.
+    """The settings of the server. Without `users` nobody can log in; with a context for `tls` it is https://.
 
     `hosts` are names by which it may be called. Programs that send the `token` may read. Requests of a `proxy` name
     their user in X-Forwarded-User. Operators may `write` if that is set.
@@ -19,15 +20,14 @@ class WebSettings:
     hosts: tuple[str, ...] = ()
     token: str = field(default="", repr=False)
     users: Path | None = None
-    certificate: Path | None = None
-    key: Path | None = None
+    tls: ssl.SSLContext | None = None
     proxy: tuple[IPv4Network | IPv6Network, ...] = ()
     write: bool = False
 
     @property
     def is_encrypted(self) -> bool:
         """Whether it is https://."""
-        return self.certificate is not None
+        return self.tls is not None
 
 
 #: On every response. The page loads nothing from elsewhere, runs nothing that stands in it, and is shown in no frame.

@@ -41,7 +41,7 @@ def test_scheme_host_and_port(text, address):
             'write it as "tcp://127.0.0.1:502"; an IPv6 address needs brackets',
         ),
         (502, "is not a valid address", 'write it as "tcp://127.0.0.1:502"; an IPv6 address needs brackets'),
-        ("http://x:1", "unknown protocol http://", "it can be tcp://, rtu+tcp://, udp://"),
+        ("http://x:1", "unknown protocol http://", "it can be tcp://, tls://, rtu+tcp://, udp://"),
         ("tcp://:502", "names no host", '"tcp://0.0.0.0:502" stands for every IPv4 address'),
         ("tcp://*:502", "names no host", '"tcp://0.0.0.0:502" stands for every IPv4 address'),
         ("rtu+tcp://x", "names no port", 'write "rtu+tcp://x:PORT"'),

@@ -6,20 +6,15 @@ import pytest
 
 from gateway.config.check import check
 from gateway.config.load import parse
-from gateway.config.not_yet import REFUSED
 from gateway.config.plan import resolve
 from gateway.config.problem import dotted
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1, name = "one" }]\n'
 
 
-def problems(text, port_trouble=lambda _: None, real_path=str, *, built=True):
-    """What is said about `text`, without its place in the file; unless told otherwise, as if everything was built."""
-    with pytest.MonkeyPatch.context() as patch:
-        if built:
-            patch.setattr("gateway.config.not_yet.REFUSED", ())
-            patch.setattr("gateway.config.not_yet.WITHOUT_EFFECT", ())
-        found = parse(dedent(text), "gateway.toml", port_trouble, real_path).problems
+def problems(text, port_trouble=lambda _: None, real_path=str):
+    """What is said about `text`, without its place in the file."""
+    found = parse(dedent(text), "gateway.toml", port_trouble, real_path).problems
     return [
         f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "") for one in found
     ]
@@ -668,15 +663,15 @@ def test_addresses_of_a_mirror_count_from_0_too():
 
 @pytest.mark.parametrize("bind", ["http://127.0.0.1:8502", "http://localhost:8502", "http://[::1]:8502"])
 def test_metrics_for_this_machine_need_no_token(bind):
-    assert problems(LINE + f'[web]\nbind = "{bind}"\n', built=False) == []
+    assert problems(LINE + f'[web]\nbind = "{bind}"\n') == []
 
 
 @pytest.mark.parametrize("bind", ["http://0.0.0.0:8502", "http://[::]:8502", "http://gw.plant:8502"])
 def test_what_other_machines_can_reach_needs_users_or_a_token(bind):
     text = f'{LINE}[web]\nbind = "{bind}"\n'
-    (problem,) = problems(text, built=False)
+    (problem,) = problems(text)
     assert problem.startswith("error: web.bind: other machines can reach it, so it needs users, or a token")
-    assert problems(f'{text}token = {{ file = "t" }}\n', built=False) == []
+    assert problems(f'{text}token = {{ file = "t" }}\n') == []
 
 
 @pytest.mark.parametrize(
@@ -697,81 +692,41 @@ def test_what_other_machines_can_reach_needs_users_or_a_token(bind):
     ],
 )
 def test_what_the_web_page_needs(keys, said):
-    found = problems(f"{LINE}[web]\n{keys}\n", built=False)
+    found = problems(f"{LINE}[web]\n{keys}\n")
     assert len(found) == len(said)
     assert all(problem.startswith(start) for problem, start in zip(sorted(found), sorted(said), strict=True))
 
 
 @pytest.mark.parametrize("key", ["{ credential = '../key' }", "{ credential = '' }", "''", "{ file = 'k' }", "7"])
 def test_what_names_no_key_is_an_error(key):
-    (problem,) = problems(f"{LINE}[web]\nbind = 'https://127.0.0.1:1'\ncertificate = 'c'\nkey = {key}\n", built=False)
+    (problem,) = problems(f"{LINE}[web]\nbind = 'https://127.0.0.1:1'\ncertificate = 'c'\nkey = {key}\n")
     assert "web.key: names no file" in problem
 
 
 @pytest.mark.parametrize("name", ["web", "control"])
 def test_names_that_access_has_for_others_are_taken(name):
-    found = problems(f'{LINE}[[listen]]\nname = "{name}"\nbind = "tcp://127.0.0.1:5020"\n', built=False)
+    found = problems(f'{LINE}[[listen]]\nname = "{name}"\nbind = "tcp://127.0.0.1:5020"\n')
     assert any(f'listen[0].name: "{name}" is what [[access]] calls' in problem for problem in found)
 
 
 def test_a_row_of_access_may_name_the_web_page_and_networks():
     row = '[[access]]\nlisten = ["web"]\nfrom = ["10.0.0.0/24"]\nallow = ["read"]\n'
-    assert problems(LINE + row, built=False) == []
-
-
-# Not built yet
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('[[listen]]\nbind = "tls://127.0.0.1"\n', "listen[0].bind: a tls:// listener"),
-        (
-            '[[upstream]]\nto = "tls://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\n',
-            "upstream[0].to: an upstream over tls://",
-        ),
-        ('[[access]]\nrole = "fitter"\nallow = ["read"]\n', "access[0].role: the role of a TLS client"),
-    ],
-)
-def test_what_is_not_built_is_refused_plainly(text, said):
-    assert problems(LINE + text, built=False) == [f"error: {said} is not built yet in this version"]
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('[[listen]]\nname = "control"\nbind = "tls://0.0.0.0"\n', "listen[0].bind: a tls:// listener"),
-    ],
-)
-def test_nothing_else_is_said_about_a_table_whose_meaning_is_not_built(text, said):
-    assert problems(LINE + text, lambda _: None, built=False) == [f"error: {said} is not built yet in this version"]
-
-
-def test_what_is_wrong_beside_a_key_that_is_not_built_is_told():
-    said = problems(LINE + '[[upstream]]\nto = "tls://10.0.0.1"\nunits = [{ as = 1, unit = 2 }]\n', built=False)
-    assert [one.partition(": ")[2].partition(":")[0] for one in said] == ["upstream[0].to", "upstream[0].units[0].as"]
-
-
-def test_every_refusal_is_tested():
-    cases = test_what_is_not_built_is_refused_plainly.pytestmark[0].args[1]
-    assert {gap.what for gap in REFUSED} == {said.partition(": ")[2] for _, said in cases}
+    assert problems(LINE + row) == []
 
 
 def test_what_has_no_effect_is_told_once():
-    assert problems('site = "plant-2"\n' + LINE, built=False) == [
-        "warning: site: site has no effect yet in this version"
-    ]
+    assert problems('site = "plant-2"\n' + LINE) == ["warning: site: site has no effect yet in this version"]
 
 
 def test_the_name_of_the_plant_is_accepted_and_has_no_effect():
     said = "warning: site: site has no effect yet in this version"
-    assert problems('site = "plant-2"\n' + LINE, built=False) == [said]
-    assert problems('site = ""\n' + LINE, built=False) == []
+    assert problems('site = "plant-2"\n' + LINE) == [said]
+    assert problems('site = ""\n' + LINE) == []
 
 
 def test_what_is_off_needs_no_warning():
     text = LINE + '[[image]]\nunit = 2\ncoils = 1\npersist = "never"\n'
-    assert problems(text, built=False) == []
+    assert problems(text) == []
 
 
 # What devices speak

@@ -8,7 +8,6 @@ import pytest
 
 from gateway.config.document import EXAMPLE, SMALLEST, document
 from gateway.config.load import parse
-from gateway.config.not_yet import REFUSED, WITHOUT_EFFECT
 
 PAGE = Path(__file__).parents[2] / "docs" / "configuration.md"
 
@@ -51,8 +50,3 @@ def test_a_row_says_how_a_value_is_written_and_what_it_is_without_it(row):
 def test_tables_that_are_alike_are_told_once():
     heading = "#### In `image.initial.holding`, `image.initial.input`, `image.initial.coils`, `image.initial.discrete`"
     assert document().splitlines().count(heading) == 1
-
-
-def test_what_is_not_built_is_listed():
-    lines = document().splitlines()
-    assert all(f"- {gap.what}" in lines for gap in (*REFUSED, *WITHOUT_EFFECT))

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config.load import builtin_profiles, load, parse
-from gateway.config.not_yet import Gap
 from gateway.config.plan import resolve
-from gateway.config.schema import Config, Table, Web
+from gateway.config.schema import Config, Table
 from gateway.config.wording import keys_of, row_model
 
 SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'
@@ -19,12 +18,9 @@ SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'
 NO_QUOTE = "error: the text has no closing quote\n  help: put the quote that it begins with at its end too"
 
 
-def problems(text, *, built=True):
-    """What is said about `text` where every port exists; unless told otherwise, as if everything was built."""
-    with pytest.MonkeyPatch.context() as patch:
-        if built:
-            patch.setattr("gateway.config.not_yet.REFUSED", ())
-        loaded = parse(dedent(text), "gateway.toml", port_trouble=lambda _: None, real_path=str)
+def problems(text):
+    """What is said about `text` where every port exists."""
+    loaded = parse(dedent(text), "gateway.toml", port_trouble=lambda _: None, real_path=str)
     assert (loaded.config is None) == any(problem.severity == "error" for problem in loaded.problems)
     return [str(problem) for problem in loaded.problems]
 
@@ -401,9 +397,3 @@ def test_what_a_wrong_table_refers_to_is_looked_at_together_with_what_is_wrong_i
 
 def test_a_row_that_is_no_table_has_no_name():
     assert problems("line = [5]") == ["gateway.toml:1:9: error: line[0]: must be a table"]
-
-
-def test_no_advice_is_given_for_a_table_that_is_not_built(monkeypatch):
-    monkeypatch.setattr("gateway.config.not_yet.REFUSED", (Gap(Web, "", lambda _: True, "[web]"),))
-    said = "gateway.toml:1:1: error: web: [web] is not built yet in this version"
-    assert said in problems('[web]\nbind = "tcp://0.0.0.0:80"\n', built=False)

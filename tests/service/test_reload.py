@@ -119,8 +119,8 @@ class Service:
         self.bench.gateway = self.running.gateway
         return self.bench.client()
 
-    def _doors(self, settings, loop, emit, ring):
-        return Doors(self._make_listener(settings, loop, emit, ring))
+    def _doors(self, settings, loop, emit, ring, contexts):
+        return Doors(self._make_listener(settings, loop, emit, ring, contexts))
 
     def _rebuild(self, plan, gateway):
         loop = asyncio.get_running_loop()

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from errno import EACCES, ENOENT
 from pathlib import Path
 
-from gateway.config.secret_file import SecretFile
+from gateway.tls.secret_file import SecretFile
 
 
 def path_of(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Path:

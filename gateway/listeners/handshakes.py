@@ -1,0 +1,105 @@
+"""Connections whose handshake is not done yet: a bounded number, for a bounded time.
+
+The work is done in a thread of its own, one step after the other, so that a client of another listener does not wait
+for it (docs/adr/0021-modbus-security.md).
+"""
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from gateway.listeners.tls_stream import TlsStream
+
+#: How many there may be at a listener, and of them from one address.
+MOST: Final = 64
+MOST_OF_ONE: Final = 8
+#: How long a handshake may take, in seconds: small devices with RSA need some.
+DEADLINE: Final = 10.0
+
+TOO_MANY_OF_ONE: Final = f"{MOST_OF_ONE} handshakes with this address are not done"
+TOO_MANY: Final = f"{MOST} handshakes are not done, and others have fewer of them"
+MADE_ROOM: Final = "its handshake was not done, and made room for that of another address"
+TOO_SLOW: Final = f"its handshake was not done within {DEADLINE:g} s"
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """Where a connection comes from: its address, its name in events, and what counts as its address."""
+
+    host: str
+    client: str
+    origin: str
+
+
+class Handshakes:
+    """The handshakes of one listener. `secured` is told of each that is done, `refused` of each that is not."""
+
+    def __init__(self, secured: Callable[[TlsStream, Visitor], None], refused: Callable[[Visitor, str], None]) -> None:
+        self._secured = secured
+        self._refused = refused
+        #: By stream, in the order in which they began.
+        self._pending: dict[TlsStream, tuple[Visitor, float]] = {}
+        self._worker: ThreadPoolExecutor | None = None
+
+    def __len__(self) -> int:
+        return len(self._pending)
+
+    def trouble(self, origin: str) -> str:
+        """Why no handshake can begin with a client from there; empty if it can, perhaps after another was ended."""
+        share = Counter(visitor.origin for visitor, _ in self._pending.values())
+        if share[origin] >= MOST_OF_ONE:
+            return TOO_MANY_OF_ONE
+        if len(self._pending) < MOST:
+            return ""
+        other, most = share.most_common(1)[0]
+        if most <= share[origin] + 1:
+            return TOO_MANY
+        next(stream for stream, (visitor, _) in self._pending.items() if visitor.origin == other).refuse(MADE_ROOM)
+        return ""
+
+    def begin(self, stream: TlsStream, visitor: Visitor, now: float) -> None:
+        """A client has connected."""
+        self._pending[stream] = visitor, now
+
+    def sweep(self, now: float) -> None:
+        """End those that take too long; called periodically."""
+        for stream, (_, began_at) in list(self._pending.items()):
+            if now - began_at < DEADLINE:
+                return
+            stream.refuse(TOO_SLOW)
+
+    def close(self) -> None:
+        """End all of them."""
+        for stream in list(self._pending):
+            del self._pending[stream]
+            stream.abort()
+        if self._worker is not None:
+            self._worker.shutdown(wait=False, cancel_futures=True)
+            self._worker = None
+
+    def step_due(self, stream: TlsStream) -> None:
+        """See HandshakeOwner."""
+        if self._worker is None:
+            self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tls handshakes")
+        step = asyncio.get_running_loop().run_in_executor(self._worker, stream.step)
+        step.add_done_callback(partial(_stepped, stream))
+
+    def secured(self, stream: TlsStream) -> None:
+        """See HandshakeOwner."""
+        visitor, _ = self._pending.pop(stream)
+        self._secured(stream, visitor)
+
+    def not_secured(self, stream: TlsStream, reason: str) -> None:
+        """See HandshakeOwner."""
+        pending = self._pending.pop(stream, None)
+        if pending is not None:
+            self._refused(pending[0], reason)
+
+
+def _stepped(stream: TlsStream, step: asyncio.Future[str | None]) -> None:
+    if not step.cancelled():
+        stream.stepped(step.result())

@@ -1,0 +1,110 @@
+"""TLS listeners: Modbus/TCP Security (mbaps). Each client shows a certificate, which names its role."""
+
+import asyncio
+import socket
+import time
+
+from gateway import events
+from gateway.listeners.admission import NO_RIGHTS
+from gateway.listeners.connection import TcpConnection
+from gateway.listeners.handshakes import Handshakes, Visitor
+from gateway.listeners.session import ListenSettings
+from gateway.listeners.tcp import TcpListener
+from gateway.listeners.tls_stream import TlsStream
+from gateway.routing.identity import Identity
+from gateway.routing.router import CertifiedRouter, Router
+from gateway.tls.certificate import Certificate, parse_certificate
+from gateway.tls.contexts import Loaded
+from gateway.tls.settings import ServerTls
+from gateway.tls.store import TlsStore
+
+
+class TlsListener(TcpListener):
+    """A `[[listen]]` table with tls://.
+
+    A client counts for `clients`, and may take the place of another one, once its handshake is done.
+    """
+
+    def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit, store: TlsStore) -> None:
+        super().__init__(settings, router, emit)
+        self._store = store
+        self._handshakes = Handshakes(self._secured, self._refused)
+        self._trust = b""
+
+    def start(self) -> None:
+        """Accept clients."""
+        self._trust = self._loaded.trust
+        super().start()
+
+    def finish(self) -> None:
+        """See TcpListener."""
+        self._handshakes.close()
+        super().finish()
+
+    def close(self) -> None:
+        """See TcpListener."""
+        self._handshakes.close()
+        super().close()
+
+    def renew(self) -> None:
+        """After a reload: if others are trusted now, every client must show its certificate again."""
+        trust, self._trust = self._trust, self._loaded.trust
+        if trust != self._trust:
+            self._handshakes.close()
+            for connection in self.connections:
+                connection.finish("the authority or its revocation list has changed")
+
+    @property
+    def _loaded(self) -> Loaded:
+        assert isinstance(self.settings.tls, ServerTls)  # noqa: S101 - the config sees to it
+        return self._store[self.settings.tls]
+
+    def _refusal(self, host: str, now: float) -> str:
+        """Why no handshake is begun with a client."""
+        if not self.router.rights.admits(host):
+            return NO_RIGHTS
+        return self._handshakes.trouble(self._origins.of(host, now))
+
+    async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
+        loop = asyncio.get_running_loop()
+        stream = TlsStream(self._loaded.context, self._handshakes)
+        self._handshakes.begin(stream, Visitor(host, client, self._origins.of(host, loop.time())), loop.time())
+        await loop.connect_accepted_socket(lambda: stream, sock)
+
+    def _secured(self, stream: TlsStream, visitor: Visitor) -> None:
+        """A client has shown a certificate of the authority."""
+        now = asyncio.get_running_loop().time()
+        try:
+            identity = _identify(parse_certificate(stream.peer_certificate))
+        except ValueError as wrong:
+            self._turn_away(stream, visitor, f"its certificate cannot be used: {wrong}")
+            return
+        why_not = self.connections.refusal(visitor.host, self.router.rights, self.settings, now, self._dismiss)
+        if why_not:
+            self._turn_away(stream, visitor, why_not)
+            return
+        clock, router = asyncio.get_running_loop().time, CertifiedRouter(self.router, identity)
+        stream.begin(TcpConnection(self, visitor.host, visitor.client, clock, router, identity))
+
+    def _turn_away(self, stream: TlsStream, visitor: Visitor, reason: str) -> None:
+        self._refused(visitor, reason)
+        stream.close()
+
+    def _refused(self, visitor: Visitor, reason: str) -> None:
+        self.rejected(visitor.client, reason)
+
+    def _sweep(self) -> None:
+        self._handshakes.sweep(asyncio.get_running_loop().time())
+        super()._sweep()
+
+
+def _identify(certificate: Certificate) -> Identity:
+    """Who a client is.
+
+    Raises:
+        ValueError: the certificate is not valid now, which a session that is resumed does not look at, or its role is
+            not in the form of the specification.
+    """
+    if not certificate.not_before <= time.time() <= certificate.not_after:
+        raise ValueError("it is not valid now")
+    return Identity(certificate.subject, certificate.role)

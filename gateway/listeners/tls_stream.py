@@ -1,0 +1,247 @@
+"""One secured connection: a protocol to the network, and a transport to the protocol of its client.
+
+The handshake is done in steps, which may run in a thread: they take milliseconds of processor time. Everything else
+runs in the event loop. (Not asyncio's own `ssl`: it keeps 256 KiB for each connection, and cannot do that.)
+"""
+
+import asyncio
+import ssl
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import Any, Final, Protocol, cast
+
+from gateway.tls.reasons import explain
+
+#: How much a client may send before its handshake is done: a chain of long certificates.
+MOST_HANDSHAKE_BYTES: Final = 64 * 1024
+
+#: Encrypted bytes are received into this, and taken out at once: one for all connections.
+_BUFFER: Final = memoryview(bytearray(16 * 1024))
+
+
+class Application(Protocol):
+    """A buffered protocol, as of TcpConnection."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """See asyncio.BaseProtocol."""
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """See asyncio.BufferedProtocol."""
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """See asyncio.BufferedProtocol."""
+
+    def eof_received(self) -> bool:
+        """See asyncio.BufferedProtocol."""
+
+    def pause_writing(self) -> None:
+        """See asyncio.BaseProtocol."""
+
+    def resume_writing(self) -> None:
+        """See asyncio.BaseProtocol."""
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """See asyncio.BaseProtocol."""
+
+
+class HandshakeOwner(Protocol):
+    """Who sees to the handshakes of connections."""
+
+    def step_due(self, stream: "TlsStream") -> None:
+        """Bytes have arrived: call `step` in any thread, then `stepped`. Until then nothing more is received."""
+
+    def secured(self, stream: "TlsStream") -> None:
+        """The handshake is done: call `begin`, or `refuse`."""
+
+    def not_secured(self, stream: "TlsStream", reason: str) -> None:
+        """The handshake has failed, and the connection is closed."""
+
+
+class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
+    """The server's side of a connection."""
+
+    def __init__(self, context: ssl.SSLContext, owner: HandshakeOwner) -> None:
+        asyncio.Transport.__init__(self)
+        self._owner = owner
+        self._incoming, self._outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+        self._tls = context.wrap_bio(self._incoming, self._outgoing, server_side=True)
+        self._transport: asyncio.Transport
+        self._application: Application | None = None
+        self._handshake_bytes = 0
+        self._is_paused = False
+        self._has_ended = False
+
+    # --- the handshake ---
+
+    def step(self) -> str | None:
+        """Go on with the handshake; None if more must be received, "" if it is done, else why it has failed."""
+        try:
+            self._tls.do_handshake()
+        except ssl.SSLWantReadError:
+            return None
+        except ssl.SSLError as error:
+            return explain(error)
+        return ""
+
+    def stepped(self, outcome: str | None) -> None:
+        """A step is over."""
+        if self.is_closing():
+            return
+        self._send()
+        if outcome is None:
+            self._transport.resume_reading()
+        elif outcome:
+            self.refuse(outcome)
+        else:
+            self._owner.secured(self)
+
+    def refuse(self, reason: str) -> None:
+        """Close the connection before anything of the client is looked at."""
+        self._owner.not_secured(self, reason)
+        self.close()
+
+    @property
+    def peer_certificate(self) -> bytes:
+        """The client's certificate in DER; empty if it has shown none."""
+        return self._tls.getpeercert(binary_form=True) or b""
+
+    def begin(self, application: Application) -> None:
+        """Be the transport of `application` from now on."""
+        self._application = application
+        application.connection_made(self)
+        self._transport.resume_reading()
+        self._deliver()
+
+    # --- the protocol to the network ---
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """See asyncio.BaseProtocol."""
+        self._transport = cast("asyncio.Transport", transport)
+
+    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - one buffer serves all
+        """See asyncio.BufferedProtocol."""
+        return _BUFFER
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Encrypted bytes have arrived."""
+        self._incoming.write(_BUFFER[:nbytes])
+        if self._application is not None:
+            self._deliver()
+            return
+        self._handshake_bytes += nbytes
+        if self._handshake_bytes > MOST_HANDSHAKE_BYTES:
+            self.refuse(f"its handshake is longer than {MOST_HANDSHAKE_BYTES} bytes")
+            return
+        self._transport.pause_reading()
+        self._owner.step_due(self)
+
+    def eof_received(self) -> bool:
+        """The client has closed its side, perhaps without saying so in TLS; requests are whole by their lengths."""
+        if self._application is None:
+            self.refuse("it has closed the connection in the middle of the handshake")
+            return False
+        self._end()
+        return True
+
+    def pause_writing(self) -> None:
+        """See asyncio.BaseProtocol."""
+        if self._application is not None:
+            self._application.pause_writing()
+
+    def resume_writing(self) -> None:
+        """See asyncio.BaseProtocol."""
+        if self._application is not None:
+            self._application.resume_writing()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """See asyncio.BaseProtocol."""
+        application, self._application = self._application, None  # no cycle stays: see service.garbage
+        if application is None:
+            self._owner.not_secured(self, f"it was lost: {exc}" if exc else "it was closed")
+        else:
+            application.connection_lost(exc)
+
+    # --- the transport to the application ---
+
+    def get_extra_info(self, name: str, default: Any = None) -> Any:
+        """See asyncio.BaseTransport."""
+        return self._transport.get_extra_info(name, default)
+
+    def is_closing(self) -> bool:
+        """See asyncio.BaseTransport."""
+        return self._transport.is_closing()
+
+    def pause_reading(self) -> None:
+        """Deliver nothing more. At most one buffer of encrypted bytes waits here."""
+        self._is_paused = True
+        self._transport.pause_reading()
+
+    def resume_reading(self) -> None:
+        """Deliver what has arrived, soon, and then more."""
+        self._is_paused = False
+        self._transport.resume_reading()
+        asyncio.get_running_loop().call_soon(self._deliver)
+
+    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
+        """See asyncio.WriteTransport."""
+        self._transport.set_write_buffer_limits(high, low)
+
+    def get_write_buffer_size(self) -> int:
+        """See asyncio.WriteTransport."""
+        return self._transport.get_write_buffer_size()
+
+    def write(self, data: "bytes | bytearray | memoryview[Any]") -> None:
+        """Encrypt and send."""
+        try:
+            self._tls.write(data)
+        except ssl.SSLError:
+            self.abort()
+            return
+        self._send()
+
+    def writelines(self, list_of_data: "Iterable[bytes | bytearray | memoryview[Any]]") -> None:
+        """See asyncio.WriteTransport."""
+        self.write(b"".join(list_of_data))
+
+    def close(self) -> None:
+        """Tell the client, and close once everything was sent."""
+        if self.is_closing():
+            return
+        with suppress(ssl.SSLError):  # its answer is not waited for; during a handshake there is nothing to end
+            self._tls.unwrap()
+        self._send()
+        self._transport.close()
+
+    def abort(self) -> None:
+        """Close now, and drop what was not sent."""
+        self._transport.abort()
+
+    def _deliver(self) -> None:
+        """Decrypt what has arrived, into the application's own buffer."""
+        application = self._application
+        if application is None:
+            return
+        while not (self._is_paused or self._has_ended or self.is_closing()):
+            room = application.get_buffer(-1)
+            try:
+                count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
+            except ssl.SSLWantReadError:
+                break
+            except ssl.SSLError:
+                self.abort()
+                return
+            if count == 0:
+                self._end()
+                break
+            application.buffer_updated(count)
+        self._send()
+
+    def _end(self) -> None:
+        """The client sends no more; it still gets its responses."""
+        if not self._has_ended and self._application is not None:
+            self._has_ended = True
+            self._application.eof_received()
+
+    def _send(self) -> None:
+        if self._outgoing.pending:
+            self._transport.write(self._outgoing.read())

@@ -1,0 +1,135 @@
+"""What a certificate says: whose it is, how long it is valid, and the role of a Modbus client."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.tls import der
+from gateway.tls.der import WrongDer
+
+#: The extension with the role (MODBUS/TCP Security v21, 8.3).
+ROLE: Final = "1.3.6.1.4.1.50316.802.1"
+#: The role of a client whose certificate has none.
+NULL_ROLE: Final = ""
+#: The longest role and subject, in characters: they stand in the log.
+LONGEST_ROLE: Final = 64
+LONGEST_SUBJECT: Final = 200
+
+#: Optional parts of a certificate by their tags: its version and its extensions.
+_VERSION: Final = 0xA0
+_EXTENSIONS: Final = 0xA3
+_BOOLEAN: Final = 0x01
+
+_SHORT: Final = {
+    "2.5.4.3": "CN",
+    "2.5.4.5": "serialNumber",
+    "2.5.4.6": "C",
+    "2.5.4.7": "L",
+    "2.5.4.8": "ST",
+    "2.5.4.10": "O",
+    "2.5.4.11": "OU",
+    "0.9.2342.19200300.100.1.25": "DC",
+    "1.2.840.113549.1.9.1": "emailAddress",
+}
+
+
+class WrongRole(ValueError):  # noqa: N818 - named after what it is, as in gateway.errors
+    """A certificate does not have one role in the form that the specification demands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """A certificate. Times in seconds since 1970; `subject` such as `CN=hmi-3,O=Plant 2`."""
+
+    subject: str
+    not_before: float
+    not_after: float
+    _extensions: tuple[tuple[str, bytes], ...]
+
+    @property
+    def role(self) -> str:
+        """The role of a Modbus client; NULL_ROLE if the certificate has none.
+
+        Raises:
+            WrongRole: it has several, or one that is no UTF8String of visible characters.
+        """
+        found = [value for extension, value in self._extensions if extension == ROLE]
+        if not found:
+            return NULL_ROLE
+        if len(found) > 1:
+            raise WrongRole("it has more than one role")
+        return _role(found[0])
+
+
+def parse_certificate(data: bytes) -> Certificate:
+    """Parse a certificate in DER. Its signature is not checked here.
+
+    Raises:
+        WrongDer: it is no certificate.
+    """
+    signed, *_ = _sequence(der.only(data, der.SEQUENCE))
+    parts = [(tag, content) for tag, content in der.elements(signed[1]) if tag != _VERSION]
+    if signed[0] != der.SEQUENCE or len(parts) < 6:
+        raise WrongDer("is not a certificate")
+    (_, _), (_, _), (_, _), (_, validity), (_, subject), *others = parts
+    times = [der.time(*moment) for moment in der.elements(validity)]
+    if len(times) != 2:
+        raise WrongDer("has no validity")
+    extensions = next((content for tag, content in others if tag == _EXTENSIONS), b"")
+    return Certificate(_subject(subject), times[0], times[1], tuple(_extensions(extensions)))
+
+
+def read_next_update(data: bytes) -> float | None:
+    """Until when a revocation list in DER is valid, in seconds since 1970; None if it does not say.
+
+    Raises:
+        WrongDer: it is no revocation list.
+    """
+    signed, *_ = _sequence(der.only(data, der.SEQUENCE))
+    times = [part for part in der.elements(signed[1]) if part[0] in (der.UTC_TIME, der.GENERALIZED_TIME)]
+    if not times:
+        raise WrongDer("is not a revocation list")
+    return der.time(*times[1]) if len(times) > 1 else None
+
+
+def _sequence(content: bytes) -> list[der.Element]:
+    found = list(der.elements(content))
+    if not found:
+        raise WrongDer("is empty")
+    return found
+
+
+def _role(extension: bytes) -> str:
+    try:
+        role = der.only(extension, der.UTF8_STRING).decode("utf-8")
+    except ValueError as wrong:
+        raise WrongRole("its role is not a UTF8String") from wrong
+    if len(role) > LONGEST_ROLE or not role.isprintable():
+        raise WrongRole(f"its role is longer than {LONGEST_ROLE} characters, or has some that cannot be seen")
+    return role
+
+
+def _extensions(content: bytes) -> Iterator[tuple[str, bytes]]:
+    if not content:
+        return
+    for tag, extension in der.elements(der.only(content, der.SEQUENCE)):
+        fields = [field for field in der.elements(extension) if field[0] != _BOOLEAN]
+        if tag != der.SEQUENCE or [kind for kind, _ in fields] != [der.OBJECT_IDENTIFIER, der.OCTET_STRING]:
+            raise WrongDer("has a malformed extension")
+        yield der.identifier(fields[0][1]), fields[1][1]
+
+
+def _subject(name: bytes) -> str:
+    """As in RFC 4514, but in the order of the certificate, and with nothing that cannot be seen."""
+    parts = [_attribute(attribute) for _, group in der.elements(name) for _, attribute in der.elements(group)]
+    shown = ",".join(parts) or "(empty)"
+    return shown if len(shown) <= LONGEST_SUBJECT else f"{shown[: LONGEST_SUBJECT - 3]}..."
+
+
+def _attribute(content: bytes) -> str:
+    fields = _sequence(content)
+    if len(fields) != 2:
+        raise WrongDer("has a malformed subject")
+    kind, value = der.identifier(fields[0][1]), der.text(*fields[1])
+    visible = "".join(each if each.isprintable() and each not in ',\\"' else f"\\{ord(each):x}" for each in value)
+    return f"{_SHORT.get(kind, kind)}={visible}"

@@ -1,0 +1,50 @@
+"""The contexts in use. A reload replaces all of them at once, or none."""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from gateway.errors import TlsError
+from gateway.tls.contexts import Expiry, Loaded, load
+from gateway.tls.settings import Secured, TlsSettings
+
+
+class TlsStore:
+    """What was loaded for each address. Connections look their context up when they begin."""
+
+    def __init__(self) -> None:
+        self._all: Mapping[Secured, Loaded] = {}
+        self._contexts: Mapping[TlsSettings, Loaded] = {}
+
+    def __getitem__(self, settings: TlsSettings) -> Loaded:
+        """What was loaded for `settings`."""
+        return self._contexts[settings]
+
+    def adopt(self, loaded: Mapping[Secured, Loaded]) -> Mapping[Secured, Loaded]:
+        """Use this from now on, and nothing else; returns what was used before."""
+        before, self._all = self._all, loaded
+        self._contexts = {one.settings: each for one, each in loaded.items()}
+        return before
+
+    def add(self, loaded: Mapping[Secured, Loaded]) -> None:
+        """Use this too."""
+        self.adopt({**self._all, **loaded})
+
+    def expiries(self) -> Iterator[tuple[Secured, Expiry]]:
+        """Until when each file is valid, with the address that uses it."""
+        for secured, loaded in self._all.items():
+            for expiry in loaded.expiries:
+                yield secured, expiry
+
+
+def load_all(wanted: Iterable[Secured]) -> dict[Secured, Loaded]:
+    """Load what each address needs. Blocks: files are read.
+
+    Raises:
+        TlsError: a file cannot be used; the message says where in the config it is named.
+    """
+    found = {}
+    for one in wanted:
+        try:
+            found[one] = load(one.settings)
+        except TlsError as error:
+            raise TlsError(f"{one.source}: {error}") from error
+    return found

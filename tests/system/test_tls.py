@@ -1,0 +1,398 @@
+"""Modbus/TCP Security in real processes: other programs' clients, certificates of every kind, and what they may do."""
+
+import shutil
+import signal
+import socket
+import ssl
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from pymodbus.client import ModbusTlsClient
+
+from gateway.modbus.mbap import encode
+from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, pki, signed
+from kit.process import PATIENCE, GatewayProcess, command
+
+IMAGE = """
+[[image]]
+unit    = 200
+holding = 10
+"""
+ROWS = """
+[[access]]
+role  = "operator"
+allow = ["read", "write"]
+
+[[access]]
+role  = "viewer"
+allow = ["read"]
+
+[[access]]
+from  = ["127.0.0.1"]
+allow = ["read", "write"]
+"""
+READ, WRITE = bytes.fromhex("03 0000 0001"), bytes.fromhex("06 0000 0007")
+
+
+@pytest.fixture(scope="module")
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[GatewayProcess]:
+    with GatewayProcess(tmp_path_factory.mktemp("gateway"), listener() + IMAGE + ROWS) as running:
+        yield running
+
+
+@contextmanager
+def connected(port: int, context: ssl.SSLContext, own: str = "127.0.0.1") -> Iterator[ssl.SSLSocket]:
+    plain = from_address(own, port)
+    with plain, context.wrap_socket(plain, server_hostname="localhost") as secured:
+        yield secured
+
+
+def asks(client: socket.socket, pdu: bytes) -> str:
+    client.sendall(encode(1, 200, pdu))
+    return client.recv(260)[7:].hex()
+
+
+def told(port: int, name: str, folder: Path | None = None, own: str = "127.0.0.1") -> str:
+    """What a client with this certificate gets for a write: the response, or why there is none."""
+    try:
+        with connected(port, client_context(name, folder), own) as client:
+            return asks(client, WRITE)
+    except ssl.SSLError as error:
+        return error.reason or ""
+    except ConnectionError:
+        return "closed"
+
+
+def reason(gateway: GatewayProcess) -> str:
+    return gateway.wait_for("client_rejected")["reason"]
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_a_role_decides_what_a_client_may(gateway: GatewayProcess, version: ssl.TLSVersion) -> None:
+    for name, read, write in ((OPERATOR, "0302", "06"), (VIEWER, "0302", "8601"), ("nobody", "8301", "8601")):
+        context = client_context(name)
+        context.minimum_version = context.maximum_version = version
+        with connected(gateway.port, context) as client:
+            assert "GCM" in client.cipher()[0] or "CHACHA20" in client.cipher()[0]
+            assert client.compression() is None
+            assert asks(client, READ).startswith(read)
+            assert asks(client, WRITE).startswith(write)
+
+
+def test_the_account_of_a_write_names_subject_and_role(tmp_path: Path) -> None:
+    with GatewayProcess(tmp_path, listener() + IMAGE + ROWS) as gateway:
+        assert told(gateway.port, OPERATOR) == WRITE.hex()
+        written = gateway.wait_for("write_audit")
+        assert (written["subject"], written["role"], written["result"]) == ("CN=operator", "operator", "ok")
+        assert told(gateway.port, VIEWER) == "8601"
+        denied = gateway.wait_for("access_denied")
+        assert (denied["subject"], denied["role"], denied["function"]) == ("CN=viewer", "viewer", 6)
+        refused = gateway.wait_for("write_audit")
+        assert (refused["subject"], refused["result"], refused["code"]) == ("CN=viewer", "denied", "01")
+        assert told(gateway.port, "nobody") == "8601"
+        assert gateway.wait_for("access_denied")["role"] == ""
+
+
+def test_without_rows_clients_with_certificates_read(tmp_path: Path) -> None:
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway:
+        for name in (OPERATOR, "nobody"):
+            with connected(gateway.port, client_context(name)) as client:
+                assert asks(client, READ) == "03020000"
+                assert asks(client, WRITE) == "8601"
+
+
+def test_a_row_without_role_counts_for_certificates_only_if_it_names_the_listener(tmp_path: Path) -> None:
+    named = '[[access]]\nlisten = ["remote"]\nallow = ["read", "write"]\n'
+    with GatewayProcess(tmp_path, listener() + IMAGE + named) as gateway:
+        assert told(gateway.port, "nobody") == WRITE.hex()
+
+
+@pytest.mark.parametrize(
+    ("extension", "why"),
+    [
+        (TWO_ROLES, "it has more than one role"),
+        (WRONG_TEXT, "its role is not a UTF8String"),
+        (NOT_UTF8, "its role is not a UTF8String"),
+    ],
+)
+def test_a_malformed_role_is_no_role(tmp_path: Path, extension: str, why: str) -> None:
+    signed(tmp_path, "odd", extension)
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway:
+        assert told(gateway.port, "odd", tmp_path) in ("", "closed")
+        assert reason(gateway) == f"its certificate cannot be used: {why}"
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+@pytest.mark.parametrize(
+    ("dates", "why"),
+    [
+        ("-startdate 20200101000000Z -enddate 20200102000000Z", "certificate has expired"),
+        ("-startdate 21000101000000Z -enddate 21010101000000Z", "certificate is not yet valid"),
+    ],
+)
+def test_a_certificate_that_is_not_valid_now(tmp_path: Path, version: ssl.TLSVersion, dates: str, why: str) -> None:
+    signed(tmp_path, "old", at=dates)
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway:
+        context = client_context("old", tmp_path)
+        context.maximum_version = version
+        with suppress(ssl.SSLError, ConnectionError), connected(gateway.port, context) as client:
+            assert asks(client, READ) == ""
+        assert reason(gateway) == f"its certificate is refused: {why}"
+
+
+def test_a_revoked_certificate_and_that_of_another_authority(tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    assert command("certificates", "authority", "--folder", str(other)).returncode == 0
+    assert command("certificates", "client", "spy", "--role", OPERATOR, "--folder", str(other)).returncode == 0
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway:
+        assert told(gateway.port, "revoked") in ("SSLV3_ALERT_CERTIFICATE_REVOKED", "closed")
+        assert reason(gateway) == "its certificate is refused: certificate revoked"
+        assert told(gateway.port, "spy", other, "127.0.0.2") in ("TLSV1_ALERT_UNKNOWN_CA", "closed")
+        assert reason(gateway) == "its certificate is refused: unable to get local issuer certificate"
+        assert told(gateway.port, "", own="127.0.0.3") in ("TLSV13_ALERT_CERTIFICATE_REQUIRED", "closed")
+        assert reason(gateway) == "it shows no certificate"
+
+
+def test_a_certificate_of_a_server_is_none_of_a_client(tmp_path: Path) -> None:
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway:
+        assert told(gateway.port, "server") in (
+            "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE",
+            "TLSV1_ALERT_UNKNOWN_CA",
+            "closed",
+        )
+        assert "purpose" in reason(gateway)
+
+
+def test_what_is_not_tls_is_closed(tmp_path: Path) -> None:
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway:
+        for number, sent in enumerate((encode(1, 200, READ), b"GET / HTTP/1.1\r\n\r\n", bytes(11)), 2):
+            with from_address(f"127.0.0.{number}", gateway.port) as client:
+                client.sendall(sent)
+                assert client.recv(260)[7:] == b""
+            assert reason(gateway) == "what it sends is not TLS"
+
+
+def test_old_versions_and_weak_suites_are_refused(tmp_path: Path) -> None:
+    folder = pki()
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway:
+        words = ["openssl", "s_client", "-connect", f"127.0.0.1:{gateway.port}", "-cert", f"{folder}/operator.crt"]
+        words += ["-key", f"{folder}/operator.key", "-CAfile", f"{folder}/ca.crt"]
+        for options in (
+            ["-tls1_1", "-cipher", "ALL:@SECLEVEL=0"],
+            ["-tls1", "-cipher", "ALL:@SECLEVEL=0"],
+            ["-tls1_2", "-cipher", "ECDHE-ECDSA-AES128-SHA"],
+            ["-tls1_2", "-cipher", "AES128-SHA256"],
+            ["-tls1_2", "-cipher", "NULL-SHA256:@SECLEVEL=0"],
+        ):
+            done = subprocess.run(
+                [*words, *options], input="", capture_output=True, text=True, timeout=PATIENCE, check=False
+            )
+            assert "Cipher is (NONE)" in done.stdout, options
+
+
+def test_openssl_is_a_client(gateway: GatewayProcess) -> None:
+    folder = pki()
+    words = ["openssl", "s_client", "-quiet", "-connect", f"127.0.0.1:{gateway.port}", "-CAfile", f"{folder}/ca.crt"]
+    words += ["-cert", f"{folder}/operator.crt", "-key", f"{folder}/operator.key", "-verify_return_error"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as client:
+        assert client.stdin is not None
+        assert client.stdout is not None
+        client.stdin.write(encode(7, 200, READ))
+        client.stdin.flush()
+        answer = client.stdout.read(11)
+        client.stdin.close()
+        client.kill()
+    assert answer[:2] == b"\x00\x07"
+    assert answer[7:9] == b"\x03\x02"
+
+
+def test_renegotiation_is_refused(gateway: GatewayProcess) -> None:
+    folder = pki()
+    words = ["openssl", "s_client", "-connect", f"127.0.0.1:{gateway.port}", "-CAfile", f"{folder}/ca.crt", "-tls1_2"]
+    words += ["-cert", f"{folder}/operator.crt", "-key", f"{folder}/operator.key"]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as client:
+        assert client.stdin is not None
+        assert client.stdout is not None
+        while "Verify return code" not in (line := client.stdout.readline()):
+            assert line
+        client.stdin.write("R\n")
+        client.stdin.flush()
+        said = ""
+        while line := client.stdout.readline():
+            said += line
+            if "error" in line:
+                break
+        client.kill()
+    assert "no renegotiation" in said
+
+
+def test_pymodbus_is_a_client(gateway: GatewayProcess) -> None:
+    context = client_context(OPERATOR)
+    context.check_hostname = False  # it has no way to name the server
+    client = ModbusTlsClient("127.0.0.1", port=gateway.port, sslctx=context, timeout=PATIENCE)
+    assert client.connect()
+    try:
+        assert not client.write_register(4, 4999, device_id=200).isError()
+        assert client.read_holding_registers(4, count=2, device_id=200).registers == [4999, 0]
+    finally:
+        client.close()
+
+
+def test_requests_that_are_pipelined_and_cut_anywhere_all_get_their_answers(gateway: GatewayProcess) -> None:
+    asked = b"".join(encode(number, 200, READ) for number in range(1000))
+    with connected(gateway.port, client_context(OPERATOR)) as client:
+        client.settimeout(PATIENCE)
+        sent, got = 0, b""
+        while sent < len(asked):
+            step = 1 + sent % 700
+            client.sendall(asked[sent : sent + step])
+            sent += step
+        while len(got) < 1000 * 11:
+            got += client.recv(65536)
+    assert [int.from_bytes(got[at : at + 2]) for at in range(0, len(got), 11)] == list(range(1000))
+
+
+def test_who_has_said_that_it_sends_no_more_still_gets_its_answers(gateway: GatewayProcess) -> None:
+    with connected(gateway.port, client_context(OPERATOR)) as client:
+        client.sendall(encode(1, 200, READ))
+        socket.socket.shutdown(client, socket.SHUT_WR)
+        assert client.recv(260)[7:9] == b"\x03\x02"
+        assert client.recv(260) == b""
+
+
+def test_a_handshake_that_is_not_done_keeps_nobody_else_out(tmp_path: Path) -> None:
+    with GatewayProcess(tmp_path, listener() + IMAGE + ROWS) as gateway:
+        silent = [from_address("127.0.0.2", gateway.port) for _ in range(20)]
+        assert reason(gateway) == "8 handshakes with this address are not done"
+        assert told(gateway.port, OPERATOR) == WRITE.hex()
+        began = time.monotonic()
+        for each in silent:
+            each.settimeout(PATIENCE)
+            assert each.recv(1) == b""
+            each.close()
+        assert time.monotonic() - began < 15
+
+
+def from_address(own: str, port: int) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", port), PATIENCE, (own, 0))
+
+
+def test_certificates_change_by_reload(tmp_path: Path) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(pki(), folder)
+    config = (listener() + IMAGE + ROWS).replace(str(pki()), str(folder))
+    with GatewayProcess(tmp_path, config) as gateway:
+        before = serial_of(gateway.port)
+        with connected(gateway.port, client_context(OPERATOR)) as kept:
+            assert command(
+                "certificates", "server", "localhost", "127.0.0.1", "--replace", "--folder", str(folder)
+            ).returncode == 0  # fmt: skip
+            gateway.signal(signal.SIGHUP)
+            gateway.wait_for("config_applied")
+            assert serial_of(gateway.port) != before
+            assert asks(kept, READ).startswith("0302")  # nothing about who is trusted has changed
+            assert command("certificates", "revoke", f"{folder}/operator.crt", "--folder", str(folder)).returncode == 0
+            gateway.signal(signal.SIGHUP)
+            gateway.wait_for("config_applied")
+            assert kept.recv(1) == b""
+        assert told(gateway.port, OPERATOR) in ("SSLV3_ALERT_CERTIFICATE_REVOKED", "closed")
+        (folder / "server.key").write_text("broken")
+        gateway.signal(signal.SIGHUP)
+        assert "server.key: this is no private key" in gateway.wait_for("config_rejected")["reason"]
+        with connected(gateway.port, client_context(VIEWER)) as client:
+            assert asks(client, READ).startswith("0302")
+
+
+def serial_of(port: int) -> str:
+    with connected(port, client_context(VIEWER)) as client:
+        return client.getpeercert()["serialNumber"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (lambda folder: (folder / "server.key").chmod(0o644), "others may read or change it; chmod 600"),
+        (lambda folder: (folder / "server.key").unlink(), "no such file or directory"),
+        (
+            lambda folder: shutil.copy(folder / "viewer.key", folder / "server.key"),
+            "does not belong to the certificate",
+        ),
+        (lambda folder: (folder / "server.crt").write_text("none"), "has no CERTIFICATE in PEM form"),
+        (lambda folder: shutil.copy(folder / "viewer.crt", folder / "ca.crt"), "has no certificate of an authority"),
+        (lambda folder: shutil.copy(folder / "ca.crt", folder / "ca.crl"), "has no X509 CRL in PEM form"),
+    ],
+)
+def test_files_that_cannot_be_used_are_told_and_nothing_starts(tmp_path: Path, spoil, why: str) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(pki(), folder)
+    spoil(folder)
+    config = tmp_path / "gateway.toml"
+    config.write_text((listener() + IMAGE).replace(str(pki()), str(folder)))
+    done = command("run", str(config))
+    assert done.returncode == 1
+    assert why in done.stderr
+    assert "gateway.toml:1: " in done.stderr
+    assert "Traceback" not in done.stderr
+    key = (pki() / "server.key").read_text().splitlines()[1]
+    assert key not in done.stderr + done.stdout
+
+
+def test_no_secret_is_told(tmp_path: Path) -> None:
+    secrets = [line for file in pki().glob("*.key") for line in file.read_text().splitlines()[1:-1]]
+    with GatewayProcess(tmp_path, listener() + IMAGE + ROWS + f'[control]\nsocket = "{tmp_path}/c"\n') as gateway:
+        said = [command(verb, *words, "--control", f"{tmp_path}/c", "--json").stdout for verb, *words in (["status"],)]
+        said += [command("check", str(gateway.config)).stdout, str(gateway.log)]
+        assert not [secret for secret in secrets if any(secret in each for each in said)]
+    assert all(said)
+
+
+# --- the gateway as a client ---
+
+
+def upstream(port: int, name: str = OPERATOR, **changes: str) -> str:
+    folder = pki()
+    keys = {
+        "certificate": f"{folder}/{name}.crt",
+        "key": f"{folder}/{name}.key",
+        "ca": f"{folder}/ca.crt",
+        "server_name": "localhost",
+        **changes,
+    }
+    lines = "\n".join(f'{key} = "{value}"' for key, value in keys.items())
+    return (
+        f'[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[upstream]]\nname = "far"\nto = "tls://127.0.0.1:{port}"\n'
+        f"units = [{{ as = 37, unit = 200 }}]\n{lines}\n"
+    )
+
+
+def test_units_behind_a_secured_server(gateway: GatewayProcess, tmp_path: Path) -> None:
+    with GatewayProcess(tmp_path, upstream(gateway.port)) as near, from_address("127.0.0.1", near.port) as client:
+        client.sendall(encode(1, 37, WRITE))
+        assert client.recv(260)[7:] == WRITE
+        client.sendall(encode(2, 37, READ))
+        assert client.recv(260)[7:] == bytes.fromhex("03020007")
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "why"),
+    [
+        (OPERATOR, {"server_name": "elsewhere"}, "certificate is refused: Hostname mismatch"),
+        ("revoked", {}, "it says that the certificate here is revoked"),
+    ],
+)
+def test_a_server_that_cannot_be_trusted_or_does_not_trust_us(
+    gateway: GatewayProcess, tmp_path: Path, name: str, changes: dict[str, str], why: str
+) -> None:
+    with GatewayProcess(tmp_path, upstream(gateway.port, name, **changes)) as near:
+        lost = next(each for each in near.log if each["event"] == "line_lost")
+        assert "TLS failed" in lost["reason"]
+        assert why in lost["reason"]
+        with socket.create_connection(("127.0.0.1", near.port), PATIENCE) as client:
+            client.sendall(encode(1, 37, READ))
+            assert client.recv(260)[7:].hex() == "830a"
