@@ -19,6 +19,7 @@ complete -c modbus-gateway -f -n __fish_use_subcommand -a simulate -d "run simul
 complete -c modbus-gateway -f -n __fish_use_subcommand -a import -d "turn the config of another program into one for the gateway"
 complete -c modbus-gateway -f -n __fish_use_subcommand -a completion -d "print a script that completes commands in a shell"
 complete -c modbus-gateway -f -n __fish_use_subcommand -a user -d "say who may log in at the web page"
+complete -c modbus-gateway -f -n __fish_use_subcommand -a certificates -d "make certificates for tls:// and https://"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from demo' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from demo' -l once -d "exit after the script, with status 0 if every response was correct"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from run' -s h -l help -d "show this help message and exit"
@@ -125,3 +126,5 @@ complete -c modbus-gateway -n '__fish_seen_subcommand_from completion' -a "bash 
 complete -c modbus-gateway -n '__fish_seen_subcommand_from completion' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from user' -a "add remove password list"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from user' -s h -l help -d "show this help message and exit"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from certificates' -a "authority server client revoke list"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from certificates' -s h -l help -d "show this help message and exit"

@@ -4,14 +4,28 @@ from typing import Any
 
 from gateway.cli.columns import align
 from gateway.config.plan import Plan
-from gateway.config.rights_in_words import is_by_address, right_in_words, rows_in_words, unnamed_datagrams
+from gateway.config.rights_in_words import (
+    is_by_address,
+    right_in_words,
+    rows_in_words,
+    unnamed_certified,
+    unnamed_datagrams,
+)
+from gateway.routing.access import DEFAULT_ROWS
 
 
 def rights_as_text(plan: Plan) -> str:
     """The table of rights, with rules that are not rows."""
     rows = [("FROM", "THROUGH", "UNITS", "RIGHTS"), *(row[:4] for row in rows_in_words(plan))]
     silent = [f"  Through {name} (UDP) clients only read, as no row names it." for name in unnamed_datagrams(plan)]
+    silent += [f"  Through {name} (TLS) {_by_certificate(plan)}." for name in unnamed_certified(plan)]
     return "\n".join(["Rights: first match wins", align(rows, "  "), *silent])
+
+
+def _by_certificate(plan: Plan) -> str:
+    if plan.access == DEFAULT_ROWS:
+        return "clients only read, from everywhere, as there are no rows"
+    return "only rows with a role apply, as no row names it"
 
 
 def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
@@ -19,6 +33,7 @@ def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
     return [
         {
             "from": None if row.networks is None else list(map(str, row.networks)),
+            "role": row.role,
             "listen": None if row.listeners is None else sorted(row.listeners),
             "units": None if row.units is None else sorted(row.units),
             "by_address": is_by_address(row, plan),

@@ -278,6 +278,11 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
         },
     ),
     (
+        "Certificates",
+        "certificates",
+        {"USED BY": "used_by", "KEY": "key", "FILE": "file", "SUBJECT": "subject", "UNTIL": "until"},
+    ),
+    (
         "Upstreams",
         "upstreams",
         {

@@ -50,8 +50,17 @@ def unnamed_datagrams(plan: Plan) -> list[str]:
 
 def _clients(row: Row) -> str:
     if row.networks is None:
-        return "anywhere"
-    return "this machine" if row.networks == LOOPBACK else ", ".join(map(_network, row.networks))
+        place = "anywhere"
+    else:
+        place = "this machine" if row.networks == LOOPBACK else ", ".join(map(_network, row.networks))
+    if row.role is None:
+        return place
+    return f'{place}, role "{row.role}"' if row.role else f"{place}, without a role"
+
+
+def unnamed_certified(plan: Plan) -> list[str]:
+    """The TLS listeners that no row names: rows without a role give nothing there."""
+    return [one.name for one in plan.listeners if one.scheme == "tls" and not _is_named(one.name, plan)]
 
 
 def _network(network: Network) -> str:
@@ -64,7 +73,7 @@ def _through(row: Row) -> str:
 
 def _rest(plan: Plan) -> Iterator[RightsRow]:
     """The rights of clients that match no row."""
-    if not any((row.networks, row.listeners, row.units) == (None, None, None) for row in plan.access):
+    if not any((row.networks, row.listeners, row.units, row.role) == (None,) * 4 for row in plan.access):
         yield RightsRow("all else", "", "", "nothing")
     for server in plan.servers:
         if not _is_named(server.line.name, plan):

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from gateway.config.check_access import CONTROL, WEB
@@ -72,6 +72,8 @@ class Gateway:
     ways: tuple[Way, ...]
     ring: Ring
     plan: Plan
+    #: The certificates in use.
+    contexts: TlsStore = field(default_factory=TlsStore)
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -119,7 +121,7 @@ def build(
     Persistent images need a `store`, and TLS listeners `contexts`. Parts of the `running` gateway that are the same in
     `plan` are reused.
     """
-    old, ring = _Old(running), running.ring if running else Ring()
+    old, ring, contexts = _Old(running), running.ring if running else Ring(), contexts or TlsStore()
     lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring) for one in plan.lines)
     upstreams = tuple(old.upstream(one) or GatewayUpstream(one, loop, opener, emit, ring) for one in plan.upstreams)
     servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit, ring) for one in plan.servers)
@@ -151,7 +153,9 @@ def build(
         *(_way(one, alone[one.settings.line] if one.settings.line else everyone, ring) for one in listeners),
         *(Way(one.router, _served(everyone, one.plan, ring), everyone.known_as) for one in servers),
     )
-    return Gateway(listeners, lines, servers, upstreams, images, mirrors, on_lines, control, web, ways, ring, plan)
+    return Gateway(
+        listeners, lines, servers, upstreams, images, mirrors, on_lines, control, web, ways, ring, plan, contexts
+    )
 
 
 class _Old:
@@ -202,14 +206,13 @@ def _image(settings: ImageSettings, store: Store | None, emit: Emit, ring: Ring)
 
 
 def _listener(
-    settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit, ring: Ring, contexts: TlsStore | None
+    settings: ListenSettings, loop: asyncio.AbstractEventLoop, emit: Emit, ring: Ring, contexts: TlsStore
 ) -> Listener:
     why_no_route = "no such unit"
     if settings.line:
         why_no_route += f": {settings.name} leads to line {settings.line} only"
     router = Router(_entry_point(settings), loop.time, emit, why_no_route, ring)
     if settings.tls is not None:
-        assert contexts is not None  # noqa: S101 - required for plans with TLS listeners
         return TlsListener(settings, router, emit, contexts)
     return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 

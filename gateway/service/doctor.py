@@ -4,6 +4,7 @@ What can be seen of ports from outside, `service/outside.py` says; the caller pu
 """
 
 import asyncio
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, Final
@@ -16,6 +17,7 @@ from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings
 from gateway.service.control import IsThere
 from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence, units_evidence
+from gateway.service.expiry import about_certificates
 from gateway.service.operator import may_read_all, no_such_line
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.questions import harmless_read, outcome_of
@@ -66,6 +68,7 @@ async def examined(
     groups += [(server.name, _about_server(server)) for server in servers]
     if wanted is None:
         groups += [(upstream.name, _about_upstream(upstream)) for upstream in gateway.upstreams]
+        groups.append(("", list(about_certificates(gateway.contexts, time.time()))))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.line in ("", wanted)]
     clients = [client for listener in listeners for client in client_evidence(listener, gateway)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))

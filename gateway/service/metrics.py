@@ -14,6 +14,7 @@ from gateway.observe.metrics import Family, Spread
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.running import Running
 from gateway.timing.histogram import Histogram
+from gateway.tls.store import TlsStore
 
 #: The bucket bounds that are exported, of those that are counted.
 _SECONDS: Final = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -38,6 +39,7 @@ def read(running: Running, now: float) -> list[Family]:
         *_clients(running),
         _image_ages(running, now),
         _upstreams(gateway.upstreams),
+        _certificates(gateway.contexts),
         *_process(running),
     ]
 
@@ -140,6 +142,20 @@ def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
     for upstream in upstreams:
         up.add(upstream.reconnector.is_open, upstream.name)
     return up
+
+
+def _certificates(contexts: TlsStore) -> Family:
+    """The first to expire of each kind: a file may have several."""
+    ends = Family(
+        "gauge", "certificate_expiry_timestamp_seconds", "Until when certificates are valid.", ("used_by", "key")
+    )
+    first: dict[tuple[str, str], float] = {}
+    for secured, expiry in contexts.expiries():
+        place = secured.name, expiry.what
+        first[place] = min(first.get(place, expiry.at), expiry.at)
+    for place, at in first.items():
+        ends.add(at, *place)
+    return ends
 
 
 def _process(running: Running) -> Iterable[Family]:

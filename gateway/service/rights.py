@@ -28,8 +28,10 @@ def rights_in_words(gateway: Gateway) -> Sequence[RightsRow]:
     return rows_in_words(gateway.plan)
 
 
-def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int) -> Verdict:
+def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int, role: str = "") -> Verdict:
     """What the rights say to a request with this function to this unit, of a client at the address `host`.
+
+    `role` counts if the listener is a TLS listener.
 
     Raises:
         WrongQuestion: this is no address, or there is no such listener.
@@ -41,7 +43,7 @@ def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int
         ip_address(host)
     except ValueError:
         raise WrongQuestion(f'"{host}" is not an IP address') from None
-    rights = router.rights
+    rights = router.rights.of_role(role) if router.entry.kind == "certified" else router.rights
     rows = tuple(row_in_words(row, gateway.plan) for row in rights.rows_for(host, unit))
     may = right_in_words(rights[host][unit])
     return Verdict(rights.allows(host, unit, function), unit in router.routes, may, rows)

@@ -4,6 +4,7 @@ Counts are since the start. Durations have their unit in their name.
 """
 
 import asyncio
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, replace
 from typing import Final, Literal
@@ -17,6 +18,7 @@ from gateway.listeners.serial_session import Counts as ServerCounts
 from gateway.ports.reconnector import Reconnector
 from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
+from gateway.service.expiry import CertificateStatus, certificates
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.recent import LineUser, Recent
 from gateway.timing.histogram import SECONDS, SHARES, merged
@@ -247,6 +249,7 @@ class Status:
     units: tuple[UnitStatus, ...]
     images: tuple[ImageStatus, ...]
     mirrors: tuple[MirrorStatus, ...]
+    certificates: tuple[CertificateStatus, ...] = ()
 
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
@@ -280,6 +283,7 @@ def _status(gateway: Gateway, now: float, recent: Recent | None, units: tuple[Un
         units=units,
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
+        certificates=tuple(certificates(gateway.contexts, time.time())),
     )
 
 

@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 
 from gateway import events
+from gateway.service import expiry
 from gateway.service.build import Gateway
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
@@ -78,11 +79,15 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
     looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")
+    expiring = asyncio.create_task(
+        expiry.keep_looking(lambda: running.gateway.contexts, running.emit), name="certificates"
+    )
     await stop.wait()
     running.ready.clear()
     watching.cancel()
     sampling.cancel()
     looking.cancel()
+    expiring.cancel()
 
 
 async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:

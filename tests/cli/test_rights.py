@@ -101,6 +101,7 @@ def test_for_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     _, some, functions, _ = json.loads(capsys.readouterr().out)["rights"]
     assert some == {
         "from": ["10.2.0.0/24", "fd00::/8"],
+        "role": None,
         "listen": None,
         "units": [41, 42, 43, 46],
         "by_address": False,
@@ -121,3 +122,18 @@ def test_units_of_a_listener_for_one_line_are_those_on_the_wire(
     ]
     main(["check", "--json", str(tmp_path / "gateway.toml")])
     assert [row["by_address"] for row in json.loads(capsys.readouterr().out)["rights"]] == [True, True]
+
+
+def test_roles_are_shown_and_what_tls_clients_have_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tls = '[[listen]]\nname = "far"\nbind = "tls://0.0.0.0"\ncertificate = "/x"\nkey = "/x"\nclients_ca = "/x"\n'
+    rows = '[[access]]\nrole = "fitter"\nallow = ["write"]\n[[access]]\nrole = ""\nallow = ["read"]\n'
+    said = rights(tmp_path, capsys, FILE + tls + rows).splitlines()
+    assert said[2:5] == [
+        '  anywhere, role "fitter"   any listener  all    write',
+        "  anywhere, without a role  any listener  all    read",
+        "  all else                                       nothing",
+    ]
+    assert said[-1] == "  Through far (TLS) only rows with a role apply, as no row names it."
+    assert rights(tmp_path, capsys, FILE + tls).splitlines()[-1] == (
+        "  Through far (TLS) clients only read, from everywhere, as there are no rows."
+    )

@@ -1,6 +1,7 @@
 """Who is let in at the web page, and who may change something. In virtual time, without sockets."""
 
 import asyncio
+import ssl
 from ipaddress import ip_network
 from urllib.parse import urlsplit
 
@@ -280,15 +281,15 @@ async def test_the_cookie_is_for_this_site_only(bench, tmp_path):
 
 
 async def test_with_https_the_cookie_is_secure(tmp_path):
-    async with web_bench(CONFIG, tmp_path, certificate=tmp_path / "crt", key=tmp_path / "key") as bench:
+    async with web_bench(CONFIG, tmp_path, tls=ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)) as bench:
         page = await bench.browser().log_in("anna")
         assert page.headers["Set-Cookie"].startswith("__Host-mbgw=")
         assert "Secure" in page.headers["Set-Cookie"].split("; ")
 
 
-@pytest.mark.parametrize(("certificate", "cookie"), [(None, "mbgw"), ("crt", "__Host-mbgw")])
-async def test_the_document_of_the_api_names_the_cookie_that_is_sent(tmp_path, certificate, cookie):
-    async with web_bench(CONFIG, tmp_path, certificate=certificate and tmp_path / certificate) as bench:
+@pytest.mark.parametrize(("tls", "cookie"), [(None, "mbgw"), (ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), "__Host-mbgw")])
+async def test_the_document_of_the_api_names_the_cookie_that_is_sent(tmp_path, tls, cookie):
+    async with web_bench(CONFIG, tmp_path, tls=tls) as bench:
         document = (await bench.browser().get("/api/v1/openapi.json")).json
         assert document["components"]["securitySchemes"]["session"]["name"] == cookie
 

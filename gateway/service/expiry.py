@@ -1,0 +1,63 @@
+"""Sees early that a certificate, or a revocation list, will not be valid any more."""
+
+import asyncio
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+from gateway.diagnosis.finding import Finding
+from gateway.events import CertificateExpires, Emit
+from gateway.tls.store import TlsStore
+
+#: From how many days before its end on it is said, once a day. It is looked for every hour: a reload may bring others.
+EARLY: Final = 30.0
+STEP: Final = 3600.0
+DAY: Final = 86_400.0
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateStatus:
+    """A file that is valid for `days_left`, until the date `until`. The table `used_by` names it by `key`."""
+
+    used_by: str
+    source: str
+    key: str
+    file: str
+    subject: str
+    until: str
+    days_left: float
+
+
+def certificates(contexts: TlsStore, now: float) -> Iterator[CertificateStatus]:
+    """Every certificate and revocation list in use; `now` in seconds since 1970."""
+    for secured, expiry in contexts.expiries():
+        until = datetime.fromtimestamp(expiry.at, UTC).strftime("%Y-%m-%d")
+        left = round((expiry.at - now) / DAY, 1)
+        yield CertificateStatus(secured.name, secured.source, expiry.what, expiry.file, expiry.subject, until, left)
+
+
+async def keep_looking(contexts: Callable[[], TlsStore], emit: Emit) -> None:
+    """Tell what will expire until cancelled."""
+    told_at: dict[tuple[str, str, str], float] = {}
+    while True:
+        now = time.time()
+        for each in certificates(contexts(), now):
+            place = each.file, each.subject, each.until
+            if each.days_left < EARLY and now - told_at.get(place, 0.0) >= DAY:
+                told_at[place] = now
+                emit(CertificateExpires(each.used_by, each.key, each.file, each.subject, each.days_left))
+        await asyncio.sleep(STEP)
+
+
+def about_certificates(contexts: TlsStore, now: float) -> Iterator[Finding]:
+    """What doctor says about them: what expires soon, or when the first one does."""
+    known = sorted(certificates(contexts, now), key=lambda each: each.days_left)
+    soon = [each for each in known if each.days_left < EARLY]
+    for each in soon:
+        what = f"{each.file} has expired" if each.days_left < 0 else f"{each.file} expires in {each.days_left:.0f} days"
+        remedy = f"{each.source}: put another file in its place ({each.key}), then modbus-gateway reload"
+        yield Finding("fix", each.used_by, f"{what}, on {each.until}", remedy)
+    if known and not soon:
+        yield Finding("ok", "certificates", f"the first to expire is {known[0].file}, on {known[0].until}")

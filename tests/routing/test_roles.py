@@ -1,0 +1,137 @@
+"""Rights by the role in a client's certificate: rows, and every function of every role at every unit."""
+
+from ipaddress import ip_network
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.events import AccessDenied, Event, WriteAudit
+from gateway.modbus.functions import only_reads
+from gateway.request import Request
+from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, MOST_ROLES, NOTHING, READING, EntryPoint, Rights, Row
+from gateway.routing.identity import Identity
+from gateway.routing.router import CertifiedRouter
+from kit.router import router
+
+REMOTE = EntryPoint("remote", "certified")
+SCADA = EntryPoint("scada")
+ROLES = ["", "operator", "viewer", "stranger"]
+HERE, ELSEWHERE = "127.0.0.1", "10.9.9.9"
+
+
+class Bench:
+    """A client with a certificate: what arrives at the units, what it is answered, and what is told of it."""
+
+    client = "10.9.9.9:1"
+
+    def __init__(self, rows: tuple[Row, ...], role: str, host: str = ELSEWHERE, entry: EntryPoint = REMOTE) -> None:
+        self.host = host
+        self.reached: list[Request] = []
+        self.answers: list[bytes | None] = []
+        self.events: list[Event] = []
+        made = router(dict.fromkeys(range(256), self), self.events.append, rows=rows, entry=entry)
+        self.router = CertifiedRouter(made, Identity("CN=somebody", role))
+
+    def asks(self, unit: int, pdu: bytes) -> bool:
+        """Whether a request reaches its unit; the answer is 01 otherwise."""
+        before = len(self.reached)
+        self.router.submit(Request(unit, pdu, self, 0.0), 0.0)
+        if len(self.reached) > before:
+            return True
+        assert self.answers[-1] == bytes((pdu[0] | 0x80, 1))
+        return False
+
+    def submit(self, request: Request, now: float) -> None:
+        self.reached.append(request)
+
+    def wants(self, request: Request) -> bool:
+        return True
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        self.answers.append(pdu)
+
+
+def pdus() -> list[bytes]:
+    """Each function with some content, and 43 with each kind of content that is told apart."""
+    return [*(bytes((function, 0, 0, 0, 1)) for function in range(1, 128)), b"\x2b\x0e\x01\x00", b"\x2b\x0d\x00"]
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_only_a_role_that_may_write_gets_a_write_to_a_unit(role: str) -> None:
+    rows = (Row(READING, role="viewer"), Row(EVERYTHING, units=frozenset(range(40, 50)), role="operator"))
+    rows = (*rows, Row(READING, role="operator"))
+    bench = Bench(rows, role)
+    for unit in range(1, 248):
+        for pdu in pdus():
+            may_read, may_write = role in ("operator", "viewer"), role == "operator" and 40 <= unit < 50
+            assert bench.asks(unit, pdu) is (may_write or (may_read and only_reads(pdu)))
+    assert all(only_reads(each.pdu) or (role == "operator" and 40 <= each.unit < 50) for each in bench.reached)
+
+
+@given(
+    rows=st.lists(
+        st.builds(
+            Row,
+            right=st.sampled_from([NOTHING, READING, EVERYTHING]),
+            networks=st.sampled_from([None, (ip_network("127.0.0.0/8"),), (ip_network("10.0.0.0/8"),)]),
+            listeners=st.sampled_from([None, frozenset(["remote"]), frozenset(["scada"])]),
+            units=st.sampled_from([None, frozenset([7]), frozenset(range(1, 248))]),
+            role=st.sampled_from([None, *ROLES]),
+        ),
+        max_size=5,
+    ).map(tuple),
+    role=st.sampled_from(ROLES),
+    host=st.sampled_from([HERE, ELSEWHERE]),
+    unit=st.sampled_from([1, 7, 247]),
+)
+def test_the_first_row_that_fits_counts_and_nothing_else(
+    rows: tuple[Row, ...], role: str, host: str, unit: int
+) -> None:
+    def fits(row: Row) -> bool:
+        return (
+            (row.role == role or (row.role is None and row.listeners is not None))
+            and (row.listeners is None or "remote" in row.listeners)
+            and (row.networks is None or host.partition(".")[0] == str(row.networks[0]).partition(".")[0])
+            and (row.units is None or unit in row.units)
+        )
+
+    expected = next((row.right for row in rows if fits(row)), NOTHING)
+    rights = Rights(rows, REMOTE)
+    assert rights.of_role(role)[host][unit] == expected
+    assert not expected or rights.admits(host)
+    plain = Rights(rows, SCADA)[host][unit]
+    assert plain == Rights([row for row in rows if row.role is None], SCADA)[host][unit]
+
+
+@pytest.mark.parametrize("host", [HERE, ELSEWHERE])
+@pytest.mark.parametrize("role", ROLES)
+def test_without_a_table_clients_with_certificates_only_read(host: str, role: str) -> None:
+    rights = Rights(DEFAULT_ROWS, REMOTE)
+    assert set(rights.of_role(role)[host]) == {READING}
+    assert rights.admits(host)
+
+
+def test_a_row_for_a_network_gives_a_certified_client_nothing() -> None:
+    rows = (Row(EVERYTHING, networks=(ip_network("10.0.0.0/8"),)),)
+    assert set(Rights(rows, REMOTE).of_role("operator")[ELSEWHERE]) == {NOTHING}
+    assert not Rights(rows, REMOTE).admits(ELSEWHERE)
+    assert set(Rights(rows, SCADA)[ELSEWHERE]) == {EVERYTHING}
+
+
+def test_the_rights_of_any_number_of_roles_take_bounded_memory() -> None:
+    rights = Rights((Row(EVERYTHING, role="role-1"),), REMOTE)
+    for number in range(3 * MOST_ROLES):
+        assert set(rights.of_role(f"role-{number}")[HERE]) == {EVERYTHING if number == 1 else NOTHING}
+    assert len(rights._roles) <= MOST_ROLES
+
+
+def test_subject_and_role_stand_in_the_account() -> None:
+    bench = Bench((Row(READING, role="viewer"),), "viewer")
+    assert not bench.asks(7, b"\x06\0\0\0\1")
+    denied, audited = bench.events
+    assert isinstance(denied, AccessDenied)
+    assert isinstance(audited, WriteAudit)
+    for event in (denied, audited):
+        assert (event.fields()["subject"], event.fields()["role"]) == ("CN=somebody", "viewer")
+    assert "subject" not in AccessDenied("scada", "10.0.0.1:1", 7, 6).fields()
