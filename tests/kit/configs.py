@@ -39,6 +39,7 @@ OF_KIND: Mapping[str, st.SearchStrategy[Any]] = {
     "table such as": st.dictionaries(st.sampled_from(["1", "2", "3", "4", "16", "65"]), st.integers(1, 3000)),
     "`true`": st.sampled_from([True, False, "only"]),
     "list such as": st.just(["127.0.0.0/8"]),
+    "path or `{": st.just("/nowhere/x.pem"),
     "address or range": st.sampled_from([0, 3, 65535, "0-1", "16-19", "1-99", "coils"]),
     "address": st.sampled_from(
         ["tcp://d", "tcp://e:1502", "tcp://127.0.0.1:1", "udp://127.0.0.1:1", "rtu+tcp://[::]:2"]

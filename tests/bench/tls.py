@@ -1,0 +1,214 @@
+"""What TLS costs: memory of a connection, handshakes a second, processor time of a transaction, and others' patience.
+
+    .venv/bin/python tests/bench/tls.py [--connections 1000]
+
+`beside a flood`: a plain client asks every 5 ms, while another process begins handshakes as fast as it can from four
+addresses; half of them are finished, with a good certificate, the others are not. Rounds with and without it take
+turns; what counts is the ratio to rounds with the same flood at another gateway, which takes the same from the
+machine, and GOAL is its bound (status 1). All are measured on the machine as it is: the load is printed too.
+"""
+
+import argparse
+import os
+import socket
+import ssl
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from gateway.modbus.mbap import encode
+from kit.pki import OPERATOR, client_context, listener, pki
+from kit.process import GatewayProcess
+
+GOAL = 1.5
+READ = encode(1, 200, bytes.fromhex("03 0000 000A"))
+ANSWER = 29
+ROUNDS, ROUND, PACE = 6, 4.0, 0.005
+TICKS = os.sysconf("SC_CLK_TCK")
+
+FLOOD = """
+import socket, ssl, sys, threading, time
+port, cert = int(sys.argv[1]), sys.argv[2]
+context = ssl.create_default_context(cafile=f"{cert}/ca.crt")
+context.check_hostname = False
+context.load_cert_chain(f"{cert}/operator.crt", f"{cert}/operator.key")
+done = 0
+def flood(own, finishes):
+    global done
+    kept = []
+    while True:
+        try:
+            plain = socket.create_connection(("127.0.0.1", port), 5, (own, 0))
+            if finishes:
+                context.wrap_socket(plain).close()
+                done += 1
+            else:
+                kept.append(plain)
+                if len(kept) > 50:
+                    kept.pop(0).close()
+        except OSError:
+            pass
+for own in range(2, 6):
+    for finishes in (True, False):
+        threading.Thread(target=flood, args=(f"127.0.0.{own}", finishes), daemon=True).start()
+sys.stdin.read()
+print(done)
+"""
+
+
+def main() -> int:
+    """Print each figure; 1 if a flood is felt more than GOAL says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--connections", type=int, default=1000, help="for the memory of each")
+    args = parser.parse_args()
+    image = "[[image]]\nunit = 200\nholding = 100\n"
+    plain = f'[[listen]]\nname = "plain"\nbind = "tcp://127.0.0.1:0"\nclients = {args.connections + 10}\n'
+    tls = listener(f"clients = {args.connections + 10}")
+    print(f"load of the machine: {os.getloadavg()[0]:.1f}, {os.cpu_count()} processors; {ssl.OPENSSL_VERSION}")
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tempfile.TemporaryDirectory() as elsewhere,
+        GatewayProcess(Path(folder), plain + tls + image, level="info") as gateway,
+        GatewayProcess(Path(elsewhere), plain + tls + image, level="info") as other,
+    ):
+        ports = gateway.ports["tcp"], gateway.ports["tls"]
+        context = client_context(OPERATOR)
+        _handshakes(gateway, ports[1], context)
+        _transactions(gateway, ports, context)
+        _memory(gateway, ports, context, args.connections)
+        return _patience(gateway, other)
+
+
+def _handshakes(gateway: GatewayProcess, port: int, context: ssl.SSLContext) -> None:
+    def once(_: int) -> None:
+        _connect(port, context).close()
+
+    for name, resumed in (("new", False), ("resumed", True)):
+        session = None
+        before, began = _processor_time(gateway), time.monotonic()
+        before_in_loop = _processor_time(gateway, gateway.pid)
+        for _ in range(300):
+            client = _connect(port, context, session)
+            client.sendall(READ)
+            client.recv(260)
+            session = client.session if resumed else None
+            client.close()
+        took, used = time.monotonic() - began, _processor_time(gateway) - before
+        in_loop = _processor_time(gateway, gateway.pid) - before_in_loop
+        print(
+            f"handshakes, {name}: {300 / took:.0f}/s one after the other, each {used / 300 * 1000:.2f} ms of the gateway, "
+            f"{in_loop / 300 * 1000:.2f} ms of these in its event loop"
+        )
+    with ThreadPoolExecutor(4) as pool:
+        began = time.monotonic()
+        list(pool.map(once, range(400)))
+    print(f"handshakes, four at a time: {400 / (time.monotonic() - began):.0f}/s")
+
+
+def _transactions(gateway: GatewayProcess, ports: tuple[int, int], context: ssl.SSLContext) -> None:
+    costs = []
+    clients = [socket.create_connection(("127.0.0.1", ports[0])), _connect(ports[1], context)]
+    for client in clients:
+        best = []
+        for _ in range(5):
+            before, count = _processor_time(gateway), 4000
+            for _ in range(count):
+                client.sendall(READ)
+                client.recv(260)
+            best.append((_processor_time(gateway) - before) / count * 1e6)
+        costs.append(min(best))
+        client.close()
+    print(f"a transaction: {costs[0]:.0f} us plain, {costs[1]:.0f} us over TLS: {costs[1] / costs[0]:.2f} times")
+
+
+def _memory(gateway: GatewayProcess, ports: tuple[int, int], context: ssl.SSLContext, count: int) -> None:
+    for name, connect in (
+        ("plain", lambda: socket.create_connection(("127.0.0.1", ports[0]))),
+        ("TLS", lambda: _connect(ports[1], context)),
+    ):
+        before = _resident(gateway)
+        clients = []
+        for _ in range(count):
+            client = connect()
+            client.sendall(READ)
+            client.recv(260)
+            clients.append(client)
+        time.sleep(1.0)
+        after = _resident(gateway)
+        print(f"{count} {name} connections: {(after - before) / count:.1f} KiB each, {after / 1024:.0f} MiB in all")
+        for client in clients:
+            client.close()
+        time.sleep(2.0)
+
+
+def _patience(gateway: GatewayProcess, other: GatewayProcess) -> int:
+    quiet: list[float] = []
+    elsewhere: list[float] = []
+    here: list[float] = []
+    done = 0
+    for _ in range(ROUNDS):
+        quiet.append(_percentile(gateway.ports["tcp"]))
+        with _flood(other.ports["tls"]):
+            elsewhere.append(_percentile(gateway.ports["tcp"]))
+        with _flood(gateway.ports["tls"]) as flood:
+            here.append(_percentile(gateway.ports["tcp"]))
+        done += flood[0]
+    alone, beside, under = (statistics.median(each) * 1000 for each in (quiet, elsewhere, here))
+    print(
+        f"p99 of a plain client: {alone:.2f} ms; with a flood at another gateway {beside:.2f} ms, at its own {under:.2f} ms"
+    )
+    print(f"  that is {under / beside:.2f} times; {done / ROUNDS / ROUND:.0f} handshakes/s were done")
+    return int(under / beside > GOAL)
+
+
+@contextmanager
+def _flood(port: int) -> Iterator[list[int]]:
+    result = [0]
+    words = [sys.executable, "-c", FLOOD, str(port), str(pki())]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        time.sleep(1.0)
+        yield result
+        result[0] = int(process.communicate("")[0] or 0)
+    time.sleep(1.0)
+
+
+def _percentile(port: int) -> float:
+    """The 99th percentile of a plain client's response times."""
+    times = []
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        end = time.monotonic() + ROUND
+        while (began := time.monotonic()) < end:
+            client.sendall(READ)
+            client.recv(260)
+            times.append(time.monotonic() - began)
+            time.sleep(PACE)
+    return statistics.quantiles(times, n=100)[98]
+
+
+def _connect(port: int, context: ssl.SSLContext, session: ssl.SSLSession | None = None) -> ssl.SSLSocket:
+    plain = socket.create_connection(("127.0.0.1", port))
+    return context.wrap_socket(plain, server_hostname="localhost", session=session)
+
+
+def _processor_time(gateway: GatewayProcess, thread: int = 0) -> float:
+    """Of the process, or of one of its threads, in seconds."""
+    task = f"task/{thread}/" if thread else ""
+    fields = Path(f"/proc/{gateway.pid}/{task}stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def _resident(gateway: GatewayProcess) -> int:
+    """KiB."""
+    return int(Path(f"/proc/{gateway.pid}/status").read_text().split("VmRSS:")[1].split()[0])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
