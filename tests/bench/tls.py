@@ -104,8 +104,8 @@ def _handshakes(gateway: GatewayProcess, port: int, context: ssl.SSLContext) -> 
         took, used = time.monotonic() - began, _processor_time(gateway) - before
         in_loop = _processor_time(gateway, gateway.pid) - before_in_loop
         print(
-            f"handshakes, {name}: {300 / took:.0f}/s one after the other, each {used / 300 * 1000:.2f} ms of the gateway, "
-            f"{in_loop / 300 * 1000:.2f} ms of these in its event loop"
+            f"handshakes, {name}: {300 / took:.0f}/s one after the other; {used / 300 * 1000:.2f} ms of the gateway each, "
+            f"{in_loop / 300 * 1000:.2f} ms in its event loop"
         )
     with ThreadPoolExecutor(4) as pool:
         began = time.monotonic()
@@ -163,7 +163,7 @@ def _patience(gateway: GatewayProcess, other: GatewayProcess) -> int:
         done += flood[0]
     alone, beside, under = (statistics.median(each) * 1000 for each in (quiet, elsewhere, here))
     print(
-        f"p99 of a plain client: {alone:.2f} ms; with a flood at another gateway {beside:.2f} ms, at its own {under:.2f} ms"
+        f"p99 of a plain client: {alone:.2f} ms; a flood at another gateway {beside:.2f} ms, at its own {under:.2f} ms"
     )
     print(f"  that is {under / beside:.2f} times; {done / ROUNDS / ROUND:.0f} handshakes/s were done")
     return int(under / beside > GOAL)

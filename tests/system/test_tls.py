@@ -396,3 +396,32 @@ def test_a_server_that_cannot_be_trusted_or_does_not_trust_us(
         with socket.create_connection(("127.0.0.1", near.port), PATIENCE) as client:
             client.sendall(encode(1, 37, READ))
             assert client.recv(260)[7:].hex() == "830a"
+
+
+# --- the web page ---
+
+
+def test_the_certificate_of_the_page_changes_by_reload(tmp_path: Path) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(pki(), folder)
+    web = f'[web]\nbind = "https://127.0.0.1:0"\ncertificate = "{folder}/server.crt"\nkey = "{folder}/server.key"\n'
+    with GatewayProcess(tmp_path, IMAGE + '[[listen]]\nbind = "tcp://127.0.0.1:0"\n' + web) as gateway:
+        address = next(each["address"] for each in gateway.log if each["event"] == "web_up")
+        port = int(address.rpartition(":")[2])
+        before = shown(port)
+        replace = ["certificates", "server", "localhost", "127.0.0.1", "--replace", "--folder", str(folder)]
+        assert command(*replace).returncode == 0
+        gateway.signal(signal.SIGHUP)
+        gateway.wait_for("config_applied")
+        assert shown(port) != before
+        assert shown(port, name="127.0.0.1") == shown(port)
+
+
+def shown(port: int, name: str = "localhost") -> bytes:
+    """The certificate that a browser gets, if it trusts it."""
+    context = ssl.create_default_context(cafile=str(pki() / "ca.crt"))
+    plain = from_address("127.0.0.1", port)
+    with plain, context.wrap_socket(plain, server_hostname=name) as client:
+        client.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert client.recv(100).startswith(b"HTTP/1.1 200 OK")
+        return client.getpeercert(binary_form=True) or b""
