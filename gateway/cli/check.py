@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from math import ceil, floor, log10
 from typing import Any, Final
 
-from gateway.cli.certificate_trouble import certificate_troubles
 from gateway.cli.columns import align
 from gateway.cli.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.line_load import polls_as_json, polls_as_text, rates_as_json, rates_as_text
@@ -65,11 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _load_and_look(file: str) -> Loaded:
     """Load the file, and add what would keep the service of this machine from using it."""
-    loaded = load(file, address_trouble)
-    if loaded.config is not None:
-        troubles = certificate_troubles(loaded.config, file)
-        loaded = replace(loaded, problems=(*loaded.problems, *troubles))
-    return with_file_troubles(loaded, file)
+    return with_file_troubles(load(file, address_trouble), file)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from gateway.config.positions import Positions
 from gateway.config.problem import Problem, warning
 from gateway.config.schema import Web
 from gateway.errors import UsersError
+from gateway.service.certificate_troubles import certificate_troubles
 from gateway.web.users import Users, read_users
 
 #: Rights that others than the owner and the group have, and writing by the group.
@@ -24,6 +25,7 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
         return loaded
     trouble = file_trouble(file, folder)
     found = [] if trouble is None else [trouble]
+    found += certificate_troubles(config, file)
     if config.web is not None and config.web.users is not None:
         place = Positions(loaded.text).value((*config.web.path, "users"))
         found += [each.located(file, *place) for each in _about_users(config.web, config.web.users, folder)]
