@@ -104,7 +104,7 @@ def _handshakes(gateway: GatewayProcess, port: int, context: ssl.SSLContext) -> 
         took, used = time.monotonic() - began, _processor_time(gateway) - before
         in_loop = _processor_time(gateway, gateway.pid) - before_in_loop
         print(
-            f"handshakes, {name}: {300 / took:.0f}/s one after the other; {used / 300 * 1000:.2f} ms of the gateway each, "
+            f"handshakes, {name}: {300 / took:.0f}/s in a row; each {used / 300 * 1000:.2f} ms of the gateway, "
             f"{in_loop / 300 * 1000:.2f} ms in its event loop"
         )
     with ThreadPoolExecutor(4) as pool:
