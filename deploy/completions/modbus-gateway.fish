@@ -22,6 +22,7 @@ complete -c modbus-gateway -f -n __fish_use_subcommand -a user -d "say who may l
 complete -c modbus-gateway -f -n __fish_use_subcommand -a certificates -d "make certificates for tls:// and https://"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from demo' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from demo' -l once -d "exit after the script, with status 0 if every response was correct"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from demo' -l tls -d "also a listener with TLS, and certificates to try it"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from run' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from run' -l control -r -d "path of the control socket; overrides the config"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from check' -s h -l help -d "show this help message and exit"

@@ -16,6 +16,8 @@ from typing import Final
 from gateway import events
 from gateway.cli.demo_script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, LIVE_LINE, PANEL, PANEL_LINE, DemoLine
 from gateway.cli.demo_stage import Stage
+from gateway.cli.demo_tls import PORT as TLS_PORT
+from gateway.cli.demo_tls import invitation, make_certificates, tls_config
 from gateway.cli.demo_traffic import traffic
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.load import load
@@ -24,7 +26,7 @@ from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
-from gateway.service.build import build
+from gateway.service.build import Gateway, build
 from gateway.service.control import Verbs, control_open
 from gateway.service.control_path import control_path
 from gateway.service.reload import Reloader
@@ -35,7 +37,7 @@ from gateway.service.systemd import Notifier
 from gateway.service.verbs import verbs
 from gateway.service.web import web_pages
 from gateway.simulator.panel import Panel
-from gateway.tls.store import TlsStore
+from gateway.tls.store import TlsStore, load_all
 
 #: The ports of the demo and of its page; any free port if one is in use.
 _PORT: Final = 5020
@@ -53,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--once", action="store_true", help="exit after the script, with status 0 if every response was correct"
     )
+    parser.add_argument("--tls", action="store_true", help="also a listener with TLS, and certificates to try it")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,12 +63,13 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         DemoError: a simulator or the gateway did not start.
+        TlsError: certificates cannot be made.
     """
-    return run_exactly(_until_signal(once=args.once))
+    return run_exactly(_until_signal(once=args.once, tls=args.tls))
 
 
-async def _until_signal(*, once: bool) -> int:
-    demo = asyncio.create_task(_demo(once=once), name="demo")
+async def _until_signal(*, once: bool, tls: bool) -> int:
+    demo = asyncio.create_task(_demo(once=once, tls=tls), name="demo")
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, demo.cancel)
@@ -76,14 +80,15 @@ async def _until_signal(*, once: bool) -> int:
         return FINE
 
 
-async def _demo(*, once: bool) -> int:
+async def _demo(*, once: bool, tls: bool) -> int:
     print("modbus-gateway demo: a gateway with simulated serial lines\n", flush=True)
     async with AsyncExitStack() as parts:
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
         lines = LINES if once else (*LINES, LIVE_LINE)
         await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in lines))
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
-        config = _write_config(folder, lines, has_page=not once and _can_serve_pages())
+        certificates = make_certificates(folder) if tls else None
+        config = _write_config(folder, lines, certificates, has_page=not once and _can_serve_pages())
         plan, text = _plan(config)
         stage = Stage(config, plan)
         running, answers = await parts.enter_async_context(_gateway(config, text, plan, stage))
@@ -94,6 +99,8 @@ async def _demo(*, once: bool) -> int:
             await parts.enter_async_context(control_open(control, answers, stage.tell))
             await parts.enter_async_context(traffic(stage.address))
             stage.invite(control)
+            if certificates is not None:
+                print(invitation(certificates, running.gateway.listeners[1].address), flush=True)
             await asyncio.Event().wait()
     return PROBLEM_FOUND if wrong else FINE
 
@@ -135,12 +142,14 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
         await process.wait()
 
 
-def _write_config(folder: Path, lines: Sequence[DemoLine], *, has_page: bool) -> Path:
+def _write_config(folder: Path, lines: Sequence[DemoLine], certificates: Path | None, *, has_page: bool) -> Path:
     """Write the config as a user would."""
     parts = [f'[[listen]]\nbind = "tcp://127.0.0.1:{_port(_PORT)}"\n']
     named = [*((line.name, line.config) for line in lines), (PANEL, PANEL_LINE)]
     parts += [f'[[line]]\nname = "{name}"\nport = "{folder / name}"\n{config}\n' for name, config in named]
     parts.append(IMAGE)
+    if certificates is not None:
+        parts.append(tls_config(certificates, _port(TLS_PORT)))
     if has_page:
         parts.append(f'[web]\nbind = "http://127.0.0.1:{_port(_PAGE_PORT)}"\n')
     file = folder / "gateway.toml"
@@ -199,15 +208,19 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     loop = asyncio.get_running_loop()
     memory, fan_out = Memory(), FanOut(tell)
     emit = fan_out.emit
-    running, stop = Running(build(plan, loop, opener, memory, emit), emit), Stop()
-    reloader = Reloader(
-        config, running, lambda new, old: build(new, loop, opener, memory, emit, None, old), Notifier({}), text=text
-    )
+    contexts = TlsStore()
+    contexts.adopt(load_all(plan.secured))
+
+    def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
+        return build(plan, loop, opener, memory, emit, None, gateway, contexts)
+
+    running, stop = Running(rebuild(plan, None), emit), Stop()
+    reloader = Reloader(config, running, rebuild, Notifier({}), text=text, contexts=contexts)
     serving = asyncio.create_task(serve(running, stop, None, reloader), name="gateway")
     try:
         async with asyncio.timeout(_PATIENCE):
             await ready.wait()
-        async with web_pages(plan.web, running, reloader, fan_out, TlsStore()):
+        async with web_pages(plan.web, running, reloader, fan_out, contexts):
             yield running, verbs(running, reloader)
     finally:
         stop.order("the demo is stopping")

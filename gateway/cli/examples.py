@@ -7,6 +7,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "demo": (
         ("demo", "simulated devices and a gateway, until Ctrl-C"),
         ("demo --once", "ask each device once, and check each answer"),
+        ("demo --tls", "also with TLS: certificates, and a command to connect with them"),
     ),
     "run": (("run gateway.toml", "log on standard error, until Ctrl-C"),),
     "check": (

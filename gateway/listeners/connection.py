@@ -14,6 +14,8 @@ from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Target
 from gateway.routing.identity import ANONYMOUS, Identity
 
+#: Of a connection that only its transport may read and write.
+NO_DESCRIPTOR: Final = -1
 #: The most bytes that are kept for a client that does not read its responses.
 UNSENT_BYTES: Final = 64 * 1024
 
@@ -99,7 +101,8 @@ class TcpConnection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self.transport = cast("asyncio.Transport", transport)
-        self._descriptor: int = transport.get_extra_info("socket").fileno()
+        socket = transport.get_extra_info("socket")
+        self._descriptor: int = NO_DESCRIPTOR if socket is None else socket.fileno()
         # requests in progress when reading stops are answered too
         room = UNSENT_BYTES - self._listener.settings.in_flight * MAX_TCP_ADU
         self.transport.set_write_buffer_limits(max(room, 0))
@@ -241,3 +244,16 @@ class TcpConnection(asyncio.BufferedProtocol):
     def _failed(self, error: Exception) -> None:
         self._listener.failed(f"client {self.client}", error)
         self.abort("a defect in the gateway")
+
+
+class SecuredConnection(TcpConnection):
+    """One whose transport encrypts: nothing is read or written beside that."""
+
+    def receive(self, room: memoryview) -> int:  # noqa: ARG002 - what has arrived is in the transport
+        """Nothing: the transport delivers it."""
+        return 0
+
+    def send(self, data: bytes) -> None:
+        """Send a response, unless the connection is closed."""
+        if not self.transport.is_closing():
+            self.transport.write(data)

@@ -6,7 +6,7 @@ import time
 
 from gateway import events
 from gateway.listeners.admission import NO_RIGHTS
-from gateway.listeners.connection import TcpConnection
+from gateway.listeners.connection import SecuredConnection
 from gateway.listeners.handshakes import Handshakes, Visitor
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
@@ -84,7 +84,7 @@ class TlsListener(TcpListener):
             self._turn_away(stream, visitor, why_not)
             return
         clock, router = asyncio.get_running_loop().time, CertifiedRouter(self.router, identity)
-        stream.begin(TcpConnection(self, visitor.host, visitor.client, clock, router, identity))
+        stream.begin(SecuredConnection(self, visitor.host, visitor.client, clock, router, identity))
 
     def _turn_away(self, stream: TlsStream, visitor: Visitor, reason: str) -> None:
         self._refused(visitor, reason)

@@ -164,8 +164,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     # --- the transport to the application ---
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
-        """See asyncio.BaseTransport."""
-        return self._transport.get_extra_info(name, default)
+        """See asyncio.BaseTransport. Nobody gets the socket, past which bytes would go as plain text."""
+        return default if name == "socket" else self._transport.get_extra_info(name, default)
 
     def is_closing(self) -> bool:
         """See asyncio.BaseTransport."""

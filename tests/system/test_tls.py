@@ -1,5 +1,6 @@
 """Modbus/TCP Security in real processes: other programs' clients, certificates of every kind, and what they may do."""
 
+import os
 import shutil
 import signal
 import socket
@@ -15,7 +16,7 @@ from pymodbus.client import ModbusTlsClient
 
 from gateway.modbus.mbap import encode
 from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, pki, signed
-from kit.process import PATIENCE, GatewayProcess, command
+from kit.process import COMMAND, PATIENCE, GatewayProcess, command
 
 IMAGE = """
 [[image]]
@@ -425,3 +426,28 @@ def shown(port: int, name: str = "localhost") -> bytes:
         client.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert client.recv(100).startswith(b"HTTP/1.1 200 OK")
         return client.getpeercert(binary_form=True) or b""
+
+
+def test_the_demo_can_be_tried_with_certificates(tmp_path: Path) -> None:
+    words = [*COMMAND, "demo", "--tls"]
+    own = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=own) as demo:
+        try:
+            said = ""
+            while "-key " not in said:
+                line = demo.stdout.readline()
+                assert line, said
+                said += line
+            folder = Path(said.rpartition("-CAfile ")[2].partition("/ca.crt")[0])
+            port = int(said.rpartition("tls://127.0.0.1:")[2].partition(".")[0])
+            context = ssl.create_default_context(cafile=str(folder / "ca.crt"))
+            context.load_cert_chain(folder / "viewer.crt", folder / "viewer.key")
+            with connected(port, context) as client:
+                client.sendall(encode(1, 200, READ))
+                assert client.recv(260)[7] == 3
+                client.sendall(encode(2, 200, WRITE))
+                assert client.recv(260)[7:].hex() == "8601"
+        finally:
+            demo.terminate()
+            demo.wait(PATIENCE)
+    assert not folder.exists()

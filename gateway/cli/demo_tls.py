@@ -1,0 +1,60 @@
+"""`demo --tls`: a secured listener with certificates that live as long as the demo."""
+
+from pathlib import Path
+from typing import Final
+
+from gateway.tls.making import make_authority, make_client, make_server
+
+#: The port of the secured listener, if it is free.
+PORT: Final = 8802
+_DAYS: Final = 2
+
+_CONFIG: Final = """\
+[[listen]]
+name = "secured"
+bind = "tls://127.0.0.1:{port}"
+certificate = "{folder}/server.crt"
+key = "{folder}/server.key"
+clients_ca = "{folder}/ca.crt"
+
+[[access]]
+role = "operator"
+allow = ["read", "write"]
+
+[[access]]
+role = "viewer"
+allow = ["read"]
+
+[[access]]
+from = ["127.0.0.0/8", "::1"]
+allow = ["read", "write"]
+"""
+
+
+def make_certificates(folder: Path) -> Path:
+    """Make an authority, a server and two clients in a folder there.
+
+    Raises:
+        TlsError: they cannot be made.
+    """
+    tls = folder / "tls"
+    make_authority(tls, "Demo authority", _DAYS)
+    make_server(tls, "server", ["localhost", "127.0.0.1"], _DAYS)
+    for role in ("operator", "viewer"):
+        make_client(tls, role, role, _DAYS)
+    return tls
+
+
+def tls_config(tls: Path, port: int) -> str:
+    """The listener, and the rights of roles."""
+    return _CONFIG.format(folder=tls, port=port)
+
+
+def invitation(tls: Path, address: str) -> str:
+    """How to connect."""
+    place = address.removeprefix("tls://")
+    return (
+        f"\nThe same units with certificates, at {address}. An operator may write, a viewer may not:\n"
+        f"  openssl s_client -connect {place} -CAfile {tls}/ca.crt \\\n"
+        f"    -cert {tls}/viewer.crt -key {tls}/viewer.key"
+    )
