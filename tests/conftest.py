@@ -21,6 +21,7 @@ _TESTS = Path(__file__).parent
 _REAL_TIME = frozenset({"system", "bench"})
 #: Files of them that take longest, in that order: each is run by one worker, and none of these shall begin last.
 _LONGEST = (
+    *("test_pages_in_browser", "test_logins_in_browser"),
     *("test_systemd", "test_doctor", "test_web_api", "test_trace", "test_scan", "test_read_write", "test_demo"),
     *("test_web", "test_store", "test_go", "test_device_server", "test_calibrate"),
 )

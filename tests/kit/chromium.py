@@ -87,6 +87,23 @@ def axe_findings(page: Any, *rules: str) -> list[str]:
     ]
 
 
+def in_language(path: str, language: str) -> str:
+    return f"{path}{'&' if '?' in path else '?'}lang={language}"
+
+
+def page_findings(page: Any) -> list[str]:
+    """What is wrong with a page: light, dark, and on a telephone."""
+    found = axe_findings(page)
+    page.emulate_media(color_scheme="dark")
+    found += axe_findings(page, "color-contrast")
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.wait_for_timeout(200)
+    found += axe_findings(page, "scrollable-region-focusable", "target-size", "color-contrast")
+    if (width := page.evaluate("document.documentElement.scrollWidth")) > 390:
+        found.append(f"{width} pixels wide")
+    return found
+
+
 def until(page: Any, is_so: Callable[[], bool]) -> None:
     """Wait for what the page shows. (Playwright's own way needs `eval`, which the page forbids.)"""
     end = time.monotonic() + PATIENCE

@@ -1,19 +1,14 @@
-"""Every page as a browser shows it: in each language, light and dark, with and without JavaScript."""
+"""Every page of the demo as a browser shows it: in each language, light and dark, with and without JavaScript."""
 
-import http.server
 import re
-import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
 from gateway.web.languages import LANGUAGES
-from kit.browser import PASSWORD, USERS
-from kit.chromium import CHROMIUM, MISSING, axe_findings, chromium, demo_page, until, watched
-from kit.process import GatewayProcess
+from kit.chromium import CHROMIUM, MISSING, axe_findings, chromium, demo_page, in_language, page_findings, watched
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
@@ -28,29 +23,8 @@ PAGES = {
     "/clients": "/clients",
     "/config": "/config",
 }
-#: What only an operator sees, or only where there is an image.
-PAGES_OF_OPERATORS = {"/": "/", "/images/UNIT": "/images/200", "/units/UNIT": "/units/41", "/health": "/health"}
-CONFIG = """
-[[listen]]
-bind = "tcp://127.0.0.1:0"
-
-[[line]]
-name = "hall"
-port = "{folder}/hall"
-devices = [{{ unit = 1, as = 41, name = "silo", profile = "weigher" }}]
-
-[[image]]
-unit = 200
-name = "shift"
-holding = 10
-
-[web]
-bind = "http://127.0.0.1:{port}"
-users = "{folder}/users"
-write = true
-"""
-#: Somebody who is not at this machine.
-REMOTE = {"X-Forwarded-For": "10.0.0.9"}
+#: Those that the demo has none of.
+OTHERS = ("/images/UNIT",)
 
 
 @pytest.fixture(scope="module")
@@ -65,38 +39,6 @@ def demo() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("web")
-    (folder / "users").write_text(USERS)
-    (folder / "users").chmod(0o600)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    """The address of a gateway with users."""
-    with GatewayProcess(folder, CONFIG.format(folder=folder, port=0)) as gateway:
-        yield next(event["address"] for event in gateway.log if event["event"] == "web_up")
-
-
-def in_language(path: str, language: str) -> str:
-    return f"{path}{'&' if '?' in path else '?'}lang={language}"
-
-
-def findings(page: Any) -> list[str]:
-    """What is wrong with a page: light, dark, and on a telephone."""
-    found = axe_findings(page)
-    page.emulate_media(color_scheme="dark")
-    found += axe_findings(page, "color-contrast")
-    page.set_viewport_size({"width": 390, "height": 844})
-    page.wait_for_timeout(200)
-    found += axe_findings(page, "scrollable-region-focusable", "target-size", "color-contrast")
-    if (width := page.evaluate("document.documentElement.scrollWidth")) > 390:
-        found.append(f"{width} pixels wide")
-    return found
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("path", PAGES.values())
 def test_a_page_is_accessible_and_asks_nobody_else(browser, demo, path, language):
@@ -105,7 +47,7 @@ def test_a_page_is_accessible_and_asks_nobody_else(browser, demo, path, language
         page.wait_for_timeout(1000)
         assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
         assert page.locator("h1").count() == 1
-        assert findings(page) == []
+        assert page_findings(page) == []
 
 
 @pytest.mark.parametrize("path", PAGES.values())
@@ -126,7 +68,7 @@ def test_a_page_is_complete_and_accessible_without_javascript(browser, demo, pat
 
 
 def test_each_page_that_another_leads_to_is_tested_here(browser, demo):
-    kinds = [re.compile(re.sub("[A-Z]+", "[^/]+", kind)) for kind in (*PAGES, *PAGES_OF_OPERATORS)]
+    kinds = [re.compile(re.sub("[A-Z]+", "[^/]+", kind)) for kind in (*PAGES, *OTHERS)]
     with watched(browser, java_script_enabled=False) as page:
         found = set()
         for path in PAGES.values():
@@ -136,115 +78,3 @@ def test_each_page_that_another_leads_to_is_tested_here(browser, demo):
     pages = {path for path in found if not path.startswith("/api/")}
     assert len(pages) > len(PAGES)
     assert sorted(path for path in pages if not any(kind.fullmatch(path) for kind in kinds)) == []
-
-
-def log_in(page: Any, address: str, password: str = PASSWORD) -> None:
-    page.goto(f"{address}/login?next=/lines/hall")
-    page.get_by_label("User").fill("anna")
-    page.get_by_label("Password").fill(password)
-    page.get_by_role("button", name="Log in").click()
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("path", PAGES_OF_OPERATORS.values())
-def test_a_page_of_an_operator_is_accessible(browser, address, path, language):
-    with watched(browser, color_scheme="light", viewport={"width": 1280, "height": 900}) as page:
-        log_in(page, address)
-        page.goto(f"{address}{in_language(path, language)}")
-        page.wait_for_timeout(500)
-        assert "anna" in page.locator("header").inner_text()
-        assert findings(page) == []
-
-
-def test_who_is_not_at_this_machine_logs_in_and_gets_to_the_page_that_was_asked_for(browser, address):
-    with watched(browser, extra_http_headers=REMOTE) as page:
-        page.goto(f"{address}/lines/hall")
-        assert urlsplit(page.url).path == "/login"
-        log_in(page, address)
-        assert urlsplit(page.url).path == "/lines/hall"
-        page.get_by_role("button", name="Log out").click()
-        assert urlsplit(page.url).path == "/login"
-        page.goto(address)
-        assert urlsplit(page.url).path == "/login"
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_a_wrong_password_is_told_and_lets_nobody_in(browser, address, language):
-    why = {"en": "User or password is wrong.", "zh": "用户名或密码错误。"}[language]
-    page = browser.new_page(extra_http_headers=REMOTE | {"Accept-Language": language})
-    page.goto(f"{address}/login?lang=en")
-    log_in(page, address, "wrong horse")
-    page.goto(f"{address}/login?lang={language}")
-    page.locator("#user").fill("anna")
-    page.locator("#password").fill("wrong horse")
-    page.locator("main button").click()
-    assert page.get_by_role("alert").inner_text() == why
-    assert axe_findings(page) == []
-    page.goto(address)
-    assert urlsplit(page.url).path == "/login"
-    page.context.close()
-
-
-def test_a_forged_token_changes_nothing(browser, address):
-    page = browser.new_page()
-    log_in(page, address)
-    page.evaluate("document.querySelector('header [name=csrf]').value = 'forged'")
-    page.get_by_role("button", name="Log out").click()
-    assert "X-CSRF-Token must be that of the session" in page.locator("body").inner_text()
-    page.goto(address)
-    assert "anna (operator)" in page.locator("header").inner_text()
-    page.context.close()
-
-
-@pytest.fixture
-def other_site() -> Iterator[str]:
-    """A page at another port of this machine, to which browsers send the cookies of the gateway."""
-
-    class Site(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(b"<form method=post><input name=csrf><button>Win</button></form>")
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with http.server.HTTPServer(("127.0.0.1", 0), Site) as server:
-        serving = threading.Thread(target=server.serve_forever)
-        serving.start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
-        serving.join()
-
-
-def test_a_form_of_another_site_changes_nothing_even_with_the_right_token(browser, address, other_site):
-    page = browser.new_page()
-    log_in(page, address)
-    token = page.locator("header [name=csrf]").get_attribute("value")
-    page.goto(other_site)
-    page.evaluate(
-        """([address, token]) => {
-            document.forms[0].action = address + "/logout";
-            document.forms[0].csrf.value = token;
-        }""",
-        [address, token],
-    )
-    with page.expect_request(f"{address}/logout") as sent:
-        page.get_by_role("button").click()
-    assert "mbgw=" in sent.value.all_headers()["cookie"]
-    assert "the Origin of a POST or PUT must be that of this page" in page.locator("body").inner_text()
-    page.goto(address)
-    assert "anna (operator)" in page.locator("header").inner_text()
-    page.context.close()
-
-
-def test_a_page_whose_session_has_ended_leads_to_the_login_and_back(browser, address, folder):
-    page = browser.new_page(extra_http_headers=REMOTE)
-    log_in(page, address)
-    (folder / "users").write_text(USERS.replace("anna:operator", "anna:viewer"))
-    until(page, lambda: page.reload() and urlsplit(page.url).path == "/login")
-    log_in(page, address)
-    assert "anna (viewer)" in page.locator("header").inner_text()
-    (folder / "users").write_text(USERS)
-    page.context.close()

@@ -45,7 +45,7 @@ function renew(fresh) {
 
 /** What is wider than the page can be reached, and so scrolled, by keyboard. */
 function letScroll() {
-  for (const part of main.querySelectorAll("section, pre")) {
+  for (const part of main.querySelectorAll("section")) {
     if (part.scrollWidth > part.clientWidth || part.scrollHeight > part.clientHeight) part.tabIndex = 0;
     else part.removeAttribute("tabindex");
   }
