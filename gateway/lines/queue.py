@@ -40,12 +40,12 @@ class _Row:
 
     __slots__ = ("address", "client", "ring", "waiting")
 
-    def __init__(self, origin: Origin, ring: "deque[_Row]") -> None:
+    def __init__(self, origin: Origin) -> None:
         self.client = origin.client
         self.address = _address(origin)
         self.waiting: deque[Transaction] = deque()
         #: Where the row takes its turns.
-        self.ring = ring
+        self.ring: deque[_Row]
 
     def next(self, is_held: Held | None) -> Transaction | None:
         """The first one that may go: not held, and not after a held one whose order it keeps."""
@@ -193,7 +193,7 @@ class WaitingQueue:
     def _append(self, transaction: Transaction, origin: Origin) -> None:
         row = self._rows.get(origin.client)
         if row is None:
-            row = self._rows[origin.client] = _Row(origin, self._plain)
+            row = self._rows[origin.client] = _Row(origin)
         if not row.waiting:
             row.ring = self._ring_for(transaction)
             row.ring.append(row)
@@ -201,7 +201,7 @@ class WaitingQueue:
 
     def _put_first(self, transaction: Transaction, origin: Origin) -> None:
         """Let a transaction wait first in a client's row. The row has its turn last."""
-        row = self._rows.setdefault(origin.client, _Row(origin, self._plain))
+        row = self._rows.setdefault(origin.client, _Row(origin))
         if row.waiting:
             row.ring.remove(row)
         row.waiting.appendleft(transaction)

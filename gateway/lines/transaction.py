@@ -99,7 +99,7 @@ class Transaction:
 
     def is_copy(self, frame: Frame) -> bool:
         """Whether `frame` is a copy of the request."""
-        return frame == (self.unit, self.asked.data)
+        return frame.unit == self.unit and frame.pdu == self.asked.data
 
     @property
     def is_wanted(self) -> bool:

@@ -304,7 +304,7 @@ class RtuScanner(Scanner):
                 if patient and not any(frame.start < start < frame.end for frame in self._found):
                     return start, start + size
             elif expected.asked.longest_response:
-                if size >= SHORTEST and crc_fits(self._buffer[at : at + size]):
+                if crc_fits(self._buffer[at : at + size]):
                     return start, start + size
             elif size and self._ends_here(at):
                 return start, start + size

@@ -163,6 +163,13 @@ def test_where_answers_come_too_early_a_copy_is_one_too(real: Bench) -> None:
     assert real.counts.early_responses == EARLY_ANSWERS + ECHOES + 1
 
 
+def test_where_answers_come_too_early_the_copy_of_a_read_is_none(real: Bench) -> None:
+    for _ in range(EARLY_ANSWERS):
+        hear_early(real)
+    hear_early(real, READ, READ)
+    assert real.counts.early_responses == EARLY_ANSWERS
+
+
 def test_an_echo_is_still_told_when_answers_come_in_time_again(real: Bench) -> None:
     for _ in range(EARLY_ANSWERS):
         hear_early(real)

@@ -597,6 +597,18 @@ def test_a_line_tells_how_many_late_answers_it_awaits_and_how_many_requests_wait
     assert (bench.line.late_windows(bench.now), bench.line.waiting) == (0, 0)
 
 
+def test_what_no_window_forbids_goes_as_soon_as_a_broadcast_has_had_its_time() -> None:
+    bench = Bench(late_window=5.0)
+    time_out(bench)
+    bench.ask(unit=3)
+    bench.broadcast("06 00 01 00 05", client=Asker("10.0.0.7:1"))
+    bench.ask(unit=2, client=Asker("10.0.0.8:1"))
+    bench.pass_time(0.02)
+    bench.respond(unit=3)
+    bench.pass_time(0.2)
+    assert bench.written[1:] == [bench.frame(0, "06 00 01 00 05"), bench.frame(2, READ)]
+
+
 # --- what an earlier line on the port has asked ---
 
 

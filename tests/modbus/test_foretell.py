@@ -34,3 +34,7 @@ def test_what_only_silence_ends(foretell, head):
 @pytest.mark.parametrize("function", [1, 3, 7, 43, 65, 127])
 def test_an_exception_has_two_bytes(function):
     assert response_size(bytes((function | 0x80,))) == 2
+
+
+def test_a_byte_count_of_two_bytes_counts_with_both():
+    assert response_size(bytes.fromhex("18 01 02")) == 3 + 0x0102

@@ -228,3 +228,10 @@ def test_unit_0_never_responds_so_what_comes_from_it_is_read_as_a_request_only()
 def test_so_many_bytes_of_noise_may_stand_before_a_request_that_only_silence_ends(glitch: int, is_heard: bool):
     pdu = b"\x41\x01"
     assert hear(RtuFramer(SILENCE), b"\xff" * glitch + encode(UNIT, pdu)) == ([(UNIT, pdu)] if is_heard else [])
+
+
+def test_behind_a_frame_that_silence_ends_nothing_of_the_noise_before_it_counts():
+    framer = RtuFramer(SILENCE)
+    frame = encode(UNIT, bytes.fromhex("41 01 02"))
+    assert hear(framer, b"\xff" + frame) == [(UNIT, frame[1:-2])]
+    assert framer.behind == 0

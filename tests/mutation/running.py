@@ -216,7 +216,10 @@ class Runner:
         selection = Selection(mutant.module, self._seen, self._longest)
         selection.select(session.items)
         session.config.pluginmanager.register(selection)
-        replace(mutant)
+        try:
+            replace(mutant)
+        except LookupError:  # no test imports its module, so none can kill it
+            session.items.clear()
 
     def _all(self, mutants: Iterable[Mutant]) -> None:
         running = _Children(self._jobs)
