@@ -94,6 +94,20 @@ def test_the_end_of_a_connection_is_for_who_reads_and_for_who_writes() -> None:
         assert selector.select(0) == ["read"]
 
 
+def test_a_masked_descriptor_is_left_alone_unless_what_is_behind_it_is_lost() -> None:
+    near, far = socket.socketpair()
+    with near, closing(ExactSelector()) as selector:
+        selector.register(near, selectors.EVENT_READ, ("read", None))
+        selector.mask(near.fileno(), is_masked=True)
+        far.send(b"x")
+        assert selector.select(0) == []
+        selector.mask(near.fileno(), is_masked=False)
+        assert selector.select(0) == ["read"]
+        selector.mask(near.fileno(), is_masked=True)
+        far.close()
+        assert selector.select(0) == ["read"]
+
+
 async def test_a_callback_that_another_one_has_removed_is_not_called() -> None:
     loop = asyncio.get_running_loop()
     pairs = [socket.socketpair() for _ in range(2)]
