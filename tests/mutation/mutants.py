@@ -7,9 +7,9 @@
 Without `--sample` every mutant runs, which takes hours. The tests of a mutant are those of its module, then those of
 its package. What is known is kept in `.mutation`, in one session of cosmic-ray for each module (`cr-html` shows it),
 until that module changes: a run that was stopped goes on, and `--again` runs only what has survived so far. Mutants
-that no test can tell from the code as it is stand in `equivalent.toml` with the reason, and are left out. One that takes
-ten minutes on the clock is undecided, as the machine may be busy; a test that takes far more processor time than without
-it has failed. Ends with status 0 if enough of the others are killed.
+that no test can tell from the code as it is stand in `equivalent.toml` with the reason, and are left out. One that
+takes ten minutes on the clock is undecided, as the machine may be busy; a test that takes far more processor time
+than without it has failed. Ends with status 0 if enough of the others are killed.
 """
 
 import argparse
