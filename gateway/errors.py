@@ -27,6 +27,7 @@ GatewayError
 ├── PortError                    a serial port cannot be opened or was lost
 │   └── PortClosed               it was closed by its user
 ├── ListenError                  a listener cannot use its address
+├── TlsError                     a certificate, key or revocation list cannot be used
 ├── StateError                   a file in the state directory cannot be read
 ├── UsersError                   the file with the users of the web page cannot be used
 ├── WrongQuestion                what was asked for at the control socket cannot be

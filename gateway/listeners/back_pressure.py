@@ -13,14 +13,16 @@ class BackPressure:
     """Either the client does not read its responses, or the queue of a line has just refused one of its requests.
 
     Clients that repeat at once after a refusal would leave the lines no time. `blocked_at` is since when it does not
-    read its responses, None while it does; `is_held` is whether it is held back after a refusal.
+    read its responses, None while it does; `is_held` is whether it is held back after a refusal; `is_paused` is whether
+    its connection has been told to receive nothing, for one of these or because it has enough requests in progress.
     """
 
-    __slots__ = ("_hold", "blocked_at", "is_held")
+    __slots__ = ("_hold", "blocked_at", "is_held", "is_paused")
 
     def __init__(self) -> None:
         self.blocked_at: float | None = None
         self.is_held = False
+        self.is_paused = False
         self._hold = SHORTEST_HOLD
 
     @property

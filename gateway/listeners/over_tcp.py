@@ -161,7 +161,7 @@ class OverTcpSession(Session):
 
     def _drain(self, now: float) -> None:
         arrivals = self._arrivals
-        if not self._is_paused:  # while the client waits for the gateway it cannot be silent
+        if not self._back_pressure.is_paused:  # while the client waits for the gateway it cannot be silent
             arrivals.go_on(now)
             self._take(arrivals.ended(now), now)
             self._take(arrivals.cut(now), now)
@@ -180,7 +180,7 @@ class OverTcpSession(Session):
 
         The beginning is enough: it arrived together with the last request, or later.
         """
-        if self._is_draining or self._is_paused:
+        if self._is_draining or self._back_pressure.is_paused:
             return False
         count = self._connection.receive(self._arrivals.room())
         if count:

@@ -136,7 +136,7 @@ class Session(ABC):
     """
 
     __slots__ = (
-        "_back_pressure", "_connection", "_in_flight", "_is_draining", "_is_paused", "_life", "_limit", "_out",
+        "_back_pressure", "_connection", "_in_flight", "_is_draining", "_life", "_limit", "_out",
         "_router", "_settings", "_whole_at", "asked", "client", "host", "last_asked",
     )  # fmt: skip
 
@@ -165,7 +165,6 @@ class Session(ABC):
         #: Responses that have not been sent yet.
         self._out: list[bytes] = []
         self._is_draining = False
-        self._is_paused = False
         self._back_pressure = BackPressure()
         #: When the last look found no incomplete ADU.
         self._whole_at = now
@@ -271,7 +270,7 @@ class Session(ABC):
         blocked_at = self._back_pressure.blocked_at
         if blocked_at is not None and now - blocked_at >= TAKING_DEADLINE:
             return f"took no responses for {TAKING_DEADLINE:g} s"
-        waits_for_us = self._is_paused or blocked_at is not None
+        waits_for_us = self._back_pressure.is_paused or blocked_at is not None
         self._whole_at = now if waits_for_us or not self.has_begun else max(self._whole_at, self.last_asked)
         if now - self._whole_at >= SENDING_DEADLINE:
             return f"sent no whole request within {SENDING_DEADLINE:g} s"
@@ -299,13 +298,13 @@ class Session(ABC):
             self._connection.release_after(seconds)
 
     def _pause(self) -> None:
-        if not self._is_paused:
-            self._is_paused = True
+        if not self._back_pressure.is_paused:
+            self._back_pressure.is_paused = True
             self._connection.pause()
 
     def _resume(self) -> None:
-        if self._is_paused and self._takes_more:
-            self._is_paused = False
+        if self._back_pressure.is_paused and self._takes_more:
+            self._back_pressure.is_paused = False
             self._connection.resume()
 
     def _flush(self) -> None:
