@@ -111,6 +111,8 @@ class Source:
         self._counts: dict[tuple[int, int], int] = {}
         self._times: dict[tuple[int, int], list[float]] = {}
         self._limits: dict[tuple[int, int], tuple[float, float]] = {}
+        self._longest: dict[tuple[int, int], float] = {}
+        self._has_forgotten = False
         self.look()
 
     def look(self) -> None:
@@ -127,10 +129,14 @@ class Source:
                 del times[:-_KEPT]
             self._counts[key] = row["count"]
             self._limits[key] = row["limit_ms"], row["allowed_ms"]
+            if not self._has_forgotten:  # later it may be of a time that does not count
+                self._longest[key] = row.get("longest_ms", 0.0) / 1000
 
     def forget(self) -> None:
         """Only what comes from now on counts."""
         self._times.clear()
+        self._longest.clear()
+        self._has_forgotten = True
 
     @property
     def count(self) -> int:
@@ -139,7 +145,11 @@ class Source:
 
     def rows(self) -> list[Row]:
         """The times by function and number of items."""
-        return [Row(*key, tuple(times), *self._limits[key]) for key, times in sorted(self._times.items()) if times]
+        return [
+            Row(*key, tuple(times), *self._limits[key], self._longest.get(key, 0.0))
+            for key, times in sorted(self._times.items())
+            if times
+        ]
 
 
 class Calibration(Proposal):
@@ -181,7 +191,7 @@ class Calibration(Proposal):
                 "count": len(row.times),
                 "p50_ms": _ms(row.quantile(0.5)),
                 "p99_ms": _ms(row.quantile(0.99)),
-                "max_ms": _ms(max(row.times)),
+                "max_ms": _ms(row.slowest),
                 "fit_ms": _ms(self.fitted(row)),
                 "allowed_ms": row.allowed_ms,
                 "limit_ms": row.limit_ms,
@@ -192,7 +202,7 @@ class Calibration(Proposal):
         return {**{key: self.about[key] for key in keys}, "rows": rows, "timing": timing, "margin": self.margin}
 
     def _cells(self, row: Row) -> tuple[str, ...]:
-        times = (row.quantile(0.5), row.quantile(0.99), max(row.times), self.fitted(row), row.limit_ms / 1000)
+        times = (row.quantile(0.5), row.quantile(0.99), row.slowest, self.fitted(row), row.limit_ms / 1000)
         return (str(row.function), str(row.items), str(len(row.times)), *(show_duration(each) for each in times))
 
     def _notes(self) -> Iterator[str]:

@@ -18,14 +18,15 @@ class MeasuredRow:
     """Normal responses of one function with the same number of items.
 
     There were `count` since the start. `times_ms` are the last ones, oldest first: from the end of the request to the
-    beginning of the response, as it would have begun at the line's rate. `limit_ms` is the present limit, and
-    `allowed_ms` the part of it that is for the device.
+    beginning of the response, as it would have begun at the line's rate; `longest_ms` is the longest since the start.
+    `limit_ms` is the present limit, and `allowed_ms` the part of it that is for the device.
     """
 
     function: int
     items: int
     count: int
     times_ms: tuple[float, ...]
+    longest_ms: float
     limit_ms: float
     allowed_ms: float
 
@@ -89,6 +90,7 @@ def _rows(line: GatewayLine, device: Device) -> Iterator[MeasuredRow]:
                 items=items,
                 count=row.count,
                 times_ms=tuple(round(max(time - response, 0.0) * 1000, 2) for time in row.times),
+                longest_ms=round(max(row.longest - response, 0.0) * 1000, 2),
                 limit_ms=round(budget.limit(asked, device.answer_time) * 1000, 1),
                 allowed_ms=round(device.answer_time.allowed(asked) * 1000, 1),
             )

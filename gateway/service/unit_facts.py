@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Final
@@ -24,7 +25,7 @@ from gateway.service.trace_reader import what_is_seen
 from gateway.timing.histogram import SECONDS
 from gateway.timing.measured import Times
 from gateway.timing.proposal import Proposal, Row
-from gateway.timing.verdict import ENOUGH, verdict
+from gateway.timing.verdict import CLOSE, ENOUGH_TO_SHORTEN, verdict
 from gateway.trace.pdus import request_in_words
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept, PolledAge, Written
 
@@ -130,7 +131,9 @@ def _mirrors_of(gateway: Gateway, unit: int) -> list[Mirror]:
 
 
 def _times(function: int, times: Times, counts: Counts, proposed_ms: float | None) -> FunctionTimes:
-    share, limit_ms = times.share.quantile(0.99), times.limit * 1000
+    share, limit_ms, p99_ms = times.share.quantile(0.99), times.limit * 1000, _optional_ms(times.answer.quantile(0.99))
+    if proposed_ms is not None:  # exceptions and late responses are not in the samples
+        proposed_ms = max(proposed_ms, p99_ms or 0.0, _milliseconds(times.latest / CLOSE))
     return FunctionTimes(
         function=function,
         responses=counts.responses,
@@ -140,7 +143,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
         bounds_ms=tuple(bound * 1000 for bound in SECONDS.bounds),
         counts=tuple(times.answer.counts),
         p50_ms=_optional_ms(times.answer.quantile(0.5)),
-        p99_ms=_optional_ms(times.answer.quantile(0.99)),
+        p99_ms=p99_ms,
         share_p99=share,
         limit_ms=_milliseconds(times.limit) or None,
         proposed_ms=proposed_ms,
@@ -155,15 +158,24 @@ def _proposed(gateway: Gateway, unit: int) -> Mapping[int, float]:
     except WrongQuestion:
         return {}
     rows = [
-        Row(each.function, each.items, tuple(time / 1000 for time in each.times_ms), each.limit_ms, each.allowed_ms)
+        Row(
+            each.function,
+            each.items,
+            tuple(time / 1000 for time in each.times_ms),
+            each.limit_ms,
+            each.allowed_ms,
+            each.longest_ms / 1000,
+        )
         for each in about.rows
     ]
-    proposal = Proposal(rows, about.margin)
+    proposal, count = Proposal(rows, about.margin), Counter[int]()
+    for each in about.rows:
+        count[each.function] += each.count
     of_function = {function: list(each) for function, each in groupby(rows, lambda row: row.function)}
     return {
         function: _milliseconds(max(map(proposal.limit, each)))
         for function, each in of_function.items()
-        if sum(len(row.times) for row in each) >= ENOUGH
+        if count[function] >= ENOUGH_TO_SHORTEN
     }
 
 

@@ -1,4 +1,4 @@
-"""A timing table from measured response times: the lines through them, and the margin that the slowest need."""
+"""A timing table from measured response times: the lines through them, and the margin that the slowest needs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from itertools import groupby
 from math import ceil
 
 from gateway.timing.fit import Fit, fit
+from gateway.timing.verdict import CLOSE
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,6 +15,7 @@ class Row:
     """The response times of one function with so many items, in seconds, and what the limit is now.
 
     `allowed_ms` is the part of the limit that is for the device; the rest is the response on the wire, and latency.
+    `times` may be the last ones only: the slowest of all was `longest`, if that is more.
     """
 
     function: int
@@ -21,6 +23,12 @@ class Row:
     times: tuple[float, ...]
     limit_ms: float
     allowed_ms: float
+    longest: float = 0.0
+
+    @property
+    def slowest(self) -> float:
+        """The longest time of all."""
+        return max(self.longest, *self.times)
 
     def quantile(self, share: float) -> float:
         """The time that this share of the responses did not exceed."""
@@ -47,9 +55,12 @@ class Proposal:
 
     @cached_property
     def margin(self) -> float:
-        """What the table is to be multiplied with: as now, or more where 99 of 100 responses need it."""
-        needed = [row.quantile(0.99) / max(self.fitted(row), 0.001) for row in self.rows]
-        return max(self._present_margin, ceil(10 * max(needed)) / 10)
+        """What the table is to be multiplied with: as now, or more, so that no response so far would be near its limit.
+
+        The slowest counts and not the last ones: otherwise each look would propose another limit.
+        """
+        needed = [row.slowest / CLOSE / max(self.fitted(row), 0.001) for row in self.rows]
+        return max(self._present_margin, ceil(round(10 * max(needed), 6)) / 10)
 
     def fitted(self, row: Row) -> float:
         """The time of a row's requests by the table, in seconds."""

@@ -9,12 +9,13 @@ KEPT: Final = 32
 
 
 class Row:
-    """Responses with the same number of items: how many there were, and the last times in seconds."""
+    """Responses with the same number of items: how many there were, the last times, and the longest, in seconds."""
 
-    __slots__ = ("count", "times")
+    __slots__ = ("count", "longest", "times")
 
     def __init__(self) -> None:
         self.count = 0
+        self.longest = 0.0
         self.times: deque[float] = deque(maxlen=KEPT)
 
 
@@ -35,3 +36,4 @@ class Samples:
             row = self.rows[items] = Row()
         row.count += 1
         row.times.append(seconds)
+        row.longest = max(row.longest, seconds)

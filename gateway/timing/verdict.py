@@ -5,7 +5,8 @@ from typing import Final, Literal
 #: `few`: too few responses to say; `tight`: the next slow one is a time-out; `long`: far too long.
 Verdict = Literal["few", "tight", "right", "long"]
 
-#: From which share of the limit on 99 of 100 responses are near it, and up to which it is far too long.
+#: From which share of the limit on 99 of 100 responses are near it, and up to which it is far too long if there is no
+#: timing table to compare it with.
 CLOSE: Final = 0.8
 FAR: Final = 0.05
 #: From how many milliseconds on a limit can be far too long, and from how many times what a timing table would make it.
@@ -21,7 +22,7 @@ def verdict(
 ) -> Verdict:
     """Of `responses`, 99 of 100 took at most this `share` of the limit, and `late` came after it.
 
-    `proposed_ms` is the limit by a timing table from these responses, if there is one.
+    `proposed_ms` is the limit by a timing table from these responses, if there is one: it tells what is far too long.
     """
     if late:
         return "tight"
@@ -29,7 +30,7 @@ def verdict(
         return "few"
     if share >= CLOSE:
         return "tight"
-    is_far = share <= FAR or (proposed_ms is not None and limit_ms >= FAR_BEYOND * proposed_ms)
+    is_far = share <= FAR if proposed_ms is None else limit_ms >= FAR_BEYOND * proposed_ms
     if not is_far or limit_ms < LONG:
         return "right"
     return "long" if responses >= ENOUGH_TO_SHORTEN else "few"

@@ -109,6 +109,21 @@ async def test_a_limit_that_is_far_too_long_is_said_to_be_and_a_better_one_propo
     assert 20 < int(proposed[1]) < 100
 
 
+def proposed(page: str) -> list[int]:
+    return [int(each) for each in re.findall(r"proposed (\d+) ms</text>", page)]
+
+
+async def test_a_proposed_limit_is_never_below_the_slowest_response_and_waits_for_enough(bench, device):
+    await read(bench, 60)
+    assert not proposed((await bench.browser().get(PAGE)).text)
+    device.delay = 0.3
+    await read(bench, 1)
+    device.delay = 0.02
+    await read(bench, 100)
+    (limit,) = proposed((await bench.browser().get(PAGE)).text)
+    assert 300 < limit < 450
+
+
 async def test_a_limit_that_responses_come_close_to_is_too_tight(bench, device):
     device.delay = 1.8
     await read(bench, 25)
