@@ -1,8 +1,8 @@
 """Rules about a unit on a line."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from math import ceil
-from typing import Final
+from typing import Final, NamedTuple
 
 from gateway.config.duration import show_duration
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
@@ -20,13 +20,25 @@ ENOUGH: Final = 3
 _MARGIN: Final = 1.5
 
 
+class _Found(NamedTuple):
+    """A finding, and how many requests it concerns."""
+
+    requests: int
+    finding: Finding
+
+
+_Rule = Callable[[UnitEvidence, LineEvidence], Iterator[_Found]]
+
+
 def about_unit(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
-    """The findings about a unit, by the first rule that has any."""
-    for rule in _RULES:
-        found = list(rule(unit, line))
-        if found:
-            yield from found
-            return
+    """The findings about a unit, the largest first: what is to be mended, then what concerns the most requests."""
+    found = [each for rules in _RULES for each in _first(rules, unit, line)]
+    yield from (each.finding for each in sorted(found, key=lambda each: (each.finding.level != "fix", -each.requests)))
+
+
+def _first(rules: Sequence[_Rule], unit: UnitEvidence, line: LineEvidence) -> list[_Found]:
+    """What the first rule finds that finds anything: the others would tell the same in another way."""
+    return next(filter(None, (list(rule(unit, line)) for rule in rules)), [])
 
 
 def name(unit: UnitEvidence) -> str:
@@ -34,17 +46,18 @@ def name(unit: UnitEvidence) -> str:
     return f"unit {unit.unit}, {unit.name}"
 
 
-def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:  # noqa: ARG001 - a rule
+def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if not unit.late:
         return
     responses = "one response" if unit.late == 1 else f"{unit.late} responses"
     what = f"{responses} came after the limit, the slowest after {show_duration(unit.latest)}"
     if unit.limit:
         what += f" (limit {show_duration(unit.limit)})"
-    yield Finding("fix" if unit.late >= SOME * unit.asked else "note", name(unit), what, _longer(unit, unit.latest))
+    level: Level = "fix" if unit.late >= SOME * unit.asked else "note"
+    yield _Found(unit.late, Finding(level, name(unit), what, _longer(unit, line)))
 
 
-def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """Two devices that respond at once damage both responses, each time differently."""
     what, double = "", f"two devices may have the address {unit.on_the_wire}"
     if unit.twice:
@@ -55,27 +68,27 @@ def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[Find
         what = f"its responses are damaged, each in another way: {double}, or the line is disturbed"
     if what:
         remedy = "disconnect one of them and give it another address"
-        yield Finding("fix", name(unit), what, remedy)
+        yield _Found(max(unit.bad_frames, unit.twice), Finding("fix", name(unit), what, remedy))
 
 
-def _is_damaged(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+def _is_damaged(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.bad_frames > WRONG * unit.asked:
         yield from _damage("fix", unit, line)
 
 
-def _is_damaged_at_times(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+def _is_damaged_at_times(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.bad_frames >= SOME * unit.asked:
         yield from _damage("note", unit, line)
 
 
-def _damage(level: Level, unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+def _damage(level: Level, unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.bad_frames >= ENOUGH:
         what = f"{unit.bad_frames} of {unit.asked} responses were damaged"
         remedy = f"check format ({line.format}), wiring, termination and shield of {line.name}"
-        yield Finding(level, name(unit), what, remedy)
+        yield _Found(unit.bad_frames, Finding(level, name(unit), what, remedy))
 
 
-def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if not unit.is_silent:
         return
     search = line.search
@@ -86,21 +99,31 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
         found = ", ".join(map(str, search.found))
         what += f", but a device that is not configured answers at {found}: are addresses swapped?"
         remedy = f"{unit.source}: unit = {search.found[0]}, or set the address at the device"
-        yield Finding("fix", name(unit), what, remedy)
     else:
-        yield Finding("fix", name(unit), what, "check power, wiring and address of the device")
+        remedy = _CHECK_DEVICE
+    yield _Found(unit.asked, Finding("fix", name(unit), what, remedy))
 
 
-def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:  # noqa: ARG001 - a rule
-    if unit.is_silent or unit.ambiguous > WRONG * unit.asked:
-        return  # the row of the line says it
-    if unit.failed > WRONG * unit.asked and (unit.failed >= ENOUGH or not unit.answered):
-        what = f"{unit.failed} of {unit.asked} requests were not answered"
+def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
+    """What comes in place of its responses, where another client asks other units, is most likely theirs."""
+    if _hears_others_only(unit, line):
+        instead = unit.bad_frames + unit.ambiguous
+        what = f"has never answered: what came after {instead} of {unit.asked} requests was probably other traffic"
+        yield _Found(unit.asked, Finding("fix", name(unit), what, _CHECK_DEVICE))
+
+
+def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
+    if unit.is_silent or unit.ambiguous > WRONG * unit.asked or _hears_others_only(unit, line):
+        return  # the row of the line says it, or another one of the unit
+    damaged = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else 0
+    failed = unit.failed - min(damaged + unit.late, unit.failed)  # the others have rows of their own
+    if failed > WRONG * unit.asked and (failed >= ENOUGH or not unit.answered):
+        what = f"{failed} of {unit.asked} requests were not answered"
         remedy = "check power and wiring of the device; modbus-gateway status shows if it goes on"
-        yield Finding("fix", name(unit), what, remedy)
+        yield _Found(failed, Finding("fix", name(unit), what, remedy))
 
 
-def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
+def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """A unit that answers with exceptions only is a device of another kind than configured."""
     if unit.exceptions < ENOUGH or unit.exceptions < unit.answered:
         return
@@ -109,15 +132,25 @@ def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
     if alike:
         what = f"answers with exceptions only, and so does {name(alike[0])}: are their addresses swapped?"
         remedy = f"{unit.source}: unit = {alike[0].on_the_wire}; {alike[0].source}: unit = {unit.on_the_wire}"
-        yield Finding("fix", name(unit), what, remedy)
+        yield _Found(unit.exceptions, Finding("fix", name(unit), what, remedy))
     else:
-        yield Finding("note", name(unit), what, "modbus-gateway profile shows what each kind of device accepts")
+        remedy = "modbus-gateway profile shows what each kind of device accepts"
+        yield _Found(unit.exceptions, Finding("note", name(unit), what, remedy))
 
 
-def _is_close_to_limit(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:  # noqa: ARG001 - a rule
-    if unit.limit_share is not None and unit.limit_share >= CLOSE and unit.answered >= ENOUGH_RESPONSES:
+def _is_close_to_limit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
+    if _is_near_limit(unit):
         what = f"its responses take up to {unit.limit_share:.0%} of their limit"
-        yield Finding("note", name(unit), what, _longer(unit, unit.limit * unit.limit_share))
+        yield _Found(0, Finding("note", name(unit), what, _longer(unit, line)))
+
+
+def _hears_others_only(unit: UnitEvidence, line: LineEvidence) -> bool:
+    has_answered = bool(unit.answered or unit.late)
+    return not has_answered and unit.bad_frames + unit.ambiguous >= ENOUGH and line.others >= ENOUGH
+
+
+def _is_near_limit(unit: UnitEvidence) -> bool:
+    return unit.limit_share is not None and unit.limit_share >= CLOSE and unit.answered >= ENOUGH_RESPONSES
 
 
 def _refuses(unit: UnitEvidence) -> bool:
@@ -135,20 +168,24 @@ def _others_answer(unit: UnitEvidence, line: LineEvidence) -> bool:
     return any(other.failed <= WRONG * other.asked for other in others)
 
 
-def _longer(unit: UnitEvidence, seconds: float) -> str:
-    """The config line with a time-out that is long enough for responses after so many seconds."""
-    longest = max(seconds, unit.limit) * _MARGIN
-    step = 0.05 if longest < 1 else 0.5
-    return f'{unit.source}: timeout = "{show_duration(ceil(round(longest / step, 3)) * step)}"'
+def _longer(unit: UnitEvidence, line: LineEvidence) -> str:
+    """The config line with a time-out that is long enough for all units of its row."""
+    of_row = [each for each in line.units if each.source == unit.source and (each.late or _is_near_limit(each))]
+    longest = max(
+        max(each.latest if each.late else each.limit * (each.limit_share or 0.0), each.limit) for each in of_row
+    )
+    step = 0.05 if longest * _MARGIN < 1 else 0.5
+    timeout = show_duration(ceil(round(longest * _MARGIN / step, 3)) * step)
+    shared = f", for {', '.join(each.name for each in of_row)}" if len(of_row) > 1 else ""
+    return f'{unit.source}: timeout = "{timeout}"{shared}'
 
 
-_RULES: Final[tuple[Callable[[UnitEvidence, LineEvidence], Iterator[Finding]], ...]] = (
-    _answers_late,
-    _shares_its_address,
-    _is_silent,
-    _is_refusing,
-    _is_damaged,
-    _fails,
-    _is_damaged_at_times,
-    _is_close_to_limit,
+_CHECK_DEVICE: Final = "check power, wiring and address of the device"
+
+#: Of the rules of a row, only the first one that finds anything is told.
+_RULES: Final[Sequence[Sequence[_Rule]]] = (
+    (_answers_late, _is_close_to_limit),
+    (_never_answers, _shares_its_address, _is_damaged, _is_damaged_at_times),
+    (_is_silent, _fails),
+    (_is_refusing,),
 )

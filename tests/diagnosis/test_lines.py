@@ -188,3 +188,48 @@ def test_a_line_that_is_down_has_one_row():
 
 def test_a_full_line_is_a_note():
     assert levels(replace(LINE, busy_share=0.95)) == ["note", "ok"]
+
+
+def rows_about_silo(unit, **about_line_too):
+    found = about_line(replace(LINE, units=(unit, PRESS), **about_line_too))
+    return [(each.level, each.what) for each in found if each.about == "unit 41, silo-1"]
+
+
+def test_a_late_response_does_not_hide_that_responses_are_damaged():
+    unit = replace(SILO, answered=2000, bad_frames=96, timeouts=40, late=1, latest=0.52, instead=GARBLED[:1])
+    assert [what for _, what in rows_about_silo(unit)] == [
+        "96 of 2136 responses were damaged",
+        "one response came after the limit, the slowest after 520 ms (limit 400 ms)",
+    ]
+
+
+def test_what_is_to_be_mended_comes_first_and_then_what_concerns_most_requests():
+    unit = replace(SILO, answered=100, bad_frames=10, timeouts=60, late=20, latest=0.52, instead=GARBLED[:1])
+    assert rows_about_silo(unit) == [
+        ("fix", "40 of 170 requests were not answered"),
+        ("fix", "20 responses came after the limit, the slowest after 520 ms (limit 400 ms)"),
+        ("fix", "10 of 170 responses were damaged"),
+    ]
+
+
+def test_a_unit_that_has_never_answered_where_others_are_heard_is_silent_and_not_disturbed():
+    unit = replace(SILO, answered=0, timeouts=6, bad_frames=14, instead=GARBLED)
+    line = replace(LINE, units=(unit,), others=1476)
+    assert fixes(line)[1:] == [
+        (
+            "unit 41, silo-1",
+            "has never answered: what came after 14 of 20 requests was probably other traffic",
+            "check power, wiring and address of the device",
+        )
+    ]
+    assert "damaged" in fixes(replace(line, others=0))[0][1]
+
+
+def test_units_of_one_row_of_the_config_get_one_time_out_which_suits_all():
+    units = tuple(replace(SILO, unit=at, name=f"meter-{at}", late=9, latest=0.1 * at) for at in (3, 5, 4))
+    other = replace(PRESS, late=9, latest=0.9)
+    remedies = {remedy for _, _, remedy in fixes(replace(LINE, units=(*units, other)))}
+    assert remedies == {
+        'gateway.toml:7: timeout = "750 ms", for meter-3, meter-5, meter-4',
+        'gateway.toml:8: timeout = "1.5 s"',
+    }
