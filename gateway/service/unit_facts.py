@@ -39,6 +39,11 @@ def may(gateway: Gateway, unit: int, function: int, host: str) -> bool:
     return function in right or bytes((function,)) in right
 
 
+def target(gateway: Gateway, unit: int) -> object:
+    """See UnitAnswers."""
+    return _device(gateway, unit) or _image(gateway, unit)
+
+
 def answer_times(gateway: Gateway, unit: int) -> tuple[FunctionTimes, ...]:
     """See UnitAnswers."""
     device = _device(gateway, unit)

@@ -261,6 +261,9 @@ class _Answers:
     def may(self, unit: int, function: int, host: str) -> bool:
         return unit_facts.may(self._running.gateway, unit, function, host)
 
+    def target(self, unit: int) -> object:
+        return unit_facts.target(self._running.gateway, unit)
+
     def answer_times(self, unit: int) -> Sequence[FunctionTimes]:
         return unit_facts.answer_times(self._running.gateway, unit)
 

@@ -18,20 +18,23 @@ SHOWN_FOR: Final = 3600.0
 
 @dataclass(slots=True)
 class _Last:
-    """The last values of a unit, and who reads it now."""
+    """The last values of a unit, which has not changed since, and who reads it now."""
 
+    unit: Unit
+    target: object
     outcome: Outcome | None = None
     at: float = 0.0
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
 
 
 class SharedReads:
-    """The last values of units. Who may not read all points of one has values of its own, by its address."""
+    """The last values of units. Those with other rights to one have values of their own."""
 
     def __init__(self, answers: Answers, clock: Callable[[], float]) -> None:
         self._answers = answers
         self._clock = clock
-        self._last: OrderedDict[tuple[int, str], _Last] = OrderedDict()
+        #: By the number of the unit and the functions that may read it.
+        self._last: OrderedDict[tuple[int, frozenset[int]], _Last] = OrderedDict()
 
     async def read(self, unit: Unit, ask: Ask, host: str, max_age: float) -> tuple[Outcome, float]:
         """All points that can be read, not longer than `max_age` seconds ago; and how long ago that was.
@@ -52,7 +55,7 @@ class SharedReads:
     def shown(self, unit: Unit, host: str) -> tuple[Outcome, float] | None:
         """The last values and their age in seconds, if there are any."""
         last = self._last.get(self._key(unit, host))
-        if last is None or last.outcome is None or self._clock() - last.at > SHOWN_FOR:
+        if last is None or self._has_changed(last, unit) or last.outcome is None or self._clock() - last.at > SHOWN_FOR:
             return None
         return last.outcome, self._clock() - last.at
 
@@ -63,16 +66,21 @@ class SharedReads:
 
     def _of(self, unit: Unit, host: str) -> _Last:
         key = self._key(unit, host)
-        last = self._last.setdefault(key, _Last())
+        last = self._last.get(key)
+        if last is None or self._has_changed(last, unit):
+            last = self._last[key] = _Last(unit, self._answers.target(unit.unit))
         self._last.move_to_end(key)
         if len(self._last) > MOST_UNITS:
             self._last.popitem(last=False)
         return last
 
-    def _key(self, unit: Unit, host: str) -> tuple[int, str]:
+    def _has_changed(self, last: _Last, unit: Unit) -> bool:
+        """Whether a reload has led the number elsewhere, or given the points another meaning."""
+        return last.unit != unit or last.target is not self._answers.target(unit.unit)
+
+    def _key(self, unit: Unit, host: str) -> tuple[int, frozenset[int]]:
         functions = {READERS[point.area][0] for point in unit.points}
-        may_read = all(self._answers.may(unit.unit, function, host) for function in functions)
-        return unit.unit, "" if may_read else host
+        return unit.unit, frozenset(each for each in functions if self._answers.may(unit.unit, each, host))
 
 
 def readable(unit: Unit) -> Sequence[Point]:

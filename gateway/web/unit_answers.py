@@ -100,6 +100,9 @@ class UnitAnswers(Protocol):
     def may(self, unit: int, function: int, host: str) -> bool:
         """Whether [[access]] gives a client at this address the right to a function of a unit."""
 
+    def target(self, unit: int) -> object:
+        """What answers for a unit: the same object until a reload changes it; None if nothing does."""
+
     def answer_times(self, unit: int) -> Sequence[FunctionTimes]:
         """Those of a device, by function; none of a unit that the gateway answers itself."""
 

@@ -316,3 +316,20 @@ def test_times_beyond_the_last_bound_are_shown():
     plot = plotted(times({6: 1}, limit=500.0))
     assert plot.bars[0].to_ms is None
     assert plot.bars[0].x + plot.bars[0].width <= WIDTH
+
+
+async def test_values_of_the_device_that_had_this_number_before_are_shown_no_longer(bench, device, tmp_path):
+    device.holding[0] = 123
+    browser = bench.browser()
+    await browser.log_in("anna")
+    await browser.post(f"{PAGE}/points")
+    assert cells((await browser.get(PAGE)).text, "level")[1] == "12.3"
+    (tmp_path / "gateway.toml").write_text(CONFIG.replace('"hall"', '"annex"').replace("/dev/hall", "/dev/annex"))
+    assert (await browser.post("/api/v1/reload")).status == 200
+    assert "12.3" not in (await browser.get(PAGE)).text
+    other = SimulatedDevice(1)
+    other.holding[0] = 45
+    bench.inner.attach("annex", SimulatedLine("rtu", other))
+    await asyncio.sleep(1)
+    told = (await browser.get("/api/v1/units/41/points?max_age=60")).json
+    assert told["values"][0]["value"] == 4.5

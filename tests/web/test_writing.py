@@ -132,7 +132,11 @@ async def test_a_write_without_an_answer_is_not_sent_again(anna, device):
     device.silent = True
     await anna.post(question)
     await anna.post(question)
-    assert "exception 0B" in (await anna.get(question)).text
+    page = (await anna.get(question)).text
+    assert "exception 0B" in page
+    assert "Not written" not in page
+    assert "Perhaps written" in page
+    assert "Read the value before you write it again" in page
     assert len(written(device)) == 1
 
 
@@ -310,3 +314,56 @@ async def test_points_are_read_anew_after_a_write(anna, device):
     await anna.post(f"{UNIT}/points")
     await anna.post(await asked(anna, point="speed", value="12.5"))
     assert "12.0" not in text(await anna.get(UNIT))
+
+
+async def test_a_unit_that_has_moved_to_another_line_meanwhile_gets_nothing(bench, anna, device, tmp_path):
+    question = await asked(anna, point="speed", value="12.5")
+    other_line = CONFIG.replace('"hall"', '"annex"').replace("/dev/hall", "/dev/annex")
+    (tmp_path / "gateway.toml").write_text(other_line)
+    assert (await anna.post("/api/v1/reload")).status == 200
+    other = SimulatedDevice(1)
+    bench.inner.attach("annex", SimulatedLine("rtu", other))
+    assert (await anna.post(question)).status == 303
+    page = await anna.get(question)
+    assert "Not written" in page.text
+    assert "the config has changed" in page.text
+    assert written(device) == written(other) == []
+
+
+async def test_a_point_that_means_something_else_meanwhile_gets_nothing(anna, device, tmp_path):
+    question = await asked(anna, point="speed", value="12.5")
+    (tmp_path / "gateway.toml").write_text(CONFIG.replace("scale = 0.1, decimals = 1", "scale = 0.01, decimals = 2"))
+    assert (await anna.post("/api/v1/reload")).status == 200
+    await anna.post(question)
+    assert "the config has changed" in (await anna.get(question)).text
+    assert written(device) == []
+
+
+async def test_a_unit_that_a_reload_has_removed_gets_nothing(anna, device, tmp_path):
+    question = await asked(anna, point="speed", value="12.5")
+    (tmp_path / "gateway.toml").write_text(CONFIG[CONFIG.index("[[image]]") :])
+    assert (await anna.post("/api/v1/reload")).status == 200
+    assert (await anna.post(question)).status == 303
+    assert "the config has changed" in (await anna.get(question)).text
+    assert written(device) == []
+
+
+async def test_a_write_that_a_reload_has_left_alone_is_sent(anna, device, tmp_path):
+    question = await asked(anna, point="speed", value="12.5")
+    (tmp_path / "gateway.toml").write_text(CONFIG.replace('name = "shift"', 'name = "other"'))
+    assert (await anna.post("/api/v1/reload")).status == 200
+    await anna.post(question)
+    assert "It is written" in (await anna.get(question)).text
+    assert len(written(device)) == 1
+
+
+async def test_a_write_that_was_not_sent_is_not_perhaps_written(anna, device):
+    first, second = [await asked(anna, point="speed", value="12.5") for _ in range(2)]
+    device.silent = True
+    await anna.post(first)
+    await anna.post(second)  # the response to the first one may still come
+    page = (await anna.get(second)).text
+    assert "exception 0B" in page
+    assert "Not written" in page
+    assert "Perhaps written" not in page
+    assert len(written(device)) == 1

@@ -18,23 +18,29 @@ MOST: Final = 64
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What the unit has answered: an exception in words, or what it has afterwards, if that could be read."""
+    """What the unit has answered: an exception in words, or what it has afterwards, if that could be read.
+
+    After some exceptions it `may_have_acted` all the same.
+    """
 
     exception: str
     elapsed_ms: float
     after: tuple[bytes | None, ...] = ()
     why_not_read: str = ""
+    may_have_acted: bool = False
 
 
 @dataclass(slots=True)
 class Question:
     """Whether to write what is `wanted`, with the request `pdu`. `owner` is the CSRF token of who is asked.
 
+    `target` is what answered for the unit then: a reload may lead its number elsewhere.
     The readings have what was there `before`, or `why_no_old`. It is sent at most once: `is_sent` is set before.
     `waiting` has for each browser that waits for the `result` what tells whether it still does.
     """
 
     unit: Unit
+    target: object
     owner: str
     wanted: tuple[Reading, ...]
     pdu: bytes

@@ -190,8 +190,6 @@ def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:
 
 def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: str) -> ShownPoint:
     """What is known of a point: what was read or what a mirror has, whichever is newer."""
-    if was_read is not None and was_read.point != point:
-        was_read = None  # the config has changed since
     if kept is None or kept.age_ms is None:
         return was_read or ShownPoint(point, reference(point.area, point.address), "", None, trouble=trouble)
     if was_read is not None and was_read.age_ms is not None and was_read.age_ms < kept.age_ms:

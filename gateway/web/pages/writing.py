@@ -12,12 +12,13 @@ from typing import Any, Final
 
 from aiohttp import web
 
+from gateway.errors import ExceptionCode, WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import WRITERS
 from gateway.registers.reference import reference
-from gateway.web.answers import Answers, Asker, Unit
+from gateway.web.answers import Answer, Answers, Asker, Unit
 from gateway.web.api import is_there, unit_in
 from gateway.web.guard import VISITOR, Need, Visitor
 from gateway.web.pages.addresses import page_of, path_of, see_other
@@ -31,6 +32,10 @@ from gateway.web.values import Ask, point_named, prepared, read, values_at
 
 #: Who has confirmed a write and leaves at once wants it all the same; so long it is sent without him, in seconds.
 GRACE: Final = 2.0
+#: After these the unit may have acted all the same, but not with these results: then nothing was sent.
+_UNCERTAIN: Final = frozenset({ExceptionCode.ACKNOWLEDGE, ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND})
+_NOT_SENT: Final = frozenset({"overdue", "resting", "echo_suspected", "stale"})
+_CHANGED: Final = "the config has changed since this was asked: nothing was sent; begin again at the page of the unit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +102,11 @@ class WritePages:
         form = {name: str(text) for name, text in (await request.post()).items()}
         points, values = _wanted(unit, form)
         readings, pdu = prepared(unit, points, values)
+        target = self._answers.target(unit.unit)
         before, why = await self._read(unit, [each.point for each in readings], self._ask(unit, request))
         wanted = [replace(each, before=items) for each, items in zip(readings, before, strict=True)]
         now = asyncio.get_running_loop().time()
-        identifier = self._questions.put(Question(unit, visitor.csrf, tuple(wanted), pdu, why, now), now)
+        identifier = self._questions.put(Question(unit, target, visitor.csrf, tuple(wanted), pdu, why, now), now)
         return see_other(f"{path_of('units', unit)}/writes/{identifier}")
 
     async def show(self, request: web.Request) -> web.Response:
@@ -146,14 +152,24 @@ class WritePages:
             return loop.time() < until or any(waits() for waits in question.waiting)
 
         unit = question.unit
+        if not self._is_as_asked(question):
+            return Result(_CHANGED, 0.0)
         asker = Asker(visitor.client, visitor.host, is_awaited)
         answer = await self._answers.ask(unit.unit, question.pdu, asker)
         self._reads.forget(unit)
         if answer.pdu[0] & EXCEPTION_BIT:
-            return Result(complaint(answer), answer.elapsed_ms)
+            return Result(complaint(answer), answer.elapsed_ms, may_have_acted=_may_have_acted(answer))
         points = [each.point for each in question.wanted]
         after, why = await self._read(unit, points, lambda pdu: self._answers.ask(unit.unit, pdu, asker))
         return Result("", answer.elapsed_ms, tuple(after), why)
+
+    def _is_as_asked(self, question: Question) -> bool:
+        """Whether the same unit still answers, and its points still mean the same."""
+        number = question.unit.unit
+        try:
+            return self._answers.unit(number) == question.unit and self._answers.target(number) is question.target
+        except WrongQuestion:
+            return False
 
     async def _read(self, unit: Unit, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], str]:
         """The items of the points, and why there are none."""
@@ -202,6 +218,10 @@ def _row(question: Question, at: int) -> ShownWrite:
         _text(point, wanted.before),
         _text(point, after),
     )
+
+
+def _may_have_acted(answer: Answer) -> bool:
+    return answer.pdu[1] in _UNCERTAIN and answer.result not in _NOT_SENT
 
 
 def _text(point: Point, items: bytes | None) -> str | None:
