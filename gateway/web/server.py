@@ -2,7 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import Final, cast
@@ -10,6 +11,7 @@ from weakref import WeakSet
 
 from aiohttp import web
 
+from gateway.listeners.origin import Origins
 from gateway.web.answers import Answers
 from gateway.web.api import Api
 from gateway.web.assets import Assets
@@ -34,8 +36,10 @@ from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
 from gateway.web.user_table import UserTable
 
-#: Connections at a time; more are closed at once.
+#: Connections at a time. For a new one, an address that has more than so many loses its oldest; otherwise it is closed
+#: itself at once. Browsers open six.
 MOST_CONNECTIONS: Final = 128
+MOST_OF_ONE_ADDRESS: Final = 8
 #: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
 IDLE: Final = 75.0
 _SHUTDOWN: Final = 1.0
@@ -188,6 +192,7 @@ class _Connections:
 
     def __init__(self) -> None:
         self._served: WeakSet[asyncio.BaseTransport] = WeakSet()
+        self._origins = Origins()
 
     def bounded(self, runner: web.AppRunner) -> Callable[[], asyncio.Protocol]:
         """Makes the protocols of new connections."""
@@ -195,7 +200,7 @@ class _Connections:
         loop = asyncio.get_running_loop()
 
         def connected() -> asyncio.Protocol:
-            if len(server.connections) >= MOST_CONNECTIONS:
+            if len(server.connections) >= MOST_CONNECTIONS and not self._make_room(server.connections, loop.time()):
                 return _TooMany()
             protocol = server()
             loop.call_later(FIRST_REQUEST_WITHIN, partial(self._close_if_silent, protocol))
@@ -209,6 +214,18 @@ class _Connections:
         if request.transport is not None:
             self._served.add(request.transport)
         return await handler(request)
+
+    def _make_room(self, connections: Iterable[web.RequestHandler], now: float) -> bool:
+        """Close the oldest connection of the address that has most of them; False if all have few."""
+        by_origin: defaultdict[str, list[asyncio.Transport]] = defaultdict(list)
+        for each in connections:
+            if each.transport is not None and not each.transport.is_closing():
+                host, *_ = each.transport.get_extra_info("peername") or ("",)
+                by_origin[self._origins.of(host.partition("%")[0], now)].append(each.transport)
+        most = max(by_origin.values(), key=len, default=[])
+        if len(most) > MOST_OF_ONE_ADDRESS:
+            most[0].abort()
+        return len(most) > MOST_OF_ONE_ADDRESS
 
     def _close_if_silent(self, protocol: web.RequestHandler) -> None:
         if protocol.transport is not None and protocol.transport not in self._served:
