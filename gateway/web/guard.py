@@ -156,6 +156,8 @@ class Guard:
 
 
 async def _take_body(request: web.Request) -> None:
+    if request.content_type.startswith("multipart/"):
+        raise ProblemError(415, "forms are application/x-www-form-urlencoded")
     try:
         async with asyncio.timeout(_BODY_TIME):
             await request.read()

@@ -42,7 +42,10 @@ class Renderer:
     async def page(self, template: str, request: web.Request, **content: Any) -> web.Response:
         """The page that a template makes of this content, for who has sent the request, in his language."""
         language = language_of(request)
-        others = [(each, str(request.rel_url.update_query(lang=each.code))) for each in LANGUAGES.values()]
+        # Only the query: a path that begins with // would lead to somebody else.
+        others = [
+            (each, f"?{request.rel_url.update_query(lang=each.code).raw_query_string}") for each in LANGUAGES.values()
+        ]
         frame = {
             "visitor": request[VISITOR],
             "path": request.path,

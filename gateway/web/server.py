@@ -93,6 +93,7 @@ async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Call
             logger=_SILENT,
             keepalive_timeout=IDLE,
             shutdown_timeout=_SHUTDOWN,
+            auto_decompress=False,  # no client of ours packs what it sends, and 32 KiB can become 30 MB
         )
         await runner.setup()
         try:

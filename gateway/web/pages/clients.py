@@ -1,5 +1,6 @@
 """The page of the clients: who is connected, who was rejected, and what rights each of them has."""
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -15,6 +16,7 @@ from gateway.web.renderer import Renderer
 #: So many clients are shown, those first that asked last, and so many requests without a right.
 MOST_CLIENTS: Final = 200
 MOST_DENIED: Final = 10
+_NUMBER: Final = re.compile(r"[0-9]{1,3}")
 
 
 class ClientsPage:
@@ -56,9 +58,9 @@ class ClientsPage:
         if not asked["from"]:
             return None, ""
         unit, function = asked["unit"], asked["function"]
-        if not (unit.isascii() and unit.isdecimal() and 1 <= int(unit) <= 255):
+        if not (_NUMBER.fullmatch(unit) and 1 <= int(unit) <= 255):
             return None, f'"{unit}" is no unit: 1 to 255'
-        if not (function.isascii() and function.isdecimal() and 1 <= int(function) <= 127):
+        if not (_NUMBER.fullmatch(function) and 1 <= int(function) <= 127):
             return None, f'"{function}" is no function: 1 to 127'
         try:
             return self._answers.verdict(asked["from"], asked["listener"], int(unit), int(function)), ""
