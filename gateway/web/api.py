@@ -146,11 +146,12 @@ class Api:
 
     async def unit_history(self, request: web.Request) -> web.Response:
         """What a unit on a line, or behind another server, did in the last hours."""
-        unit, hours = self._answers.unit(_wanted(request)), _hours(request, MOST_HOURS_OF_A_UNIT)
+        wanted, hours = _wanted(request), _hours(request, MOST_HOURS_OF_A_UNIT)
+        name = wanted if isinstance(wanted, str) else self._answers.unit(wanted).name
         status = await self._answers.status()
-        found = next((each for each in status.units if each.unit == unit.unit), None)
+        found = next((each for each in status.units if each.name == name), None)
         if found is None:
-            raise ProblemError(404, f"there is no history of {unit.name}, which is not on a line")
+            raise ProblemError(404, f"there is no history of {self._answers.unit(wanted).name}, which is not on a line")
         return await _json_of(partial(unit_past, self._answers.past(slots_in(hours)), found.line, found.name))
 
     async def units(self, _request: web.Request) -> web.Response:
@@ -161,7 +162,7 @@ class Api:
         """A unit, with its points and its part of the status."""
         unit, status = self._answers.unit(_wanted(request)), await self._answers.status()
         parts = (*status.units, *status.images, *status.mirrors)
-        found = next((each for each in parts if each.unit == unit.unit), None)
+        found = next((each for each in parts if (each.unit, each.name) == (unit.unit, unit.name)), None)
         return _json({**_fields(unit), "status": found})
 
     async def read_values(self, request: web.Request) -> web.Response:

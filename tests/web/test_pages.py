@@ -160,3 +160,55 @@ async def test_modules_have_their_type(bench):
 @pytest.mark.parametrize("path", ["/static/../pages.py", "/static/%2e%2e/pages.py", "/static/x", "/static//etc/passwd"])
 async def test_no_other_file_is_given_away(bench, path):
     assert (await bench.browser().get(path)).status == 404
+
+
+async def test_the_last_transactions_are_the_last_ones_however_many_there_were(bench):
+    bench.inner.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+    client = bench.inner.client()
+    for address in range(400):
+        await client.asks(41, f"03 {address:04X} 00 01")
+    page = (await bench.browser().get("/lines/hall%20%3Cscript%3E")).text
+    assert re.findall("03 (.. ..) 00 01", page)[:2] == ["01 8F", "01 8E"]
+
+
+APART = """
+[[listen]]
+bind = "tcp://127.0.0.1:1502"
+[[listen]]
+bind = "tcp://127.0.0.1:1503"
+name = "for the annex"
+line = "annex"
+
+[[line]]
+name = "annex"
+port = "/dev/annex"
+
+[[line]]
+name = "hall"
+port = "/dev/hall"
+devices = [{ unit = 1, name = "press" }]
+"""
+
+
+async def test_a_unit_of_the_same_number_on_a_line_apart_is_not_mistaken_for_it(tmp_path):
+    async with web_bench(APART, tmp_path) as bench:
+        bench.inner.attach("annex", SimulatedLine("rtu", SimulatedDevice(1)))
+        await bench.inner.client(listener=1).asks(1, "03 00 00 00 01")
+        browser = bench.browser()
+        assert (await browser.get("/api/v1/units/1")).json["status"]["name"] == "press"
+        assert (await browser.get("/api/v1/units/1/history")).json["unit"] == "press"
+        assert (await browser.get("/api/v1/units/annex%2F1/history")).json["unit"] == "annex/1"
+
+
+@pytest.mark.parametrize("page", ["/", "/lines/annex", "/lines/hall"])
+async def test_every_link_to_a_unit_leads_to_a_page(tmp_path, page):
+    async with web_bench(APART, tmp_path) as bench:
+        client = bench.inner.client(listener=1)
+        for _ in range(3):
+            await client.asks(1, "03 00 00 00 01")
+        browser = bench.browser()
+        text = (await browser.get(page)).text
+        assert ("annex/1" in text) == (page != "/lines/hall")
+        assert ("/units/press" in text) == (page == "/lines/hall")
+        for link in re.findall('href="(/units/[^"]*)"', text):
+            assert (await browser.get(link)).status == 200

@@ -58,11 +58,15 @@ class HeatRow:
 
 @dataclass(frozen=True, slots=True)
 class ShownUnits:
-    """Units in the order of the page with their rows, the times of day along these, and how many units are left out."""
+    """Units in the order of the page with their rows, the times of day along these, and how many units are left out.
+
+    Those that only a listener for their line leads to are not `with_page`.
+    """
 
     units: tuple[Any, ...]
     rows: Mapping[str, HeatRow]
     ticks: Sequence[str]
+    with_page: frozenset[str]
     kinds: Mapping[str, int] = field(default_factory=lambda: KINDS)
     left_out: int = 0
 

@@ -1,7 +1,6 @@
 """The page of a line, or of another server: what it has done in the last seconds."""
 
 import asyncio
-import json
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, Final
@@ -18,9 +17,9 @@ from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
 
-#: The table without JavaScript: so many transactions of the last seconds at most.
+#: The table without JavaScript: so many transactions at most, found among so many records of the line.
 MOST_FACTS: Final = 20
-_LOOK_BACK: Final = 10
+_LOOKED_AT: Final = 5 * MOST_FACTS
 _ABSENT: Final = dict.fromkeys(("result", "reason", "response", "request", "wait_ms", "elapsed_ms", "limit_ms"))
 
 
@@ -52,6 +51,7 @@ class LinePage:
         except WrongQuestion as wrong:
             facts, why = (), str(wrong)
         past, now = self._answers.past(UNIT_SLOTS), asyncio.get_running_loop().time()
+        with_page = frozenset(unit.name for unit in self._answers.units())
         units = tuple(unit for unit in status.units if unit.line == name)
         return await self._renderer.page(
             "line.html",
@@ -63,14 +63,14 @@ class LinePage:
             # The template calls these in the thread that makes the page.
             busy_outline=lambda: busy_outline(past, name),
             hours=lambda: hours(past, name),
-            shown_units=lambda: ShownUnits(units, self._heat_map.rows(status.units, past, now), ticks(past)),
+            shown_units=lambda: ShownUnits(units, self._heat_map.rows(status.units, past, now), ticks(past), with_page),
         )
 
     async def _last_facts(self, line: str, host: str) -> Sequence[dict[str, Any]]:
         """The last transactions on a line that a reader at this address may see, the newest first."""
-        facts = [json.loads(text) for text in await self._answers.trace(Which(_LOOK_BACK, line), host).next(0)]
+        facts = await self._answers.latest(Which(0, line), host, _LOOKED_AT)
         shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
-        return [{**_ABSENT, **fact, "clock": _clock(fact["time"])} for fact in reversed(shown[-MOST_FACTS:])]
+        return [{**_ABSENT, **fact, "clock": _clock(fact["time"])} for fact in shown[:MOST_FACTS]]
 
 
 def _clock(time: float) -> str:

@@ -53,6 +53,7 @@ class OverviewPage:
     async def show(self, request: web.Request) -> web.Response:
         """How everything is."""
         status, past = await self._answers.status(), self._answers.past(UNIT_SLOTS)
+        with_page = frozenset(unit.name for unit in self._answers.units())
         now = asyncio.get_running_loop().time()
         return await self._renderer.page(
             "overview.html",
@@ -61,8 +62,9 @@ class OverviewPage:
             lines=tuple(shown_lines(status)),
             troubles=tuple(troubles(status)),
             ticks=ticks(past),
+            with_page=with_page,
             # The template calls these in the thread that makes the page.
-            shown_units=lambda: shown_units(status, self._heat_map.rows(status.units, past, now), past),
+            shown_units=lambda: shown_units(status, self._heat_map.rows(status.units, past, now), past, with_page),
             busy_outline=partial(busy_outline, past),
         )
 
@@ -82,13 +84,13 @@ def troubles(status: Status) -> Iterator[Trouble]:
                 yield Trouble(kind, "units", unit.name, unit.line, unit.last_error)
 
 
-def shown_units(status: Status, rows: Mapping[str, HeatRow], past: Past) -> ShownUnits:
+def shown_units(status: Status, rows: Mapping[str, HeatRow], past: Past, with_page: frozenset[str]) -> ShownUnits:
     """The units of the heat map."""
     units = status.units
     if len(units) > ALL_SHOWN:
         units = [unit for unit in units if rows[unit.name].use.requests or unit.state != "fine"]
     ordered = sorted(units, key=lambda unit: _rank(unit, rows[unit.name]))
-    return ShownUnits(tuple(ordered), rows, ticks(past), left_out=len(status.units) - len(ordered))
+    return ShownUnits(tuple(ordered), rows, ticks(past), with_page, left_out=len(status.units) - len(ordered))
 
 
 def _rank(unit: Any, row: HeatRow) -> int:
