@@ -178,8 +178,9 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     def resume(self) -> None:
         """Receive again, and process what has already arrived."""
-        self.transport.resume_reading()
+        # first: the session makes room for what a transport holds already
         asyncio.get_running_loop().call_soon(self._proceed)
+        self.transport.resume_reading()
 
     def wake(self, when: float | None) -> None:
         """Process what has already arrived at `when`; None cancels that."""

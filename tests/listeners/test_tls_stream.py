@@ -1,0 +1,168 @@
+"""One secured connection, without a network: between a client in memory and the session of a listener."""
+
+import asyncio
+import ssl
+from collections.abc import Callable
+
+import pytest
+
+from gateway.listeners.connection import SecuredConnection
+from gateway.listeners.handshakes import Handshakes, Visitor
+from gateway.listeners.session import ListenSettings
+from gateway.listeners.tls_stream import TlsStream
+from gateway.modbus.mbap import encode
+from gateway.request import Request
+from gateway.tls.contexts import load
+from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import ServerTls
+from kit.pki import OPERATOR, client_context, pki
+
+READ, WRITE = bytes.fromhex("03 0000 0001"), bytes.fromhex("06 0000 0007")
+VISITOR = Visitor("10.0.0.1", "10.0.0.1:1", "10.0.0.1")
+
+
+class Network(asyncio.Transport):
+    """The network's side of a stream: what was sent, and what was asked of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sent = b""
+        self.is_paused = False
+        self.is_over = False
+
+    def write(self, data: bytes) -> None:
+        assert not self.is_over
+        self.sent += data
+
+    def pause_reading(self) -> None:
+        self.is_paused = True
+
+    def resume_reading(self) -> None:
+        self.is_paused = False
+
+    def is_closing(self) -> bool:
+        return self.is_over
+
+    def close(self) -> None:
+        self.is_over = True
+
+    def abort(self) -> None:
+        self.is_over = True
+
+    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
+        pass
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+
+class Listener:
+    """Accepts everybody."""
+
+    settings = ListenSettings("remote", "", 0, scheme="tls", in_flight=2)
+
+    def connected(self, connection: object) -> None:
+        pass
+
+    closing = connected
+
+    def closed(self, connection: object, reason: str) -> None:
+        raise AssertionError(reason)
+
+    def failed(self, part: str, error: Exception) -> None:
+        raise error
+
+
+class Slow:
+    """A target that answers when it is told to."""
+
+    def __init__(self) -> None:
+        self.waiting: list[Request] = []
+
+    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - as of any target
+        self.waiting.append(request)
+
+    def answer_first(self) -> None:
+        self.waiting.pop(0).respond(bytes.fromhex("03 02 0007"))
+
+
+class Peer:
+    """A client in memory."""
+
+    def __init__(self) -> None:
+        self.incoming, self.outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+        self.tls = client_context(OPERATOR).wrap_bio(self.incoming, self.outgoing, server_hostname="localhost")
+
+    def goes_on(self) -> None:
+        try:
+            self.tls.do_handshake()
+        except ssl.SSLWantReadError:
+            return
+
+
+def context() -> ssl.SSLContext:
+    files = [SecretFile(str(pki() / name)) for name in ("server.crt", "server.key", "ca.crt")]
+    return load(ServerTls(*files)).context
+
+
+def arrive(stream: TlsStream, data: bytes) -> None:
+    """As the event loop does it: into the buffer of the stream."""
+    while data:
+        room = stream.get_buffer(-1)
+        count = min(len(room), len(data))
+        room[:count] = data[:count]
+        stream.buffer_updated(count)
+        data = data[count:]
+
+
+class Handshaker:
+    """Does every step at once, and keeps what became of the stream."""
+
+    def __init__(self, begin: Callable[[TlsStream], None]) -> None:
+        self._begin = begin
+
+    def step_due(self, stream: TlsStream) -> None:
+        stream.stepped(stream.step())
+
+    def secured(self, stream: TlsStream) -> None:
+        self._begin(stream)
+
+    def not_secured(self, stream: TlsStream, reason: str) -> None:
+        raise AssertionError(reason)
+
+
+def connected(target: Slow) -> tuple[Peer, TlsStream, Network]:
+    now = asyncio.get_running_loop().time
+    listener = Listener()
+    peer, network = Peer(), Network()
+    owner = Handshaker(
+        lambda stream: stream.begin(SecuredConnection(listener, "10.0.0.1", "10.0.0.1:1", now, target))
+    )
+    stream = TlsStream(context(), owner)
+    stream.connection_made(network)
+    for _ in range(3):
+        peer.goes_on()
+        arrive(stream, peer.outgoing.read())
+        peer.incoming.write(network.sent)
+        network.sent = b""
+    return peer, stream, network
+
+
+def test_a_buffer_full_of_requests_is_not_taken_for_the_end() -> None:
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target)
+        peer.tls.write(b"".join(encode(number, 1, READ) for number in range(1000)))
+        stream.pause_writing()
+        arrive(stream, peer.outgoing.read())
+        assert target.waiting == []
+        stream.resume_writing()
+        for number in range(1000):
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            assert target.waiting[0].transaction == number
+            assert target.waiting[0].origin.wants(Request(1, WRITE, target.waiting[0].origin, 0.0))
+            target.answer_first()
+        assert not network.is_over
+
+    asyncio.run(scenario())
