@@ -67,9 +67,13 @@ class TlsListener(TcpListener):
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop = asyncio.get_running_loop()
-        stream = TlsStream(self._loaded.context, self._handshakes)
-        self._handshakes.begin(stream, Visitor(host, client, self._origins.of(host, loop.time())), loop.time())
+        context = self._loaded.context
+        stream = TlsStream(context, self._handshakes)
         await loop.connect_accepted_socket(lambda: stream, sock)
+        if context is not self._loaded.context:  # a reload came between: others may be trusted now
+            stream.abort()
+            return
+        self._handshakes.begin(stream, Visitor(host, client, self._origins.of(host, loop.time())), loop.time())
 
     def _secured(self, stream: TlsStream, visitor: Visitor) -> None:
         """A client has shown a certificate of the authority."""

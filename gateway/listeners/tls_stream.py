@@ -68,6 +68,9 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._transport: asyncio.Transport
         self._application: Application | None = None
         self._handshake_bytes = 0
+        #: Nothing else may touch what a step in a thread is using.
+        self._is_stepping = False
+        self._is_blocked = False
         self._is_paused = False
         self._has_ended = False
 
@@ -85,6 +88,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     def stepped(self, outcome: str | None) -> None:
         """A step is over."""
+        self._is_stepping = False
         if self.is_closing():
             return
         self._send()
@@ -133,6 +137,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             self.refuse(f"its handshake is longer than {MOST_HANDSHAKE_BYTES} bytes")
             return
         self._transport.pause_reading()
+        self._is_stepping = True
         self._owner.step_due(self)
 
     def eof_received(self) -> bool:
@@ -144,14 +149,19 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         return True
 
     def pause_writing(self) -> None:
-        """See asyncio.BaseProtocol."""
+        """The client does not read. It is not read either: TLS itself answers some records, such as KeyUpdate."""
         if self._application is not None:
+            self._is_blocked = True
+            self._transport.pause_reading()
             self._application.pause_writing()
 
     def resume_writing(self) -> None:
-        """See asyncio.BaseProtocol."""
+        """The client reads again."""
         if self._application is not None:
+            self._is_blocked = False
             self._application.resume_writing()
+            if not self._is_paused:
+                self.resume_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """See asyncio.BaseProtocol."""
@@ -179,6 +189,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     def resume_reading(self) -> None:
         """Deliver what has arrived, soon, and then more."""
         self._is_paused = False
+        if self._is_blocked:
+            return
         self._transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._deliver)
 
@@ -207,9 +219,10 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """Tell the client, and close once everything was sent."""
         if self.is_closing():
             return
-        with suppress(ssl.SSLError):  # its answer is not waited for; during a handshake there is nothing to end
-            self._tls.unwrap()
-        self._send()
+        if not self._is_stepping:
+            with suppress(ssl.SSLError):  # its answer is not waited for; during a handshake there is nothing to end
+                self._tls.unwrap()
+            self._send()
         self._transport.close()
 
     def abort(self) -> None:
@@ -221,7 +234,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         application = self._application
         if application is None:
             return
-        while not (self._is_paused or self._has_ended or self.is_closing()):
+        while not (self._is_paused or self._is_blocked or self._has_ended or self.is_closing()):
             room = application.get_buffer(-1)
             try:
                 count = cast("int", self._tls.read(len(room), cast("bytearray", room)))

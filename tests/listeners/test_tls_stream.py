@@ -1,20 +1,26 @@
 """One secured connection, without a network: between a client in memory and the session of a listener."""
 
 import asyncio
+import socket
 import ssl
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from gateway.listeners.connection import SecuredConnection
 from gateway.listeners.handshakes import Handshakes, Visitor
 from gateway.listeners.session import ListenSettings
+from gateway.listeners.tls import TlsListener
 from gateway.listeners.tls_stream import TlsStream
 from gateway.modbus.mbap import encode
 from gateway.request import Request
+from gateway.routing.access import EntryPoint
+from gateway.routing.router import Router
 from gateway.tls.contexts import load
 from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ServerTls
+from gateway.tls.settings import Secured, ServerTls
+from gateway.tls.store import TlsStore
 from kit.pki import OPERATOR, client_context, pki
 
 READ, WRITE = bytes.fromhex("03 0000 0001"), bytes.fromhex("06 0000 0007")
@@ -54,6 +60,19 @@ class Network(asyncio.Transport):
 
     def get_write_buffer_size(self) -> int:
         return 0
+
+
+class Recorded:
+    """A TLS connection whose handshake never ends, and that notes what is asked of it."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def wrap_bio(self, *_: object, **__: object) -> "Recorded":
+        return self
+
+    def __getattr__(self, name: str) -> Callable[[], None]:
+        return lambda: self.asked.append(name)
 
 
 class Listener:
@@ -135,9 +154,7 @@ def connected(target: Slow) -> tuple[Peer, TlsStream, Network]:
     now = asyncio.get_running_loop().time
     listener = Listener()
     peer, network = Peer(), Network()
-    owner = Handshaker(
-        lambda stream: stream.begin(SecuredConnection(listener, "10.0.0.1", "10.0.0.1:1", now, target))
-    )
+    owner = Handshaker(lambda stream: stream.begin(SecuredConnection(listener, "10.0.0.1", "10.0.0.1:1", now, target)))
     stream = TlsStream(context(), owner)
     stream.connection_made(network)
     for _ in range(3):
@@ -164,5 +181,63 @@ def test_a_buffer_full_of_requests_is_not_taken_for_the_end() -> None:
             assert target.waiting[0].origin.wants(Request(1, WRITE, target.waiting[0].origin, 0.0))
             target.answer_first()
         assert not network.is_over
+
+    asyncio.run(scenario())
+
+
+def test_what_a_thread_is_using_is_left_alone_when_the_connection_is_ended() -> None:
+    async def scenario() -> None:
+        tls, network, refused = Recorded(), Network(), []
+        handshakes = Handshakes(lambda *_: None, lambda _, reason: refused.append(reason))
+        handshakes.step_due = lambda _: None  # type: ignore[method-assign] # a step that takes long
+        stream = TlsStream(tls, handshakes)  # type: ignore[arg-type]
+        stream.connection_made(network)
+        handshakes.begin(stream, VISITOR, 0.0)
+        arrive(stream, b"hello")
+        handshakes.sweep(100.0)
+        assert network.is_over
+        assert len(refused) == 1
+        assert tls.asked == []
+        stream.stepped(None)
+        assert tls.asked == []
+
+    asyncio.run(scenario())
+
+
+def test_a_client_that_does_not_read_is_not_read() -> None:
+    async def scenario() -> None:
+        _, stream, network = connected(Slow())
+        stream.pause_writing()
+        assert network.is_paused
+        stream.resume_writing()
+        await asyncio.sleep(0)
+        assert not network.is_paused
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("change", ["finish", "reload"])
+def test_a_connection_that_has_just_been_accepted_is_ended_with_the_listener(change: str) -> None:
+    async def scenario() -> None:
+        tls = ServerTls(*[SecretFile(str(pki() / name)) for name in ("server.crt", "server.key", "ca.crt")])
+        secured, store, network = Secured("listen remote", "", tls), TlsStore(), Network()
+        store.adopt({secured: load(tls)})
+        router = Router(EntryPoint("remote", "certified"), lambda: 0.0, lambda _: None)
+        listener = TlsListener(replace(Listener.settings, tls=tls), router, lambda _: None, store)
+
+        async def accepted(make: Callable[[], TlsStream], _: object) -> None:
+            stream = make()
+            if change == "finish":
+                listener.finish()
+            else:
+                store.adopt({secured: load(tls)})
+                listener.renew()
+            stream.connection_made(network)
+
+        asyncio.get_running_loop().connect_accepted_socket = accepted  # type: ignore[method-assign, assignment]
+        with socket.socket() as sock:
+            await listener._serve(sock, "10.0.0.1", "10.0.0.1:1")
+        if change == "reload":
+            assert network.is_over
 
     asyncio.run(scenario())
