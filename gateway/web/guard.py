@@ -32,6 +32,7 @@ Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
 #: How long the body of a request may take to arrive, in seconds.
 _BODY_TIME: Final = 10.0
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+_FORM: Final = "application/x-www-form-urlencoded"
 #: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
 _OF_PROXIES: Final = ("X-Forwarded-For", "X-Forwarded-User", "X-Real-IP", "Forwarded")
 
@@ -157,18 +158,22 @@ class Guard:
 
 async def _take_body(request: web.Request) -> None:
     if request.content_type.startswith("multipart/"):
-        raise ProblemError(415, "forms are application/x-www-form-urlencoded")
+        raise ProblemError(415, f"forms are {_FORM}")
     try:
         async with asyncio.timeout(_BODY_TIME):
             await request.read()
+        if request.content_type == _FORM:
+            await request.post()
     except TimeoutError:
         raise ProblemError(408, f"the request has not arrived within {_BODY_TIME:g} s") from None
+    except (ValueError, LookupError):
+        raise ProblemError(400, "the form is not UTF-8") from None
 
 
 async def _check_csrf(request: web.Request, visitor: Visitor) -> None:
     """The token stands in a header, or in the field `csrf` of a form."""
     given = request.headers.get("X-CSRF-Token", "")
-    if not given and request.content_type == "application/x-www-form-urlencoded":
+    if not given and request.content_type == _FORM:
         given = str((await request.post()).get("csrf", ""))
     if not hmac.compare_digest(given.encode(errors="surrogateescape"), visitor.csrf.encode()):
         raise ProblemError(403, "X-CSRF-Token must be that of the session; GET /api/v1/session tells it")
