@@ -42,10 +42,9 @@ class Renderer:
     async def page(self, template: str, request: web.Request, **content: Any) -> web.Response:
         """The page that a template makes of this content, for who has sent the request, in his language."""
         language = language_of(request)
-        # Only the query: a path that begins with // would lead to somebody else.
-        others = [
-            (each, f"?{request.rel_url.update_query(lang=each.code).raw_query_string}") for each in LANGUAGES.values()
-        ]
+        # A path that begins with // would lead to somebody else.
+        path, chosen = f"/{request.rel_url.raw_path.lstrip('/')}", request.rel_url.update_query
+        others = [(each, f"{path}?{chosen(lang=each.code).raw_query_string}") for each in LANGUAGES.values()]
         frame = {
             "visitor": request[VISITOR],
             "path": request.path,
