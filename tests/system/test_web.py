@@ -167,7 +167,9 @@ def test_connections_have_a_bound_and_those_that_idle_do_not_delay_the_end(tmp_p
             each.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
             assert each.recv(4096).startswith(b"HTTP/1.1 200")
         with socket.create_connection(address, timeout=PATIENCE) as one_more:
-            assert one_more.recv(1) == b""
+            one_more.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert one_more.recv(4096).startswith(b"HTTP/1.1 200")
+        assert held[0].recv(1) == b""
         assert gateway.stop() == 0
         for each in held:
             each.close()
