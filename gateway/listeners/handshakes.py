@@ -1,7 +1,7 @@
 """Connections whose handshake is not done yet: a bounded number, for a bounded time.
 
-The work is done in a thread of its own, one step after the other, so that a client of another listener does not wait
-for it (docs/adr/0021-modbus-security.md).
+The work is done in a thread of its own, one step at a time and for a share of the time only, so that clients of other
+listeners do not wait for it (docs/adr/0021-modbus-security.md).
 """
 
 import asyncio
@@ -13,6 +13,7 @@ from functools import partial
 from typing import Final
 
 from gateway.listeners.tls_stream import TlsStream
+from gateway.listeners.turns import Turns
 
 #: How many there may be at a listener, and of them from one address.
 MOST: Final = 64
@@ -44,6 +45,9 @@ class Handshakes:
         #: By stream, in the order in which they began.
         self._pending: dict[TlsStream, tuple[Visitor, float]] = {}
         self._worker: ThreadPoolExecutor | None = None
+        self._turns: Turns[TlsStream] = Turns()
+        self._is_working = False
+        self._pausing: asyncio.TimerHandle | None = None
 
     def __len__(self) -> int:
         return len(self._pending)
@@ -77,16 +81,19 @@ class Handshakes:
         for stream in list(self._pending):
             del self._pending[stream]
             stream.abort()
+        self._turns.clear()
+        if self._pausing is not None:
+            self._pausing.cancel()
+            self._pausing = None
         if self._worker is not None:
             self._worker.shutdown(wait=False, cancel_futures=True)
             self._worker = None
 
     def step_due(self, stream: TlsStream) -> None:
         """See HandshakeOwner."""
-        if self._worker is None:
-            self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tls handshakes")
-        step = asyncio.get_running_loop().run_in_executor(self._worker, stream.step)
-        step.add_done_callback(partial(_stepped, stream))
+        if stream in self._pending:
+            self._turns.add(stream, self._pending[stream][0].origin)
+            self._go_on()
 
     def secured(self, stream: TlsStream) -> None:
         """See HandshakeOwner."""
@@ -97,9 +104,40 @@ class Handshakes:
         """See HandshakeOwner."""
         pending = self._pending.pop(stream, None)
         if pending is not None:
+            self._turns.drop(stream, pending[0].origin)
             self._refused(pending[0], reason)
 
+    def _go_on(self) -> None:
+        """Begin the next step, if none is under way and it is time for one."""
+        if self._is_working or self._pausing is not None:
+            return
+        loop = asyncio.get_running_loop()
+        pause = self._turns.pause(loop.time())
+        if pause:
+            self._pausing = loop.call_later(pause, self._resume)
+            return
+        stream = self._turns.next()
+        if stream is not None:
+            self._begin_step(stream)
 
-def _stepped(stream: TlsStream, step: asyncio.Future[str | None]) -> None:
-    if not step.cancelled():
-        stream.stepped(step.result())
+    def _resume(self) -> None:
+        self._pausing = None
+        self._go_on()
+
+    def _begin_step(self, stream: TlsStream) -> None:
+        if self._worker is None:
+            self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tls handshakes")
+        loop = asyncio.get_running_loop()
+        self._is_working = True
+        step = loop.run_in_executor(self._worker, stream.step)
+        step.add_done_callback(partial(self._stepped, stream, loop.time()))
+
+    def _stepped(self, stream: TlsStream, began_at: float, step: asyncio.Future[str | None]) -> None:
+        self._is_working = False
+        try:
+            if not step.cancelled():
+                stream.stepped(step.result())
+        finally:
+            now = asyncio.get_running_loop().time()
+            self._turns.took(now - began_at, now)
+            self._go_on()

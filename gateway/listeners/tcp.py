@@ -44,6 +44,9 @@ class TcpListener:
     `rejections` those that were rejected.
     """
 
+    #: How long the next client waits at least after one was accepted, in seconds.
+    pause_between_clients = 0.0
+
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
         self.settings = settings
         self.router = router
@@ -170,7 +173,7 @@ class TcpListener:
         self.emit(events.PartFailed.of(part, error))
 
     async def _accept(self, listening: socket.socket) -> None:
-        """Accept clients, one in each iteration of the event loop."""
+        """Accept clients, at most one in each iteration of the event loop."""
         loop = asyncio.get_running_loop()
         while True:
             try:
@@ -179,7 +182,7 @@ class TcpListener:
                 await self._refuse(listening, explain(error))
             else:
                 await self._connect(sock, listening, *address[:2])
-            await asyncio.sleep(0)
+            await asyncio.sleep(self.pause_between_clients)
 
     async def _connect(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
         host, client = show_host(host), join_host_port(host, port)

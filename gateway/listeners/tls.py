@@ -25,6 +25,9 @@ class TlsListener(TcpListener):
     A client counts for `clients`, and may take the place of another one, once its handshake is done.
     """
 
+    #: More would be felt by clients of other listeners, even if all are turned away; the system keeps them waiting.
+    pause_between_clients = 0.005
+
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit, store: TlsStore) -> None:
         super().__init__(settings, router, emit)
         self._store = store
