@@ -117,8 +117,11 @@ class Rights(dict[str, tuple[Right, ...]]):
         return rights
 
     def admits(self, host: str) -> bool:
-        """Whether a client from this address has any right."""
-        return any(self[host])
+        """Whether a client from this address has any right; one with a certificate, if it had the right role."""
+        if any(self[host]):
+            return True
+        address = _address(host)
+        return self._entry.kind == "certified" and any(row.right and row.applies_to(address) for row in self._rows)
 
     def names(self, host: str) -> bool:
         """Whether a row gives rights to a network that this address is in."""

@@ -119,6 +119,15 @@ def test_a_row_for_a_network_gives_a_certified_client_nothing() -> None:
     assert set(Rights(rows, SCADA)[ELSEWHERE]) == {EVERYTHING}
 
 
+def test_a_role_that_may_do_nothing_keeps_no_other_role_out() -> None:
+    rights = Rights((Row(NOTHING, role="visitor"), Row(EVERYTHING, role="operator")), REMOTE)
+    assert rights.admits(ELSEWHERE)
+    network = (ip_network("10.0.0.0/8"),)
+    rights = Rights((Row(NOTHING, role="visitor"), Row(EVERYTHING, networks=network, role="operator")), REMOTE)
+    assert (rights.admits(ELSEWHERE), rights.names(ELSEWHERE)) == (True, True)
+    assert not rights.admits(HERE)
+
+
 def test_the_rights_of_any_number_of_roles_take_bounded_memory() -> None:
     rights = Rights((Row(EVERYTHING, role="role-1"),), REMOTE)
     for number in range(3 * MOST_ROLES):
