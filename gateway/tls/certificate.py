@@ -104,6 +104,8 @@ def _role(extension: bytes) -> str:
         role = der.only(extension, der.UTF8_STRING).decode("utf-8")
     except ValueError as wrong:
         raise WrongRole("its role is not a UTF8String") from wrong
+    if not role:
+        raise WrongRole("its role is empty: a certificate without a role has no such extension")
     if len(role) > LONGEST_ROLE or not role.isprintable():
         raise WrongRole(f"its role is longer than {LONGEST_ROLE} characters, or has some that cannot be seen")
     return role

@@ -38,6 +38,7 @@ def test_without_a_role_it_is_the_null_role() -> None:
         (TWO_ROLES, "more than one role"),
         (WRONG_TEXT, "not a UTF8String"),
         (NOT_UTF8, "not a UTF8String"),
+        ("1.3.6.1.4.1.50316.802.1=DER:0c:00", "its role is empty"),
         ("1.3.6.1.4.1.50316.802.1=DER:0c:02:41:0a", "cannot be seen"),
         ("1.3.6.1.4.1.50316.802.1=DER:0c:01:41:0c:01:42", "not a UTF8String"),
         ("1.3.6.1.4.1.50316.802.1=DER:0c:05:41", "not a UTF8String"),
