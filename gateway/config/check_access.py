@@ -168,7 +168,9 @@ def _covers(earlier: Access, row: Access) -> bool:
     """Whether `earlier` matches every client and unit that `row` matches."""
     listeners = earlier.listen is None or (row.listen is not None and set(row.listen) <= set(earlier.listen))
     units = earlier.units == "all" or (row.units != "all" and set(row.units) <= set(earlier.units))
-    return earlier.role in (None, row.role) and listeners and units and _covers_networks(earlier.networks, row.networks)
+    # without a role and a listener, it does not count for clients with certificates
+    roles = earlier.role == row.role or (earlier.role is None and earlier.listen is not None)
+    return roles and listeners and units and _covers_networks(earlier.networks, row.networks)
 
 
 def _covers_networks(earlier: tuple[Network, ...] | None, networks: tuple[Network, ...] | None) -> bool:

@@ -70,3 +70,12 @@ def test_a_role_is_visible_text(role: str) -> None:
     assert problems(f'{TLS}[[access]]\nrole = "{role}"\nallow = []\n') == [
         "error: access[0].role: must have at most 64 visible characters"
     ]
+
+
+def test_a_row_that_does_not_count_for_certificates_hides_none_that_does() -> None:
+    everybody = '[[access]]\nallow = ["read"]\n'
+    assert problems(TLS + everybody + ROLE) == []
+    (said,) = problems(
+        TLS + everybody.replace("allow", 'listen = ["far"]\nallow') + ROLE.replace("allow", 'listen = ["far"]\nallow')
+    )
+    assert "never matches" in said
