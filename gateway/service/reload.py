@@ -156,16 +156,19 @@ class Reloader:
         Raises:
             ListenError: as Running.switch.
         """
-        before = self._contexts.adopt(certificates)
+        before = self._contexts.add(certificates)  # what is replaced goes on with its own until then
         try:
             await self._running.switch(new)
-            self._running.renew_certificates()
         except Exception as error:
             if self._running.gateway is not new:
                 self._contexts.adopt(before)
                 raise
             self._running.emit(events.PartFailed.of("reload", error))
             return f"a defect in the gateway: {error!r}; restart it, and please report this"
+        finally:
+            if self._running.gateway is new:
+                self._contexts.adopt(certificates)
+                self._running.renew_certificates()
         return ""
 
     def _rejected(self, problems: tuple[str, ...]) -> Outcome:

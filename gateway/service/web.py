@@ -117,12 +117,15 @@ def _renewed(plan: WebPlan, contexts: TlsStore) -> ssl.SSLContext | None:
         return None
     contexts.add(load_all(plan.secured))
 
-    def renew(connection: ssl.SSLObject, _name: str | None, _context: ssl.SSLContext) -> None:
-        connection.context = contexts[tls].context
+    first = latest = contexts[tls]
 
-    context = contexts[tls].context
-    context.sni_callback = renew
-    return context
+    def renew(connection: ssl.SSLObject, _name: str | None, _context: ssl.SSLContext) -> None:
+        nonlocal latest
+        latest = contexts.get(tls, latest)  # files that a reload has renamed are used after a restart
+        connection.context = latest.context
+
+    first.context.sni_callback = renew
+    return first.context
 
 
 def _users(plan: WebPlan) -> Path | None:

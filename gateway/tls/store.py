@@ -18,15 +18,19 @@ class TlsStore:
         """What was loaded for `settings`."""
         return self._contexts[settings]
 
+    def get(self, settings: TlsSettings, default: Loaded) -> Loaded:
+        """What was loaded for `settings`; `default` if no address of the config has them any more."""
+        return self._contexts.get(settings, default)
+
     def adopt(self, loaded: Mapping[Secured, Loaded]) -> Mapping[Secured, Loaded]:
         """Use this from now on, and nothing else; returns what was used before."""
         before, self._all = self._all, loaded
         self._contexts = {one.settings: each for one, each in loaded.items()}
         return before
 
-    def add(self, loaded: Mapping[Secured, Loaded]) -> None:
-        """Use this too."""
-        self.adopt({**self._all, **loaded})
+    def add(self, loaded: Mapping[Secured, Loaded]) -> Mapping[Secured, Loaded]:
+        """Use this too; returns what was used before."""
+        return self.adopt({**self._all, **loaded})
 
     def expiries(self) -> Iterator[tuple[Secured, Expiry]]:
         """Until when each file is valid, with the address that uses it."""

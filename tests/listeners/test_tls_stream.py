@@ -98,7 +98,7 @@ class Slow:
     def __init__(self) -> None:
         self.waiting: list[Request] = []
 
-    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - as of any target
+    def submit(self, request: Request, now: float) -> None:
         self.waiting.append(request)
 
     def answer_first(self) -> None:

@@ -418,6 +418,21 @@ def test_the_certificate_of_the_page_changes_by_reload(tmp_path: Path) -> None:
         assert shown(port, name="127.0.0.1") == shown(port)
 
 
+def test_the_page_keeps_its_certificate_until_a_restart_if_another_file_is_named(tmp_path: Path) -> None:
+    folder = pki()
+    web = f'[web]\nbind = "https://127.0.0.1:0"\ncertificate = "{folder}/server.crt"\nkey = "{folder}/server.key"\n'
+    with GatewayProcess(tmp_path, IMAGE + '[[listen]]\nbind = "tcp://127.0.0.1:0"\n' + web) as gateway:
+        address = next(each["address"] for each in gateway.log if each["event"] == "web_up")
+        port = int(address.rpartition(":")[2])
+        before = shown(port)
+        for file in ("server.crt", "server.key"):
+            shutil.copy(folder / file, tmp_path / file)
+        gateway.config.write_text(gateway.config.read_text().replace(f"{folder}/server", f"{tmp_path}/server"))
+        gateway.signal(signal.SIGHUP)
+        assert gateway.wait_for("config_applied")["restart"] == ["web"]
+        assert shown(port) == before
+
+
 def shown(port: int, name: str = "localhost") -> bytes:
     """The certificate that a browser gets, if it trusts it."""
     context = ssl.create_default_context(cafile=str(pki() / "ca.crt"))
