@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, chromium, until, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, chromium, until, watched
 from kit.free_port import free_port
 from kit.process import GatewayProcess
 
@@ -91,3 +91,37 @@ def test_strips_follow_a_reload(browser: Any, tmp_path: Path) -> None:
         reload("silo", "press", "hall", "mill")
         assert page.locator("figure.strip[data-line=hall] #kept").count() == 1
         reload("hall")
+
+
+#: Elements of the page that are cut off: by the screen, or by what they stand in.
+CUT_OFF = """() => [...document.querySelectorAll("li, figure, canvas, figcaption a, tr, td, th, p")].filter((each) => {
+    const box = each.getBoundingClientRect(), room = each.closest("section").getBoundingClientRect();
+    const bottom = Math.min(room.bottom, innerHeight), right = Math.min(room.right, innerWidth);
+    return box.height === 0 || box.bottom > bottom + 1 || box.right > right + 1;
+}).map((each) => each.outerHTML)"""
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "language"), [(1280, 800, "en"), (1920, 1080, "zh"), (1024, 768, "en"), (1080, 1920, "zh")]
+)
+def test_a_panel_needs_no_scrolling(browser: Any, tmp_path: Path, width: int, height: int, language: str) -> None:
+    port = free_port()
+    lines = [f"{letter}-line" for letter in "ABCDEFGHIJKLMNOPQRSTUVWXYZ"]
+    viewport = {"width": width, "height": height}
+    with GatewayProcess(tmp_path, config(port, *lines)), watched(browser, viewport=viewport) as page:
+        page.goto(f"http://127.0.0.1:{port}/?kiosk&lang={language}")
+        page.wait_for_timeout(1000)
+        assert page.evaluate("document.documentElement.scrollHeight") <= height
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate(CUT_OFF) == []
+        assert page.locator("figure.strip canvas").count() == 10
+        assert page.locator("table.heat tbody tr").count() == 12
+        assert axe_findings(page) == []
+
+
+def test_the_state_of_a_line_on_a_panel_is_renewed(browser: Any, tmp_path: Path) -> None:
+    port = free_port()
+    with GatewayProcess(tmp_path, config(port, "hall")), watched(browser) as page:
+        page.goto(f"http://127.0.0.1:{port}/?kiosk")
+        page.evaluate("document.querySelector('.now').textContent = 'old'")
+        until(page, lambda: "down" in page.locator("figure .now").inner_text())

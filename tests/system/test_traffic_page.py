@@ -137,3 +137,33 @@ def test_without_javascript_all_of_it_is_there(address: str, browser: Any) -> No
         page.goto(f"{address}{path}")
         assert text in page.locator("main").inner_text()
     context.close()
+
+
+def test_rows_of_the_server_and_live_ones_are_written_in_one_way(page: Any, address: str) -> None:
+    page.goto(f"{address}/traffic?line=hall")
+    page.wait_for_timeout(1000)
+    page.keyboard.press(" ")
+    made = page.locator("table.traffic tbody tr").evaluate_all(
+        "rows => rows.map((row) => [...row.cells].slice(4, 6).map((cell) => cell.textContent))"
+    )
+    assert len(made) > 10
+    assert not [cells for cells in made if cells[0] == cells[1]]
+    assert not [cells for cells in made if cells[1] in ("resting", "queue full")]
+
+
+#: Those of some cells that are cut off.
+CUT_OFF = """cells => cells.filter((each) => {
+    return each.scrollWidth > each.clientWidth + 1 || each.getBoundingClientRect().right > innerWidth;
+}).map((each) => each.textContent)"""
+
+
+@pytest.mark.parametrize(
+    ("path", "cells"),
+    [("/traffic", "table.traffic td"), ("/lines/hall", "table[data-trace] td"), ("/health", ".findings td")],
+)
+def test_on_a_phone_no_time_unit_or_cure_is_cut_off(address: str, browser: Any, path: str, cells: str) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    page.goto(f"{address}{path}")
+    page.wait_for_timeout(1500)
+    assert page.locator(cells).evaluate_all(CUT_OFF) == []
+    page.close()

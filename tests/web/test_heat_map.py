@@ -7,7 +7,7 @@ import pytest
 
 from gateway.timing.history import STEP, UNIT_SLOTS, History, LineUse, UnitUse
 from gateway.web.pages.busy import busy_outline, hours
-from gateway.web.pages.heat_map import HEIGHT, KINDS, HeatMap, clock, kind_of, ticks
+from gateway.web.pages.heat_map import HEIGHT, KINDS, HeatMap, axis, clock, kind_of
 
 NOON = 1_777_636_800.0
 FINE = UnitUse(requests=60, responses=60, answer=0.6, share=6.0)
@@ -94,8 +94,17 @@ def test_rows_are_made_again_after_some_seconds_or_for_other_units():
 def test_the_times_along_a_picture_are_those_of_this_machine():
     past = history(FINE).last(NOON, UNIT_SLOTS)
     first = datetime.fromtimestamp(past.first * STEP).astimezone()
-    assert ticks(past)[0] == f"{first:%H:%M}"
-    assert len(ticks(past)) == 6
+    whole_day = past._replace(slots=[past.slots[-1], *past.slots[1:]])
+    assert axis(whole_day).ticks[0] == f"{first:%H:%M}"
+    assert len(axis(whole_day).ticks) == 6
+
+
+@pytest.mark.parametrize(
+    ("known", "hours"), [(0, 1), (1, 1), (6, 1), (7, 3), (19, 6), (37, 12), (72, 12), (73, 24), (144, 24)]
+)
+def test_the_axis_of_a_new_gateway_begins_with_what_it_knows(known, hours):
+    shown = axis(history(*[FINE] * known).last(NOON, UNIT_SLOTS))
+    assert (shown.hours, shown.first, len(shown.ticks)) == (hours, UNIT_SLOTS - 6 * hours, 6)
 
 
 def test_the_outline_of_a_busy_share():

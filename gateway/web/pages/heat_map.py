@@ -24,6 +24,8 @@ _SLOW: Final = 0.6
 #: How long rows are shown again, in seconds: any number of readers costs no more than one.
 _KEPT: Final = 10.0
 _TICKS: Final = 6
+#: How many slots pictures have: one, three, six, twelve hours, a day. New gateways have not seen more.
+_SPANS: Final = (6, 18, 36, 72)
 
 _GAP: Final = " "
 _LETTERS: Final = dict(zip("fseomni", KINDS, strict=True))
@@ -57,15 +59,25 @@ class HeatRow:
 
 
 @dataclass(frozen=True, slots=True)
+class Axis:
+    """What pictures show of the last day: its last hours, from the slot `first` on, with times of day along them."""
+
+    hours: int
+    first: int
+    slots: int
+    ticks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ShownUnits:
-    """Units in the order of the page with their rows, the times of day along these, and how many units are left out.
+    """Units in the order of the page with their rows, the axis of these, and how many units are left out.
 
     Those that only a listener for their line leads to are not `with_page`.
     """
 
     units: tuple[Any, ...]
     rows: Mapping[str, HeatRow]
-    ticks: Sequence[str]
+    axis: Axis
     with_page: frozenset[str]
     kinds: Mapping[str, int] = field(default_factory=lambda: KINDS)
     left_out: int = 0
@@ -91,10 +103,14 @@ class HeatMap:
         return self._rows
 
 
-def ticks(past: Past) -> list[str]:
-    """The times of day along the picture."""
-    step = len(past.slots) // _TICKS
-    return [clock(past.first + place) for place in range(0, len(past.slots), step)]
+def axis(past: Past) -> Axis:
+    """The axis for all that is known of the last day."""
+    count = len(past.slots)
+    known = next((count - place for place, slot in enumerate(past.slots) if slot is not None), 0)
+    slots = next((each for each in _SPANS if known <= each), count)
+    first = count - slots
+    ticks = tuple(clock(past.first + place) for place in range(first, count, slots // _TICKS))
+    return Axis(slots * STEP // 3600, first, slots, ticks)
 
 
 def clock(number: int) -> str:

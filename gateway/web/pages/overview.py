@@ -12,8 +12,8 @@ from gateway.timing.history import UNIT_SLOTS, Past
 from gateway.web.answers import Answers, Status
 from gateway.web.guard import Need
 from gateway.web.pages.busy import busy_outline
-from gateway.web.pages.heat_map import HeatMap, HeatRow, ShownUnits, ticks
-from gateway.web.pages.shown_lines import shown_lines
+from gateway.web.pages.heat_map import HeatMap, HeatRow, ShownUnits, axis
+from gateway.web.pages.shown_lines import ShownLine, shown_lines
 from gateway.web.problems import Handler
 from gateway.web.renderer import Renderer
 
@@ -21,6 +21,9 @@ from gateway.web.renderer import Renderer
 FULL: Final = 0.85
 #: With more units than this, those that nobody has asked in the last day are not listed: a line may pass all through.
 ALL_SHOWN: Final = 32
+#: A wall panel shows no more lines and units than these, those with problems first: it cannot be scrolled.
+PANEL_LINES: Final = 10
+PANEL_UNITS: Final = 12
 _WRONG_FIRST: Final = {"resting": 0, "failing": 1}
 _SOME_LOST: Final = 2
 _FINE: Final = 3
@@ -55,16 +58,24 @@ class OverviewPage:
         status, past = await self._answers.status(), self._answers.past(UNIT_SLOTS)
         with_page = frozenset(unit.name for unit in self._answers.units())
         now = asyncio.get_running_loop().time()
+        is_panel = "kiosk" in request.query
+        lines = tuple(shown_lines(status))
         return await self._renderer.page(
-            "overview.html",
+            "kiosk.html" if is_panel else "overview.html",
             request,
             status=status,
-            lines=tuple(shown_lines(status)),
+            lines=_of_panel(lines) if is_panel else lines,
             troubles=tuple(troubles(status)),
-            ticks=ticks(past),
+            axis=axis(past),
             with_page=with_page,
             # The template calls these in the thread that makes the page.
-            shown_units=lambda: shown_units(status, self._heat_map.rows(status.units, past, now), past, with_page),
+            shown_units=lambda: shown_units(
+                status,
+                self._heat_map.rows(status.units, past, now),
+                past,
+                with_page,
+                PANEL_UNITS if is_panel else None,
+            ),
             busy_outline=partial(busy_outline, past),
         )
 
@@ -84,13 +95,23 @@ def troubles(status: Status) -> Iterator[Trouble]:
                 yield Trouble(kind, "units", unit.name, unit.line, unit.last_error)
 
 
-def shown_units(status: Status, rows: Mapping[str, HeatRow], past: Past, with_page: frozenset[str]) -> ShownUnits:
-    """The units of the heat map."""
+def shown_units(
+    status: Status, rows: Mapping[str, HeatRow], past: Past, with_page: frozenset[str], most: int | None = None
+) -> ShownUnits:
+    """The units of the heat map, at most so many."""
     units = status.units
     if len(units) > ALL_SHOWN:
         units = [unit for unit in units if rows[unit.name].use.requests or unit.state != "fine"]
-    ordered = sorted(units, key=lambda unit: _rank(unit, rows[unit.name]))
-    return ShownUnits(tuple(ordered), rows, ticks(past), with_page, left_out=len(status.units) - len(ordered))
+    ordered = sorted(units, key=lambda unit: _rank(unit, rows[unit.name]))[:most]
+    return ShownUnits(tuple(ordered), rows, axis(past), with_page, left_out=len(status.units) - len(ordered))
+
+
+def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
+    """Those that there is room for, in the order of the config."""
+    if len(lines) <= PANEL_LINES:
+        return lines
+    first = sorted(lines, key=lambda line: (line.status.state != "down", -(line.busy_share or 0.0)))[:PANEL_LINES]
+    return [line for line in lines if line in first]
 
 
 def _rank(unit: Any, row: HeatRow) -> int:

@@ -13,7 +13,10 @@ async function fetched(line, hours) {
   const { step_s: step, slots } = await response.json();
   const known = new Map(slots.map((slot) => [slot.time, slot]));
   const last = Math.floor(Date.now() / 1000 / step) * step;
-  const times = Array.from({ length: (hours * 3600) / step }, (_, place) => last - (hours * 3600) + step * (place + 1));
+  // The axis begins where the server's begins, as long as the gateway is new.
+  const oldest = Math.min(last, ...known.keys()), shown = [1, 3, 6, 12, 24].find((each) => oldest > last - each * 3600) ?? hours;
+  const length = (Math.min(hours, shown) * 3600) / step;
+  const times = Array.from({ length }, (_, place) => last - step * (length - place - 1));
   const column = (value) => times.map((time) => (known.has(time) ? value(known.get(time)) : null));
   return [times, column((slot) => slot.busy_share), column((slot) => (slot.sent ? slot.failed / slot.sent : 0))];
 }

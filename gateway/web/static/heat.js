@@ -4,7 +4,7 @@ import { ms, percent } from "./quantities.js";
 
 const TEXTS = await textsOf("heat");
 const KEPT = 60000; // milliseconds
-const SLOTS = 144; // of a picture
+const SLOTS = 144; // of a day; a picture shows the last ones of them
 const past = new Map(); // what the server has told of a unit, and when
 let shown; // the unit and the slot that are told
 
@@ -66,7 +66,8 @@ document.addEventListener("pointermove", (event) => {
   const picture = event.target.closest?.("table[data-heat] svg.map");
   if (!picture) return;
   const box = picture.getBoundingClientRect();
-  const place = Math.min(SLOTS - 1, Math.max(0, Math.floor(((event.clientX - box.left) / box.width) * SLOTS)));
+  const { x: first, width } = picture.viewBox.baseVal;
+  const place = Math.min(SLOTS - 1, Math.max(first, first + Math.floor(((event.clientX - box.left) / box.width) * width)));
   const row = picture.closest("tr");
   if (shown?.unit !== row.dataset.unit || shown.place !== place) tell(row, place);
 });
@@ -77,5 +78,5 @@ document.addEventListener("keydown", (event) => {
   if (!row || !by || event.ctrlKey || event.altKey || event.metaKey) return;
   event.preventDefault();
   const place = shown?.unit === row.dataset.unit ? shown.place + by : SLOTS - 1;
-  tell(row, Math.min(SLOTS - 1, Math.max(0, place)));
+  tell(row, Math.min(SLOTS - 1, Math.max(row.querySelector("svg.map").viewBox.baseVal.x, place)));
 });

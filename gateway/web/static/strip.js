@@ -11,11 +11,20 @@ const SILENT = 6000; // milliseconds: the gateway tells its time each second
 const BEHIND = 0.4; // seconds: what is shown at the right edge has been told by then
 const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60]; // seconds
 const ROWS = 20; // of the table
+const NARROW = 640; // pixels: less is a telephone
 const COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#9a6324"]; // after Okabe and Ito: told apart without red and green
 const PATTERNS = 4; // of 6 colours: 12 units differ, neighbours in both
 const LANES = {
   full: { height: 224, left: 76, wait: [6, 40], middle: 116, half: 56, axis: 188 },
   compact: { height: 62, left: 0, wait: [2, 12], middle: 36, half: 22, axis: 0 },
+};
+
+const isPanel = document.querySelector("[data-panel]") !== null;
+
+/** Lanes of another height. */
+const stretched = (lanes, height) => {
+  const by = height / lanes.height;
+  return { ...lanes, height, wait: lanes.wait.map((y) => y * by), middle: lanes.middle * by, half: lanes.half * by };
 };
 
 class Strip {
@@ -28,14 +37,14 @@ class Strip {
     this.isFull = !figure.classList.contains("compact");
     this.lanes = this.isFull ? LANES.full : LANES.compact;
     this.items = [];
-    this.span = 10;
+    this.span = this.isFull && innerWidth < NARROW ? 2 : 10;
     this.right = undefined; // the time at the right edge while paused
     this.pinned = this.pointed = undefined;
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", this.isFull ? "application" : "img");
     this.canvas.setAttribute("aria-label", TEXTS.strip(line) + (this.isFull ? ". " + TEXTS.keys : ""));
-    this.canvas.style.height = this.lanes.height + "px";
+    if (!isPanel) this.canvas.style.height = this.lanes.height + "px";
     if (!this.isFull) this.canvas.tabIndex = -1;
     this.pen = this.canvas.getContext("2d");
     this.summary = element("p", "summary");
@@ -46,6 +55,12 @@ class Strip {
     this.sizes.observe(this.canvas);
     figure.hidden = false;
     this.resize();
+  }
+
+  /** The state of the line, and what else the server says beside the picture. */
+  renew(fresh) {
+    const now = fresh.querySelector(`figure.strip[data-line="${CSS.escape(this.line.name)}"] .now`);
+    if (now) this.figure.querySelector(".now")?.replaceWith(now);
   }
 
   close() {
@@ -113,7 +128,9 @@ class Strip {
       if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) this.move((event.deltaX || event.deltaY) * this.perPixel());
       else this.scale(event.deltaY > 0 ? 1.25 : 0.8, event.offsetX);
     }, { passive: false });
-    canvas.addEventListener("keydown", (event) => {
+    document.addEventListener("keydown", (event) => {
+      // From the page itself too, but not what scrolls it up and down.
+      if (event.target !== canvas && (event.target !== document.body || /Page|End/.test(event.key))) return;
       const act = {
         " ": () => this.togglePause(), "+": () => this.zoom(-1), "=": () => this.zoom(-1), "-": () => this.zoom(1),
         ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), PageUp: () => this.move(-this.span / 2), PageDown: () => this.move(this.span / 2), End: () => this.resume(), Escape: () => this.resume(),
@@ -205,6 +222,7 @@ class Strip {
   resize() {
     const ratio = devicePixelRatio || 1;
     this.width = this.canvas.clientWidth;
+    if (isPanel && !this.isFull) this.lanes = stretched(LANES.compact, this.canvas.clientHeight);
     this.canvas.width = Math.round(this.width * ratio);
     this.canvas.height = Math.round(this.lanes.height * ratio);
     this.pen.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -660,7 +678,10 @@ function start() {
   readTheme();
   for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", readTheme);
   const reopen = follow(strips);
-  document.addEventListener("renewed", ({ detail }) => adopt(strips, place, detail) && reopen());
+  document.addEventListener("renewed", ({ detail }) => {
+    if (adopt(strips, place, detail)) reopen();
+    for (const strip of strips) strip.renew(detail);
+  });
   const isCalm = matchMedia("(prefers-reduced-motion: reduce)");
   let drawnAt = -Infinity, toldAt = -Infinity;
   const frame = (at) => {

@@ -75,7 +75,15 @@ function tell() {
   received = leftOut = missed = 0;
 }
 
-let source, newest = Math.max(0, ...[...body.rows].map((row) => JSON.parse(row.dataset.fact).time));
+let source, newest = 0;
+
+/** What the server has made looks like what comes in. */
+for (const row of [...body.rows]) {
+  const fact = JSON.parse(row.dataset.fact), made = rowOf(fact);
+  newest = Math.max(newest, fact.time);
+  made.dataset.fact = row.dataset.fact;
+  row.replaceWith(made);
+}
 
 function connect() {
   source?.close();

@@ -50,10 +50,10 @@ export function stateOf({ state }) {
 export const named = (unit, name) => TEXTS.named(unit, name);
 
 /** What came of it. */
-export function outcomeOf({ kind, state, fact }) {
+export function outcomeOf({ kind, fact }) {
   if (kind !== "exchange" && kind !== "answered") return TEXTS.owners[fact.owner] ?? (fact.reason || (TEXTS.results[fact.result] ?? fact.result) || "");
   if (fact.response) return responseInWords(bytesOf(fact.response), bytesOf(fact.request));
-  return fact.reason || TEXTS.states[state];
+  return fact.reason || "–"; // the state says the rest
 }
 
 /** The parts of a page that tell all of it; `gap` is the silence before, in seconds, if it is known. */
