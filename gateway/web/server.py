@@ -137,7 +137,7 @@ def _application(
     app = web.Application(
         middlewares=[
             connections.middleware,
-            problem_pages(renderer),
+            problem_pages(renderer, guard.visitor),
             problems(answers),
             guard.middleware(needs),
         ],

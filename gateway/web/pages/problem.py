@@ -1,6 +1,7 @@
 """Problems as pages, for people whose browser has asked for one."""
 
 import json
+from collections.abc import Callable
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -16,7 +17,7 @@ _OF_PROGRAMS: Final = ("/api/", "/metrics", "/healthz", "/readyz", "/static/")
 _REFUSED: Final = frozenset({400, 401, 403, 404, 408, 413, 421, 422})
 
 
-def problem_pages(renderer: Renderer) -> Middleware:
+def problem_pages(renderer: Renderer, visitor_of: Callable[[web.Request], Visitor]) -> Middleware:
     """Middleware that shows a problem as a page to a browser that asks for pages."""
 
     @web.middleware
@@ -27,7 +28,7 @@ def problem_pages(renderer: Renderer) -> Middleware:
         if "text/html" not in request.headers.get("Accept", "") or request.path.startswith(_OF_PROGRAMS):
             return response
         if VISITOR not in request:
-            request[VISITOR] = Visitor("")
+            request[VISITOR] = visitor_of(request)
         problem = json.loads(response.text or "{}")
         is_refused_form = request.method == "POST" and response.status in _REFUSED
         page = await renderer.page(

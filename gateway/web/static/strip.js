@@ -529,6 +529,7 @@ function showTable(strip) {
   const body = document.querySelector(`table[data-trace] tbody`);
   if (!body || strip.isPaused || !strip.isNew) return;
   strip.isNew = false;
+  document.querySelector("p.empty")?.remove();
   const rows = strip.items.slice(-ROWS).reverse().map((item) => {
     const row = document.createElement("tr"), { fact } = item;
     const state = element("td", "", "");

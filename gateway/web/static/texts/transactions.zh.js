@@ -4,7 +4,7 @@ export const TEXTS = {
   unit: (unit) => `单元 ${unit}`,
   named: (unit, name) => (name ? `${unit} ${name}` : `单元 ${unit}`),
   states: {
-    ok: "正常", exception: "异常响应", timeout: "超时", broken: "坏帧", failed: "无有效响应", late: "迟到的响应", foreign: "外来通信",
+    ok: "成功", exception: "异常响应", timeout: "超时", broken: "坏帧", failed: "无有效响应", late: "迟到的响应", foreign: "外来通信",
     noise: "干扰", refused: "未发送", port: "串口", answered: "已响应", silent: "未响应",
   },
   results: {
