@@ -28,7 +28,7 @@ def rights_in_words(gateway: Gateway) -> Sequence[RightsRow]:
     return rows_in_words(gateway.plan)
 
 
-def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int, role: str = "") -> Verdict:
+def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
     """What the rights say to a request with this function to this unit, of a client at the address `host`.
 
     `role` counts if the listener is a TLS listener.

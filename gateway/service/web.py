@@ -255,8 +255,8 @@ class _Answers:
     def entrances(self) -> Sequence[str]:
         return tuple(routers(self._running.gateway))
 
-    def verdict(self, host: str, listener: str, unit: int, function: int) -> Verdict:
-        return verdict(self._running.gateway, host, listener, unit, function)
+    def verdict(self, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
+        return verdict(self._running.gateway, host, listener, unit, function, role)
 
     def events(self) -> AbstractContextManager[Follower]:
         return self._fan_out.following()

@@ -337,8 +337,8 @@ class Answers(UnitAnswers, Protocol):
     def entrances(self) -> Sequence[str]:
         """Where clients with an address come in: listeners, and `web`."""
 
-    def verdict(self, host: str, listener: str, unit: int, function: int) -> Verdict:
-        """What the rights say to a request.
+    def verdict(self, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
+        """What the rights say to a request; `role` counts at TLS listeners.
 
         Raises:
             WrongQuestion: `host` is no address, or there is no such listener.

@@ -8,6 +8,7 @@ from gateway.listeners.rejections import MOST_HOSTS, Rejections
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
+from kit.pki import listener
 
 CONFIG = """
 [[listen]]
@@ -132,6 +133,16 @@ async def test_the_form_tells_whether_a_client_may_do_something_and_by_which_row
     bench.inner.attach("hall", SimulatedLine("rtu", SimulatedDevice(6)))
     pdu = {3: "03 00 00 00 01", 6: "06 00 00 00 01", 43: "2B 0E 01 00"}[function]
     assert ((await client.asks(unit, pdu))[3:] == "01") is (verdict != "allowed" or function == 43)
+
+
+@pytest.mark.parametrize(("role", "verdict"), [("operator", "allowed"), ("viewer", "not allowed"), ("", "not allowed")])
+async def test_the_form_asks_for_a_role(tmp_path, role, verdict):
+    row = '[[access]]\nlisten = ["remote"]\nrole = "operator"\nallow = ["read", "write"]\n'
+    async with web_bench(CONFIG + listener() + row, tmp_path) as bench:
+        query = f"from=10.9.0.7&listener=remote&role={role}&unit=46&function=6"
+        page = Markup((await bench.browser().get(f"/clients?{query}")).text)
+    assert any(text.startswith(verdict) for text in page.texts)
+    assert [tag["value"] for _, tag in page.tags if tag.get("name") == "role"] == [role]
 
 
 async def test_a_unit_that_is_not_there_is_told(bench):

@@ -4,6 +4,7 @@ import pytest
 
 from kit.browser import web_bench
 from kit.markup import Markup
+from kit.pki import listener
 
 CONFIG = """
 [[line]]
@@ -54,6 +55,13 @@ async def test_what_is_wrong_with_the_file_now_is_shown_with_its_place(bench, fi
     assert "line[0].baud" in row[2]
     assert "cannot be used" in page.texts
     assert '+baud = "fast"' in page.texts
+
+
+async def test_certificates_that_cannot_be_used_are_warnings(bench, file):
+    file.write_text(CONFIG + listener().replace("server.crt", "gone.crt"))
+    (row,) = [row for row in Markup(await shown(bench)).rows() if "gone.crt" in " ".join(row)]
+    assert row[0] == "warning"
+    assert "cannot be used" in row[2]
 
 
 async def test_a_file_that_is_gone_is_an_error(bench, file):

@@ -32,7 +32,7 @@ class ClientsPage:
 
     async def show(self, request: web.Request) -> web.Response:
         """Clients and rights; what the form asks is in the address."""
-        asked = {name: request.query.get(name, "").strip() for name in ("from", "listener", "unit", "function")}
+        asked = {name: request.query.get(name, "").strip() for name in ("from", "listener", "role", "unit", "function")}
         verdict, why = self._verdict(asked)
         status = await self._answers.status()
         never = float("inf")
@@ -57,13 +57,13 @@ class ClientsPage:
         """What the rights say to the question of the form, or why it cannot be answered; neither without a question."""
         if not asked["from"]:
             return None, ""
-        unit, function = asked["unit"], asked["function"]
+        unit, function, role = asked["unit"], asked["function"], asked["role"]
         if not (_NUMBER.fullmatch(unit) and 1 <= int(unit) <= 255):
             return None, f'"{unit}" is no unit: 1 to 255'
         if not (_NUMBER.fullmatch(function) and 1 <= int(function) <= 127):
             return None, f'"{function}" is no function: 1 to 127'
         try:
-            return self._answers.verdict(asked["from"], asked["listener"], int(unit), int(function)), ""
+            return self._answers.verdict(asked["from"], asked["listener"], int(unit), int(function), role), ""
         except WrongQuestion as wrong:
             return None, str(wrong)
 
