@@ -101,7 +101,7 @@ async def test_a_wrong_password_is_told_in_the_language_of_the_page(browser):
 
 
 async def test_states_of_the_gateway_are_translated(browser):
-    assert '<span class="state up">正常</span>' in (await browser.get("/lines/hall?lang=zh")).text
+    assert '<span class="state up">在线</span>' in (await browser.get("/lines/hall?lang=zh")).text
 
 
 @pytest.mark.parametrize(
