@@ -106,6 +106,7 @@ def _finding(row: Mapping[str, Any]) -> Finding:
         str(row.get("about", "")),
         str(row.get("what", "")),
         str(row.get("remedy", "")),
+        str(row.get("unit", "")),
     )
 
 

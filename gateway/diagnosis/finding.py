@@ -10,10 +10,12 @@ Level = Literal["ok", "note", "fix"]
 class Finding:
     """One row: `what` was found `about` a port, line, unit or client. `remedy` is the command or config line for it.
 
-    A `fix` needs something to be done; a `note` may be as it is meant to be.
+    `unit` is the name of the unit if it is about one. A `fix` needs something to be done; a `note` may be as it is
+    meant to be.
     """
 
     level: Level
     about: str
     what: str
     remedy: str = ""
+    unit: str = ""

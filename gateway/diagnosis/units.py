@@ -46,6 +46,10 @@ def name(unit: UnitEvidence) -> str:
     return f"unit {unit.unit}, {unit.name}"
 
 
+def _row(level: Level, unit: UnitEvidence, what: str, remedy: str) -> Finding:
+    return Finding(level, name(unit), what, remedy, unit.name)
+
+
 def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if not unit.late:
         return
@@ -54,7 +58,7 @@ def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.limit:
         what += f" (limit {show_duration(unit.limit)})"
     level: Level = "fix" if unit.late >= SOME * unit.asked else "note"
-    yield _Found(unit.late, Finding(level, name(unit), what, _longer(unit, line)))
+    yield _Found(unit.late, _row(level, unit, what, _longer(unit, line)))
 
 
 def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -68,7 +72,7 @@ def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Fou
         what = f"its responses are damaged, each in another way: {double}, or the line is disturbed"
     if what:
         remedy = "disconnect one of them and give it another address"
-        yield _Found(max(unit.bad_frames, unit.twice), Finding("fix", name(unit), what, remedy))
+        yield _Found(max(unit.bad_frames, unit.twice), _row("fix", unit, what, remedy))
 
 
 def _is_damaged(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -85,7 +89,7 @@ def _damage(level: Level, unit: UnitEvidence, line: LineEvidence) -> Iterator[_F
     if unit.bad_frames >= ENOUGH:
         what = f"{unit.bad_frames} of {unit.asked} responses were damaged"
         remedy = f"check format ({line.format}), wiring, termination and shield of {line.name}"
-        yield _Found(unit.bad_frames, Finding(level, name(unit), what, remedy))
+        yield _Found(unit.bad_frames, _row(level, unit, what, remedy))
 
 
 def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -101,7 +105,7 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         remedy = f"{unit.source}: unit = {search.found[0]}, or set the address at the device"
     else:
         remedy = _CHECK_DEVICE
-    yield _Found(unit.asked, Finding("fix", name(unit), what, remedy))
+    yield _Found(unit.asked, _row("fix", unit, what, remedy))
 
 
 def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -109,7 +113,7 @@ def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if _hears_others_only(unit, line):
         instead = unit.bad_frames + unit.ambiguous
         what = f"has never answered: what came after {instead} of {unit.asked} requests was probably other traffic"
-        yield _Found(unit.asked, Finding("fix", name(unit), what, _CHECK_DEVICE))
+        yield _Found(unit.asked, _row("fix", unit, what, _CHECK_DEVICE))
 
 
 def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -120,7 +124,7 @@ def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if failed > WRONG * unit.asked and (failed >= ENOUGH or not unit.answered):
         what = f"{failed} of {unit.asked} requests were not answered"
         remedy = "check power and wiring of the device; modbus-gateway status shows if it goes on"
-        yield _Found(failed, Finding("fix", name(unit), what, remedy))
+        yield _Found(failed, _row("fix", unit, what, remedy))
 
 
 def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -132,16 +136,16 @@ def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if alike:
         what = f"answers with exceptions only, and so does {name(alike[0])}: are their addresses swapped?"
         remedy = f"{unit.source}: unit = {alike[0].on_the_wire}; {alike[0].source}: unit = {unit.on_the_wire}"
-        yield _Found(unit.exceptions, Finding("fix", name(unit), what, remedy))
+        yield _Found(unit.exceptions, _row("fix", unit, what, remedy))
     else:
         remedy = "modbus-gateway profile shows what each kind of device accepts"
-        yield _Found(unit.exceptions, Finding("note", name(unit), what, remedy))
+        yield _Found(unit.exceptions, _row("note", unit, what, remedy))
 
 
 def _is_close_to_limit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if _is_near_limit(unit):
         what = f"its responses take up to {unit.limit_share:.0%} of their limit"
-        yield _Found(0, Finding("note", name(unit), what, _longer(unit, line)))
+        yield _Found(0, _row("note", unit, what, _longer(unit, line)))
 
 
 def _hears_others_only(unit: UnitEvidence, line: LineEvidence) -> bool:

@@ -76,7 +76,7 @@ async def open_tcp(settings: TcpSettings, user: PortUser, context: ssl.SSLContex
     return port
 
 
-class _NotSecured(PortError):
+class _NotSecuredError(PortError):
     """The server has refused our certificate, or we have refused its own."""
 
 
@@ -106,7 +106,7 @@ class TcpPort(asyncio.BufferedProtocol):
             async with asyncio.timeout(max(min(self.latency, LONGEST_SETTLING), self._verdict_within)):
                 await self._closed.wait()
         if self._closed.is_set():
-            if isinstance(self._loss, _NotSecured):
+            if isinstance(self._loss, _NotSecuredError):
                 raise self._loss
             raise PortError(f"{self._name} takes the connection and closes it at once: is somebody else connected?")
 
@@ -184,7 +184,7 @@ class TcpPort(asyncio.BufferedProtocol):
         """The connection has ended; call the user's `lost`, once."""
         self._closed.set()
         if isinstance(exc, ssl.SSLError):
-            self._loss = _NotSecured(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
+            self._loss = _NotSecuredError(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
         elif isinstance(exc, OSError):
             self._loss = self._gone(exc)
         user, self._user = self._user, None

@@ -173,6 +173,10 @@ class Finding(Protocol):
         """A port, line, unit or client."""
 
     @property
+    def unit(self) -> str:
+        """The name of the unit that it is about; empty otherwise."""
+
+    @property
     def what(self) -> str:
         """What is so."""
 

@@ -10,8 +10,8 @@ from gateway.diagnosis.evidence import PortEvidence
 from gateway.errors import DaemonError
 from gateway.service import outside
 
-FIX = {"level": "fix", "about": "hall", "what": "nobody answers", "remedy": "gateway.toml:3: baud = 9600"}
-OK = {"level": "ok", "about": "hall", "what": "2 units answer", "remedy": ""}
+FIX = {"level": "fix", "about": "hall", "what": "nobody answers", "remedy": "gateway.toml:3: baud = 9600", "unit": ""}
+OK = {"level": "ok", "about": "hall", "what": "2 units answer", "remedy": "", "unit": ""}
 
 
 @pytest.fixture

@@ -50,7 +50,7 @@ async def test_the_other_language_is_at_the_same_place(bench):
 @pytest.mark.parametrize(
     ("form", "kind", "encoding"),
     [
-        (gzip.compress(b"user=anna&password=correct+horse"), FORM, "gzip"),
+        (gzip.compress(b"user=anna&password=correct+horse", mtime=0), FORM, "gzip"),
         (b"user=anna&password=\xff", FORM, None),
         (b"user=anna", f"{FORM}; charset=none", None),
         (b"&".join(b"a" for _ in range(10_000)), FORM, None),

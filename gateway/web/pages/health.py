@@ -44,12 +44,12 @@ class HealthPage:
             last=doctor.last,
             is_running=doctor.is_running,
             why_not=why_not,
-            counted=_counted,
+            counted=counted,
             clock=_clock,
         )
 
 
-def _counted(report: Report) -> dict[str, int]:
+def counted(report: Report) -> dict[str, int]:
     """How many findings there are of each level, the worst first."""
     levels = [finding.level for _, findings in report.groups for finding in findings]
     return {level: levels.count(level) for level in ("fix", "note", "ok")}

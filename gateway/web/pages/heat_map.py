@@ -11,6 +11,7 @@ from time import sleep
 from typing import Any, Final
 
 from gateway.timing.history import STEP, Past, Slot, UnitUse
+from gateway.web.pages.unit_states import ShownState
 from gateway.web.past import mean_share, together
 
 #: The height of the picture, and of each kind of column; the kinds in the order of the legend.
@@ -70,13 +71,14 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class ShownUnits:
-    """Units in the order of the page with their rows, the axis of these, and how many units are left out.
+    """Units in the order of the page with rows and states, the axis of these, and how many units are left out.
 
     Those that only a listener for their line leads to are not `with_page`.
     """
 
     units: tuple[Any, ...]
     rows: Mapping[str, HeatRow]
+    states: Mapping[str, ShownState]
     axis: Axis
     with_page: frozenset[str]
     kinds: Mapping[str, int] = field(default_factory=lambda: KINDS)

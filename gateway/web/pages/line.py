@@ -14,6 +14,7 @@ from gateway.web.guard import VISITOR, Need
 from gateway.web.pages.busy import busy_outline, hours
 from gateway.web.pages.heat_map import HeatMap, ShownUnits, axis
 from gateway.web.pages.shown_lines import shown_lines
+from gateway.web.pages.unit_states import states_of
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
 
@@ -63,7 +64,9 @@ class LinePage:
             # The template calls these in the thread that makes the page.
             busy_outline=lambda: busy_outline(past, name),
             hours=lambda: hours(past, name),
-            shown_units=lambda: ShownUnits(units, self._heat_map.rows(status.units, past, now), axis(past), with_page),
+            shown_units=lambda: ShownUnits(
+                units, self._heat_map.rows(status.units, past, now), states_of(units, past), axis(past), with_page
+            ),
         )
 
     async def _last_facts(self, line: str, host: str) -> Sequence[dict[str, Any]]:

@@ -2,18 +2,20 @@
 
 import asyncio
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from aiohttp import web
 
 from gateway.timing.history import UNIT_SLOTS, Past
-from gateway.web.answers import Answers, Status
+from gateway.web.answers import Answers, Finding, Report, Status
 from gateway.web.guard import Need
 from gateway.web.pages.busy import busy_outline
+from gateway.web.pages.health import counted
 from gateway.web.pages.heat_map import HeatMap, HeatRow, ShownUnits, axis
 from gateway.web.pages.shown_lines import ShownLine, shown_lines
+from gateway.web.pages.unit_states import ShownState, states_of
 from gateway.web.problems import Handler
 from gateway.web.renderer import Renderer
 
@@ -31,14 +33,20 @@ _FINE: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """What is wrong with the line or unit of this name; a `reason` is in the gateway's words."""
+    """What is wrong with the line or unit of this name; a `reason` is in the gateway's words.
 
-    kind: Literal["down", "resting", "failing", "full"]
-    page: Literal["lines", "units"]
+    `share` is that of the time in which a line was busy, or of the `requests` of the last minutes without an answer.
+    `found` is what doctor says must be mended.
+    """
+
+    kind: Literal["down", "resting", "failing", "full", "fix"]
+    page: Literal["lines", "units", ""]
     name: str
     line: str = ""
     reason: str = ""
     share: float = 0.0
+    requests: int = 0
+    found: tuple[str, ...] = ()
 
 
 class OverviewPage:
@@ -57,7 +65,8 @@ class OverviewPage:
         """How everything is."""
         status, past = await self._answers.status(), self._answers.past(UNIT_SLOTS)
         with_page = frozenset(unit.name for unit in self._answers.units())
-        now = asyncio.get_running_loop().time()
+        now, report = asyncio.get_running_loop().time(), await self._answers.doctor.measured()
+        states = states_of(status.units, past)
         is_panel = "kiosk" in request.query
         lines = tuple(shown_lines(status))
         return await self._renderer.page(
@@ -65,13 +74,15 @@ class OverviewPage:
             request,
             status=status,
             lines=_of_panel(lines) if is_panel else lines,
-            troubles=tuple(troubles(status)),
+            troubles=with_findings(list(troubles(status, states)), report),
+            counted=counted(report),
             axis=axis(past),
             with_page=with_page,
             # The template calls these in the thread that makes the page.
             shown_units=lambda: shown_units(
                 status,
                 self._heat_map.rows(status.units, past, now),
+                states,
                 past,
                 with_page,
                 PANEL_UNITS if is_panel else None,
@@ -80,7 +91,7 @@ class OverviewPage:
         )
 
 
-def troubles(status: Status) -> Iterator[Trouble]:
+def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
     """What is wrong now, lines first."""
     for line in (*status.lines, *status.servers, *status.upstreams):
         if line.state == "down":
@@ -91,19 +102,10 @@ def troubles(status: Status) -> Iterator[Trouble]:
     down = {line.name for line in (*status.lines, *status.upstreams) if line.state == "down"}
     for kind in ("resting", "failing"):
         for unit in status.units:
-            if unit.state == kind and unit.line not in down:
-                yield Trouble(kind, "units", unit.name, unit.line, unit.last_error)
-
-
-def shown_units(
-    status: Status, rows: Mapping[str, HeatRow], past: Past, with_page: frozenset[str], most: int | None = None
-) -> ShownUnits:
-    """The units of the heat map, at most so many."""
-    units = status.units
-    if len(units) > ALL_SHOWN:
-        units = [unit for unit in units if rows[unit.name].use.requests or unit.state != "fine"]
-    ordered = sorted(units, key=lambda unit: _rank(unit, rows[unit.name]))[:most]
-    return ShownUnits(tuple(ordered), rows, axis(past), with_page, left_out=len(status.units) - len(ordered))
+            state = states[unit.name]
+            if state.word == kind and unit.line not in down:
+                share, requests = state.unanswered_share, state.use.requests
+                yield Trouble(kind, "units", unit.name, unit.line, unit.last_error, share, requests)
 
 
 def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
@@ -114,5 +116,45 @@ def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
     return [line for line in lines if line in first]
 
 
-def _rank(unit: Any, row: HeatRow) -> int:
-    return _WRONG_FIRST.get(unit.state, _SOME_LOST if row.use.unanswered else _FINE)
+def with_findings(known: Sequence[Trouble], report: Report) -> list[Trouble]:
+    """The troubles with what doctor says must be mended, and after them what else must be."""
+    fixes: dict[tuple[str, str], Trouble] = {}
+    for line, findings in report.groups:
+        for each in findings:
+            if each.level == "fix":
+                one = _trouble(each, line)
+                before = fixes.setdefault((one.page, one.name), one)
+                fixes[one.page, one.name] = replace(one, found=(*before.found, each.what))
+    told = []
+    for trouble in known:
+        fix = fixes.pop((trouble.page, trouble.name), None)
+        # Doctor says of what is down what its row says already.
+        told.append(trouble if fix is None or trouble.kind == "down" else replace(trouble, found=fix.found))
+    return [*told, *fixes.values()]
+
+
+def _trouble(finding: Finding, line: str) -> Trouble:
+    if finding.unit:
+        return Trouble("fix", "units", finding.unit, line)
+    return Trouble("fix", "lines", line) if line else Trouble("fix", "", finding.about)
+
+
+def shown_units(
+    status: Status,
+    rows: Mapping[str, HeatRow],
+    states: Mapping[str, ShownState],
+    past: Past,
+    with_page: frozenset[str],
+    most: int | None = None,
+) -> ShownUnits:
+    """The units of the heat map, at most so many."""
+    units = status.units
+    if len(units) > ALL_SHOWN:
+        units = [unit for unit in units if rows[unit.name].use.requests or states[unit.name].word != "not asked"]
+    ordered = sorted(units, key=lambda unit: _rank(states[unit.name], rows[unit.name]))[:most]
+    left_out = len(status.units) - len(ordered)
+    return ShownUnits(tuple(ordered), rows, states, axis(past), with_page, left_out=left_out)
+
+
+def _rank(state: ShownState, row: HeatRow) -> int:
+    return _WRONG_FIRST.get(state.word, _SOME_LOST if row.use.unanswered else _FINE)

@@ -24,6 +24,7 @@ from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
+from gateway.web.pages.unit_states import SLOTS, states_of
 from gateway.web.pages.writing import WriteRights
 from gateway.web.problems import Handler, ProblemError, exception_name
 from gateway.web.renderer import Renderer
@@ -88,6 +89,7 @@ class UnitPage:
             request,
             unit=unit,
             status=status,
+            state=None if status is None else states_of([status], self._answers.past(SLOTS))[status.name],
             times=[(each, plotted(each)) for each in times],
             function_name=function_name,
             exception_name=exception_name,

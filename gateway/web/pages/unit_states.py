@@ -1,0 +1,45 @@
+"""The state of a unit as pages show it: that of the last minutes, which one failure among many does not change."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from gateway.timing.history import Past, UnitUse
+from gateway.web.past import together
+
+#: So many slots of the history count, the present one among them: 10 to 20 minutes.
+SLOTS: Final = 2
+#: From which share and number of requests without an answer on a unit is failing.
+_MANY: Final = 0.05
+_ENOUGH: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ShownState:
+    """The state of a unit, and what it did in the last minutes."""
+
+    word: Literal["not asked", "fine", "failing", "resting"]
+    use: UnitUse
+
+    @property
+    def unanswered_share(self) -> float:
+        """The share of requests without an answer."""
+        return self.use.unanswered / self.use.requests if self.use.requests else 0.0
+
+
+def states_of(units: Iterable[Any], past: Past) -> Mapping[str, ShownState]:
+    """The states of units by name."""
+    slots = [slot for slot in past.slots[-SLOTS:] if slot is not None]
+    return {unit.name: _state(unit, together(slot.units.get(unit.name) for slot in slots)) for unit in units}
+
+
+def _state(unit: Any, use: UnitUse) -> ShownState:
+    if unit.state == "resting":
+        return ShownState("resting", use)
+    is_known = use.responses > 0
+    if unit.state == "failing" and not is_known:
+        return ShownState("failing", use)
+    if use.unanswered >= max(_ENOUGH, _MANY * use.requests):
+        return ShownState("failing", use)
+    was_asked = use.requests or unit.counts.sent
+    return ShownState("fine" if was_asked else "not asked", use)
