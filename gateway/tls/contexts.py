@@ -134,7 +134,7 @@ def _use_list(context: ssl.SSLContext, file: SecretFile) -> list[Expiry]:
     path = _path(file)
     found = [Expiry("crl", str(path), "", at) for at in map(_next_update, _blocks(file, _LIST)) if at is not None]
     _add(context, file)
-    context.verify_flags |= ssl.VERIFY_CRL_CHECK_LEAF
+    context.verify_flags |= ssl.VERIFY_CRL_CHECK_CHAIN
     return found
 
 
