@@ -212,3 +212,14 @@ async def test_every_link_to_a_unit_leads_to_a_page(tmp_path, page):
         assert ("/units/press" in text) == (page == "/lines/hall")
         for link in re.findall('href="(/units/[^"]*)"', text):
             assert (await browser.get(link)).status == 200
+
+
+async def test_a_page_that_there_is_not_keeps_the_menu_and_the_user(bench):
+    browser = bench.browser()
+    await browser.log_in("anna")
+    page = await browser.get("/nope", Accept="text/html")
+    assert page.status == 404
+    texts = Markup(page.text).texts
+    assert "Overview" in texts
+    assert "Log in" not in texts
+    assert sum(text.lower() == "not found" for text in texts) == 1

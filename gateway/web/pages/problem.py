@@ -14,6 +14,8 @@ from gateway.web.renderer import Renderer
 
 #: What only programs ask for.
 _OF_PROGRAMS: Final = ("/api/", "/metrics", "/healthz", "/readyz", "/static/")
+#: What the guard lets pass: there is no such path, or no such method.
+_NO_SUCH: Final = frozenset({404, 405})
 _REFUSED: Final = frozenset({400, 401, 403, 404, 408, 413, 421, 422})
 
 
@@ -28,7 +30,8 @@ def problem_pages(renderer: Renderer, visitor_of: Callable[[web.Request], Visito
         if "text/html" not in request.headers.get("Accept", "") or request.path.startswith(_OF_PROGRAMS):
             return response
         if VISITOR not in request:
-            request[VISITOR] = visitor_of(request)
+            is_ours = response.status in _NO_SUCH
+            request[VISITOR] = visitor_of(request) if is_ours else Visitor("")
         problem = json.loads(response.text or "{}")
         is_refused_form = request.method == "POST" and response.status in _REFUSED
         page = await renderer.page(
