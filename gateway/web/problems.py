@@ -13,6 +13,14 @@ from gateway.web.answers import Answer, Answers
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
+#: Why the gateway has not sent a request, where it gives no reason of its own.
+_NOT_SENT: Final[Mapping[str, str]] = {
+    "resting": "not sent, because the unit has not answered and is left alone for a while",
+    "overdue": "not sent, because the response to an earlier request may still come",
+    "queue_full": "not sent, because too many requests wait for the line",
+    "expired": "not sent, because it has waited for too long",
+    "line_down": "not sent, because the line is down",
+}
 #: The status for each exception; 502 for all others.
 STATUSES: Final[Mapping[int, int]] = {
     ExceptionCode.ILLEGAL_FUNCTION: 403,
@@ -47,8 +55,8 @@ def exception_problem(answer: Answer) -> ProblemError:
 
 def complaint(answer: Answer) -> str:
     """What an exception means, in words."""
-    code = answer.pdu[1]
-    return f"exception {code:02X}, {exception_name(code)}" + (f": {answer.reason}" if answer.reason else "")
+    code, why = answer.pdu[1], answer.reason or _NOT_SENT.get(answer.result, "")
+    return f"exception {code:02X}, {exception_name(code)}" + (f": {why}" if why else "")
 
 
 def exception_name(code: int) -> str:

@@ -6,7 +6,9 @@ import re
 import pytest
 
 from gateway.modbus.checks import with_crc
+from gateway.web.answers import Answer
 from gateway.web.pages.questions import KEPT, MOST, PATIENCE
+from gateway.web.problems import complaint
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 
@@ -367,3 +369,11 @@ async def test_a_write_that_was_not_sent_is_not_perhaps_written(anna, device):
     assert "Not written" in page
     assert "Perhaps written" not in page
     assert len(written(device)) == 1
+
+
+def test_a_request_that_was_not_sent_says_so_and_why():
+    assert complaint(Answer(b"\x86\x0b", 0.1, "resting")) == (
+        "exception 0B, gateway target failed to respond: "
+        "not sent, because the unit has not answered and is left alone for a while"
+    )
+    assert complaint(Answer(b"\x86\x02", 0.1)) == "exception 02, illegal data address"
