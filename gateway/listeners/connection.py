@@ -3,6 +3,8 @@
 import asyncio
 import os
 from collections.abc import Callable
+from math import inf
+from time import time as wall_clock
 from typing import Final, Protocol, cast
 
 from gateway.listeners.mbap import MbapSession
@@ -18,6 +20,8 @@ from gateway.routing.identity import ANONYMOUS, Identity
 NO_DESCRIPTOR: Final = -1
 #: The most bytes that are kept for a client that does not read its responses.
 UNSENT_BYTES: Final = 64 * 1024
+#: Why a client is closed in the middle of its work.
+EXPIRED: Final = "its certificate has expired"
 
 
 class ConnectionOwner(Protocol):
@@ -249,6 +253,15 @@ class TcpConnection(asyncio.BufferedProtocol):
 
 class SecuredConnection(TcpConnection):
     """One whose transport encrypts: nothing is read or written beside that."""
+
+    #: Until when the client's certificate is valid, in seconds since 1970.
+    valid_until = inf
+
+    def check_client(self, now: float, idle: float) -> None:
+        """See TcpConnection; also close, once requests in progress are answered, when the certificate has expired."""
+        if wall_clock() > self.valid_until and not self.transport.is_closing():
+            self.finish(EXPIRED)
+        super().check_client(now, idle)
 
     def receive(self, room: memoryview) -> int:  # noqa: ARG002 - what has arrived is in the transport
         """Nothing: the transport delivers it."""

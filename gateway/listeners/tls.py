@@ -82,7 +82,8 @@ class TlsListener(TcpListener):
         """A client has shown a certificate of the authority."""
         now = asyncio.get_running_loop().time()
         try:
-            identity = _identify(parse_certificate(stream.peer_certificate))
+            certificate = parse_certificate(stream.peer_certificate)
+            identity = _identify(certificate)
         except ValueError as wrong:
             self._turn_away(stream, visitor, f"its certificate cannot be used: {wrong}")
             return
@@ -91,7 +92,9 @@ class TlsListener(TcpListener):
             self._turn_away(stream, visitor, why_not)
             return
         clock, router = asyncio.get_running_loop().time, CertifiedRouter(self.router, identity)
-        stream.begin(SecuredConnection(self, visitor.host, visitor.client, clock, router, identity))
+        connection = SecuredConnection(self, visitor.host, visitor.client, clock, router, identity)
+        connection.valid_until = certificate.not_after
+        stream.begin(connection)
 
     def _turn_away(self, stream: TlsStream, visitor: Visitor, reason: str) -> None:
         self._refused(visitor, reason)

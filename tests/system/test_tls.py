@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -143,6 +144,22 @@ def test_a_certificate_that_is_not_valid_now(tmp_path: Path, version: ssl.TLSVer
         with suppress(ssl.SSLError, ConnectionError), connected(gateway.port, context) as client:
             assert asks(client, READ) == ""
         assert reason(gateway) == f"its certificate is refused: {why}"
+
+
+def test_a_client_is_disconnected_when_its_certificate_expires(tmp_path: Path) -> None:
+    end = datetime.now(UTC) + timedelta(seconds=8)
+    signed(tmp_path, "brief", at=f"-startdate 20200101000000Z -enddate {end:%Y%m%d%H%M%SZ}")
+    with (
+        GatewayProcess(tmp_path, listener() + IMAGE, level="debug") as gateway,
+        connected(gateway.port, client_context("brief", tmp_path)) as client,
+        connected(gateway.port, client_context(OPERATOR)) as other,
+    ):
+        assert asks(client, READ) == "03020000"
+        client.settimeout(PATIENCE)
+        assert client.recv(1) == b""
+        assert datetime.now(UTC) >= end.replace(microsecond=0)
+        assert gateway.wait_for("client_closed")["reason"] == "its certificate has expired"
+        assert asks(other, READ) == "03020000"
 
 
 def test_a_revoked_certificate_and_that_of_another_authority(tmp_path: Path) -> None:
