@@ -4,6 +4,7 @@ A fact is an object as JSON has them, with `kind` and `time` (seconds since 1970
 are hexadecimal. Nothing is decoded here: that is done where it is read, and not beside the lines.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -19,6 +20,9 @@ from gateway.trace.ring import STEP
 TAIL: Final = 20
 #: Of so many records before a failure it is looked up what it waited behind.
 _LOOK_BACK: Final = 4 * STEP
+
+#: Why requests are not sent after another one has failed.
+_CONSEQUENCES: Final = ("overdue", "resting")
 
 _OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then modbus-gateway reload'
 
@@ -114,6 +118,43 @@ def stories(
                 break
     clients = sorted({each for record in gateway.ring.failures() for each in _clients(record)})
     return {"stories": found, "unit": unit, "clients_that_failed": clients[:20]}
+
+
+def causes(
+    gateway: Gateway, unit: int, most: int, clock: Clock, is_seen: Callable[[Record], bool]
+) -> list[tuple[Fact, Mapping[str, int]]]:
+    """The last failures of a unit with a cause of their own, newest first, as stories.
+
+    With each stands how many later requests were not sent because of it, by result; or, of requests that were not sent
+    for one and the same reason, how many others there were before.
+
+    Raises:
+        WrongQuestion: nothing is kept.
+    """
+    if not gateway.ring.is_on:
+        raise WrongQuestion(_OFF)
+    found: list[tuple[Fact, Counter[str]]] = []
+    followed, first_of_them, last = Counter[str](), None, ""
+    for record in gateway.ring.failures():
+        if not _is_of(record, unit) or not is_seen(record):
+            continue
+        result = record.error.result if isinstance(record, Refused) else ""
+        if result in _CONSEQUENCES:
+            followed[result] += 1
+            first_of_them = first_of_them or record
+        elif result and result == last and not followed:
+            found[-1][1][result] += 1
+        elif len(found) == most:
+            break
+        else:
+            found.append((_story(gateway, record, clock), followed))
+            followed, first_of_them, last = Counter[str](), None, result
+    else:
+        if first_of_them is not None and len(found) < most:  # the cause is no longer kept
+            story = _story(gateway, first_of_them, clock)
+            followed[story["result"]] -= 1
+            found.append((story, followed))
+    return [(story, {result: count for result, count in counts.items() if count}) for story, counts in found]
 
 
 def fact(record: Record, clock: Clock, names_of: Mapping[int, str]) -> Fact:

@@ -19,8 +19,8 @@ from gateway.registers.bits import unpack_bits
 from gateway.registers.items import has_bits
 from gateway.service.build import Gateway
 from gateway.service.calibration import measured
-from gateway.service.stories import sentences
-from gateway.service.trace import stories
+from gateway.service.stories import Story, sentences
+from gateway.service.trace import causes
 from gateway.service.trace_reader import what_is_seen
 from gateway.timing.histogram import SECONDS
 from gateway.timing.measured import Times
@@ -61,12 +61,13 @@ def failures(gateway: Gateway, unit: int, host: str) -> tuple[Failure, ...]:
         WrongQuestion: nothing is kept.
     """
     clock = asyncio.get_running_loop().time(), time.time()
-    question = {"who": str(unit), "count": MOST_FAILURES}
-    told = stories(gateway, question, clock, what_is_seen(gateway, host))["stories"]
-    return tuple(
-        Failure(each["received"], each["client"], request_in_words(bytes.fromhex(each["request"])), sentences(each))
-        for each in told
-    )
+    told = causes(gateway, unit, MOST_FAILURES, clock, what_is_seen(gateway, host))
+    return tuple(_failure(story, not_sent) for story, not_sent in told)
+
+
+def _failure(story: Story, not_sent: Mapping[str, int]) -> Failure:
+    asked = request_in_words(bytes.fromhex(story["request"]))
+    return Failure(story["received"], story["client"], asked, sentences(story), tuple(sorted(not_sent.items())))
 
 
 def kept(gateway: Gateway, unit: int, spans: Sequence[Span], now: float) -> list[Kept | None]:

@@ -37,12 +37,16 @@ class FunctionTimes:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A request that failed, and its story in sentences. `time` is in seconds since 1970."""
+    """A request that failed, and its story in sentences. `time` is in seconds since 1970.
+
+    `not_sent` is how many others were not sent because of it, or for the same reason, by result.
+    """
 
     time: float
     client: str
     asked: str
     story: str
+    not_sent: tuple[tuple[str, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +111,7 @@ class UnitAnswers(Protocol):
         """Those of a device, by function; none of a unit that the gateway answers itself."""
 
     def failures(self, unit: int, host: str) -> Sequence[Failure]:
-        """The last failed requests to a unit that a reader at this address may see, the newest first."""
+        """The last failures of a unit that a reader at this address may see, the newest first, with what followed."""
 
     def kept(self, unit: int, spans: Sequence[Span]) -> Sequence[Kept | None]:
         """What is there of each span without a request: of an image, of a mirror, or of a device that has a mirror."""

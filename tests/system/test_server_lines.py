@@ -81,6 +81,13 @@ class Running:
             text += byte
         return text.decode().removesuffix("\r\n")
 
+    def weigher_is_asked(self) -> None:
+        """Wait until a request has come to the weigher."""
+        deadline = time.monotonic() + PATIENCE
+        while not self.weigher.heard:
+            assert time.monotonic() < deadline, "nothing was asked"
+            time.sleep(0.01)
+
     def silent(self) -> bool:
         return self.panel.read(1, timeout=SILENCE) == b""
 
@@ -206,7 +213,7 @@ def test_a_request_under_way_is_answered_before_the_end(tmp_path: Path) -> None:
         running = Running(tmp_path, parts)
         running.weigher.delay = 0.5
         running.say(encode(41, bytes.fromhex("03 0000 0002")).decode())
-        time.sleep(0.2)
+        running.weigher_is_asked()
         assert running.gateway.stop() == 0
         assert running.answer() == ":290304459C3D5161"
 

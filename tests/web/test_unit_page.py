@@ -333,3 +333,19 @@ async def test_values_of_the_device_that_had_this_number_before_are_shown_no_lon
     await asyncio.sleep(1)
     told = (await browser.get("/api/v1/units/41/points?max_age=60")).json
     assert told["values"][0]["value"] == 4.5
+
+
+async def test_what_followed_a_failure_is_counted_beside_its_cause(bench, device):
+    device.silent = True
+    await read(bench, 1)
+    await read(bench, 12)
+    page = (await bench.browser().get(PAGE)).text
+    stories = page.partition('<ul class="stories"')[2].partition("</ul>")[0]
+    assert "No response came within" in stories
+    assert re.search(r"\d+ more not sent: overdue", stories)
+    assert "Nothing was sent" not in stories
+    assert re.search(r"Each request without a valid response kept about \d+ others from being sent", page)
+
+
+async def test_a_unit_leads_to_its_traffic(bench):
+    assert 'href="/traffic?unit=silo/a"' in (await bench.browser().get(PAGE)).text

@@ -126,3 +126,14 @@ def test_each_line_and_unit_has_one_row_and_what_is_down_is_said_once():
         ("fix", "hall", ("another client",)),
         ("fix", "client 10.2.0.7 of default", ("left 3 times",)),
     ]
+
+
+async def test_who_uses_a_line_is_on_its_page_and_on_the_first_one(bench):
+    for _ in range(20):
+        await bench.inner.client().asks(6, "03 00 00 00 01")
+    page = (await bench.browser().get("/lines/hall")).text
+    assert "Who used the line in the last minute" in page
+    rows = [row for row in Markup(page).rows() if row[0].startswith("127.0.0.1")]
+    assert rows[0][1:3] == ["press 6", "03 read holding"]
+    assert 'href="/traffic?line=hall"' in page
+    assert "127.0.0.1: press 03" in " ".join(Markup((await bench.browser().get("/")).text).texts)

@@ -12,6 +12,7 @@ from gateway.timing.history import UNIT_SLOTS
 from gateway.web.answers import Answers, Which
 from gateway.web.guard import VISITOR, Need
 from gateway.web.pages.busy import busy_outline, hours
+from gateway.web.pages.function_names import function_name
 from gateway.web.pages.heat_map import HeatMap, ShownUnits, axis
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.unit_states import states_of
@@ -60,7 +61,9 @@ class LinePage:
             line=line,
             status=line.status,
             facts=facts,
+            function_name=function_name,
             why=why,
+            with_page=with_page,
             # The template calls these in the thread that makes the page.
             busy_outline=lambda: busy_outline(past, name),
             hours=lambda: hours(past, name),

@@ -100,6 +100,8 @@ class UnitPage:
             failures=failures,
             why_no_failures=why,
             kinds=_kinds(status),
+            blocked=_blocked(status),
+            longest_limit=max((each.limit_ms or 0.0 for each in times), default=0.0),
             mirrors=self._answers.mirrors_of(unit.unit),
             **self.values_shown(unit, visitor),
             **_form(_USUAL),
@@ -198,6 +200,14 @@ def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble:
         return was_read
     text = point.show(point.value(kept.items))
     return ShownPoint(point, reference(point.area, point.address), text, kept.age_ms, kept.name, kept.is_stale)
+
+
+def _blocked(status: Any) -> int:
+    """How many requests were not sent for each one without a valid response, rounded."""
+    if status is None:
+        return 0
+    causes = status.counts.timeout + status.counts.bad_frame + status.counts.ambiguous
+    return round(status.counts.overdue / causes) if causes else 0
 
 
 def _form(asked: Mapping[str, str]) -> dict[str, Any]:
