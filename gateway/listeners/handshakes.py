@@ -68,6 +68,7 @@ class Handshakes:
     def begin(self, stream: TlsStream, visitor: Visitor, now: float) -> None:
         """A client has connected."""
         self._pending[stream] = visitor, now
+        stream.start()
 
     def sweep(self, now: float) -> None:
         """End those that take too long; called periodically."""

@@ -76,6 +76,10 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     # --- the handshake ---
 
+    def start(self) -> None:
+        """Receive from now on: the owner knows the connection."""
+        self._transport.resume_reading()
+
     def step(self) -> str | None:
         """Go on with the handshake; None if more must be received, "" if it is done, else why it has failed."""
         try:
@@ -119,8 +123,9 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     # --- the protocol to the network ---
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """See asyncio.BaseProtocol."""
+        """See asyncio.BaseProtocol. Nothing is received before `start`."""
         self._transport = cast("asyncio.Transport", transport)
+        self._transport.pause_reading()
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - one buffer serves all
         """See asyncio.BufferedProtocol."""
