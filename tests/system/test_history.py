@@ -106,7 +106,7 @@ def test_a_torn_file_is_set_aside_and_the_pages_go_on(tmp_path: Path, state: Pat
     file = state / FILE_NAME
     file.write_bytes(file.read_bytes()[:5000])
     with Gateway(tmp_path) as gateway:
-        gateway.wait_for("state_damaged")
+        until(lambda: gateway.named("state_damaged"))
         gateway.ask(3)
         until(lambda: gateway.not_sent >= 3)
         assert "silo" in gateway.get("/")
