@@ -53,8 +53,12 @@ class Simulation:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.communicate()
+        """End it; its port leads nowhere then, and not to one that another program gets from the system after it."""
+        self._process.terminate()  # it takes its port away
+        try:
+            self._process.communicate(timeout=PATIENCE)
+        finally:
+            self._process.kill()
 
     def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
         """The exit code, and what it still had to say."""
