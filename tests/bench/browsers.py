@@ -3,10 +3,11 @@
     .venv/bin/python tests/bench/browsers.py                 three rounds, five minutes
     .venv/bin/python tests/bench/browsers.py --rounds 0      only what each page weighs
 
-The browsers ask for what a page asks for, as often, and read it: half of them that of the overview, half that of a line.
-Devices, load and browsers run on the first processor, the gateway on the second. (A Chromium beside devices and load
-slows them by 1.6 %, while the gateway takes 12.6 % of its own processor instead of 11.4 %: none runs during these.) The goal is a rate within MOST_LOST of that without browsers. On a busy machine more rounds
-help, and the share of the relay's rate says what the machine could do (`bench.py lines8`).
+The browsers ask for what a page asks for, as often, and read it: half of them that of the overview, half that of a
+line. Devices, load and browsers run on the first processor, the gateway on the second. (A Chromium beside devices and
+load slows them by 1.6 %, while the gateway takes 12.6 % of its own processor instead of 11.4 %: none runs here.) The
+goal is a rate within MOST_LOST of that without browsers. On a busy machine more rounds help, and the share of the
+relay's rate says what the machine could do (`bench.py lines8`).
 
 Then, for each page, by Chromium: first contentful paint and all bytes that came, with an empty cache.
 """
