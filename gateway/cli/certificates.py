@@ -19,11 +19,14 @@ from gateway.tls.making import (
     make_authority,
     make_client,
     make_server,
-    revoke,
 )
+from gateway.tls.revoking import Issued, issued_to, replaced, revoke, revoked
+from gateway.tls.workshop import AUTHORITY
 
 #: Where the files are put.
 DEFAULT_FOLDER: Final = "/etc/modbus-gateway/tls"
+
+_COLUMNS: Final = ("file", "subject", "role", "until", "state")
 
 _ABOUT: Final = """\
 Each certificate NAME.crt has its key beside it, NAME.key, which only its owner
@@ -50,8 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     verb.add_argument("--role", help="its role, as in [[access]]; without it the null role")
     verb.add_argument("--replace", action="store_true", help="replace those that exist")
     _add_common(verb, OTHER_DAYS)
-    verb = verbs.add_parser("revoke", help="put a certificate on the revocation list, ca.crl")
-    verb.add_argument("name", metavar="NAME", help="its name, or its file")
+    verb = verbs.add_parser("revoke", help="put certificates on the revocation list, ca.crl")
+    verb.add_argument("name", metavar="NAME", help="whose, all that were issued to that name; or a file, only that")
+    verb.add_argument("--replaced", action="store_true", help="only those that --replace has replaced")
     _add_common(verb)
     verb = verbs.add_parser("list", help="list those in the folder")
     verb.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -95,6 +99,7 @@ def _server(folder: Path, args: argparse.Namespace) -> None:
     made = make_server(folder, _stem(args.file), names, args.days, replace=args.replace)
     print(f"{made} is for {', '.join(names)}, for {args.days} days.")
     print(f'certificate = "{made}"\nkey = "{made.with_suffix(".key")}"')
+    _tell_replaced(folder, args.file)
 
 
 def _client(folder: Path, args: argparse.Namespace) -> None:
@@ -102,34 +107,68 @@ def _client(folder: Path, args: argparse.Namespace) -> None:
     made = make_client(folder, _stem(args.name), role, args.days, replace=args.replace)
     has = "has no role" if role is None else f'has the role "{role}"'
     print(f"{made} {has}, for {args.days} days. The client needs it, {made.with_suffix('.key').name} and ca.crt.")
+    _tell_replaced(folder, args.name)
+
+
+def _tell_replaced(folder: Path, stem: str) -> None:
+    """What was replaced can still be used by whoever has its key."""
+    last = max(replaced(folder, stem), key=lambda each: each.certificate.not_after, default=None)
+    if last is not None:
+        at_folder = "" if str(folder) == DEFAULT_FOLDER else f" --folder {folder}"
+        print(
+            f"What it replaces is valid until {_date(last.certificate.not_after)}. If somebody else may have its key:\n"
+            f"  modbus-gateway certificates revoke {stem} --replaced{at_folder}"
+        )
 
 
 def _revoke(folder: Path, args: argparse.Namespace) -> None:
-    file = Path(args.name) if args.name.endswith(".crt") else folder / f"{args.name}.crt"
-    made = revoke(folder, file)
-    print(f'{file} is revoked where crl = "{made}", after: modbus-gateway reload')
+    found = _meant(folder, args)
+    gone = revoked(folder)
+    made = revoke(folder, [each.file for each in found])
+    for each in found:
+        serial = each.certificate.serial
+        state = "was revoked before" if serial in gone else f"is revoked, serial number {serial}"
+        print(f"{each.file} {state}")
+    print(f'It is refused where crl = "{made}", after: modbus-gateway reload')
+
+
+def _meant(folder: Path, args: argparse.Namespace) -> list[Issued]:
+    """The certificates that are to be revoked."""
+    if args.name.endswith(".crt"):
+        file = Path(args.name)
+        return [Issued(file, read_certificates(file)[0])]
+    stem = _stem(args.name)
+    found = replaced(folder, stem) if args.replaced else issued_to(folder, stem)
+    if not found:
+        what = "nothing that was replaced is valid" if args.replaced else f"there is no {folder / stem}.crt"
+        raise WrongUsageError(f"{stem}: {what}", "modbus-gateway certificates list names those in the folder")
+    return found
 
 
 def _list(folder: Path, args: argparse.Namespace) -> None:
-    rows = []
+    rows, gone = [], revoked(folder)
     for file in sorted(folder.glob("*.crt")):
         certificate = read_certificates(file)[0]
         try:
             role = certificate.role
         except WrongRole as wrong:
             role = f"({wrong})"
-        until = datetime.fromtimestamp(certificate.not_after, UTC).strftime("%Y-%m-%d")
-        rows.append((str(file), certificate.subject, role, until))
+        state = "revoked" if certificate.serial in gone else ""
+        rows.append((str(file), certificate.subject, role, _date(certificate.not_after), state))
     if args.json:
-        print(json.dumps([dict(zip(("file", "subject", "role", "until"), row, strict=True)) for row in rows], indent=2))
+        print(json.dumps([dict(zip(_COLUMNS, row, strict=True)) for row in rows], indent=2))
     elif rows:
-        print(align([("FILE", "SUBJECT", "ROLE", "UNTIL"), *rows]))
+        print(align([tuple(map(str.upper, _COLUMNS)), *rows]))
     else:
         print(f"{folder} has no certificates")
 
 
+def _date(moment: float) -> str:
+    return datetime.fromtimestamp(moment, UTC).strftime("%Y-%m-%d")
+
+
 def _stem(name: str) -> str:
-    if name in ("ca", ".", "..") or "/" in name:
+    if name in (AUTHORITY, ".", "..") or "/" in name:
         raise WrongUsageError(f'"{name}" cannot be the name of these files')
     return _plain(name)
 

@@ -57,7 +57,8 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("certificates authority --name Plant-2", "an authority of one's own, for ten years"),
         ("certificates server gw.plant.example 10.2.0.5", "a certificate for a gateway by its name and its address"),
         ("certificates client hmi-3 --role operator", "one for a client, which may do what its role may"),
-        ("certificates revoke hmi-3", "put it on the revocation list"),
+        ("certificates revoke hmi-3", "put all that it has on the revocation list"),
+        ("certificates revoke hmi-3 --replaced", "only what it had before --replace"),
     ),
     "completion": (("completion bash > ~/.local/share/bash-completion/completions/modbus-gateway", "for one user"),),
 }

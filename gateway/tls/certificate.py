@@ -39,8 +39,9 @@ class WrongRole(ValueError):  # noqa: N818 - named after what it is, as in gatew
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """A certificate. Times in seconds since 1970; `subject` such as `CN=hmi-3,O=Plant 2`."""
+    """A certificate. `serial` in hexadecimal digits, `subject` such as `CN=hmi-3,O=Plant 2`, times since 1970."""
 
+    serial: str
     subject: str
     not_before: float
     not_after: float
@@ -71,12 +72,14 @@ def parse_certificate(data: bytes) -> Certificate:
     parts = [(tag, content) for tag, content in der.elements(signed[1]) if tag != _VERSION]
     if signed[0] != der.SEQUENCE or len(parts) < 6:
         raise WrongDer("is not a certificate")
-    (_, _), (_, _), (_, _), (_, validity), (_, subject), *others = parts
+    (_, serial), (_, _), (_, _), (_, validity), (_, subject), *others = parts
     times = [der.time(*moment) for moment in der.elements(validity)]
     if len(times) != 2:
         raise WrongDer("has no validity")
     extensions = next((content for tag, content in others if tag == _EXTENSIONS), b"")
-    return Certificate(_subject(subject), times[0], times[1], tuple(_extensions(extensions)))
+    number = f"{int.from_bytes(serial):02X}"
+    number = number if len(number) % 2 == 0 else f"0{number}"
+    return Certificate(number, _subject(subject), times[0], times[1], tuple(_extensions(extensions)))
 
 
 def read_next_update(data: bytes) -> float | None:

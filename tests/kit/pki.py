@@ -9,6 +9,7 @@ from tempfile import mkdtemp
 from gateway.tls import making
 from gateway.tls.certificate import ROLE
 from gateway.tls.der import SEQUENCE, elements, only
+from gateway.tls.revoking import revoke
 
 OPERATOR, VIEWER = "operator", "viewer"
 #: In the settings of openssl: extensions with more than one role, and with one that is no UTF8String.
@@ -27,7 +28,7 @@ def pki() -> Path:
     making.make_client(folder, VIEWER, VIEWER)
     making.make_client(folder, "nobody")
     making.make_client(folder, "revoked", OPERATOR)
-    making.revoke(folder, folder / "revoked.crt")
+    revoke(folder, [folder / "revoked.crt"])
     return folder
 
 

@@ -1,0 +1,129 @@
+"""What an authority has issued, and which of that it has revoked.
+
+Beside the certificates in use, a copy of each is kept in the folder `issued`: one that was replaced is still valid.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from gateway.errors import TlsError
+from gateway.tls.certificate import Certificate
+from gateway.tls.contexts import read_certificates
+from gateway.tls.workshop import AUTHORITY, Workshop, authority_of
+
+#: For how long a revocation list is valid, in days: nobody has to renew it.
+LIST_DAYS: Final = 3650
+_ISSUED: Final = "issued"
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """A certificate and its file."""
+
+    file: Path
+    certificate: Certificate
+
+
+def keep(folder: Path, stem: str, file: Path) -> None:
+    """Keep a copy of the certificate in `file`, if there is one, as one that was issued to `stem`.
+
+    Raises:
+        TlsError: it cannot be written.
+    """
+    try:
+        serial = read_certificates(file)[0].serial
+    except TlsError:  # there is none, or it was damaged and is being replaced
+        return
+    place = folder / _ISSUED / f"{stem}.{serial}.crt"
+    try:
+        place.parent.mkdir(mode=0o755, exist_ok=True)
+        place.write_bytes(file.read_bytes())
+    except OSError as error:
+        raise TlsError(f"{place}: {(error.strerror or str(error)).lower()}") from error
+
+
+def issued_to(folder: Path, stem: str) -> list[Issued]:
+    """What the authority in `folder` has issued to `stem`, the certificate in use first.
+
+    Raises:
+        TlsError: one of them cannot be read.
+    """
+    in_use = folder / f"{stem}.crt"
+    files = [in_use] if in_use.exists() else []
+    files += sorted((folder / _ISSUED).glob(f"{stem}.*.crt"))
+    found: dict[str, Issued] = {}
+    for file in files:
+        certificate = read_certificates(file)[0]
+        if file == in_use or file.name == f"{stem}.{certificate.serial}.crt":
+            found.setdefault(certificate.serial, Issued(file, certificate))
+    return list(found.values())
+
+
+def replaced(folder: Path, stem: str) -> list[Issued]:
+    """What was issued to `stem` before the certificate in use, and is still valid.
+
+    Raises:
+        TlsError: as `issued_to`.
+    """
+    gone, now = revoked(folder), time.time()
+    in_use = folder / f"{stem}.crt"
+    return [
+        each
+        for each in issued_to(folder, stem)
+        if each.file != in_use and each.certificate.serial not in gone and each.certificate.not_after > now
+    ]
+
+
+def revoked(folder: Path) -> set[str]:
+    """The serial numbers that the authority in `folder` has revoked."""
+    index = index_of(folder)
+    rows = (line.split("\t") for line in index.read_text().splitlines()) if index.exists() else ()
+    return {row[3] for row in rows if row[0] == "R" and len(row) > 3}
+
+
+def revoke(folder: Path, files: list[Path]) -> Path:
+    """Put the certificates in these files on the revocation list of the authority, `ca.crl`; returns that.
+
+    Raises:
+        TlsError: there is no authority in `folder`, it has not issued all of them, or the list cannot be made.
+    """
+    ca, key = authority_of(folder)
+    index, gone = index_of(folder), revoked(folder)
+    with Workshop(folder) as shop:
+        own_index = Path(shop.place("index"))
+        own_index.write_bytes(index.read_bytes() if index.exists() else b"")
+        settings = shop.place("settings")
+        Path(settings).write_text(
+            f"[ca]\ndefault_ca=own\n[own]\ndatabase={own_index}\ncertificate={ca}\nprivate_key={key}\n"
+            f"default_md=sha256\ndefault_crl_days={LIST_DAYS}\nunique_subject=no\n"
+        )
+        for file in files:
+            if read_certificates(file)[0].serial not in gone:
+                _see_that_it_is_of(ca, file, shop)
+                shop.openssl("ca", "-config", settings, "-revoke", str(file.absolute()))
+        shop.openssl("ca", "-config", settings, "-gencrl", "-out", shop.place("crl"))
+        shop.deliver({"index": index, "crl": list_of(folder)})
+    return list_of(folder)
+
+
+def list_of(folder: Path) -> Path:
+    """Where the revocation list of an authority is."""
+    return folder / f"{AUTHORITY}.crl"
+
+
+def index_of(folder: Path) -> Path:
+    """Where it is written down what an authority has revoked, as openssl does."""
+    return folder / f"{AUTHORITY}.index"
+
+
+def _see_that_it_is_of(ca: Path, file: Path, shop: Workshop) -> None:
+    """Nothing else than the authority is trusted here, and an expired certificate may be revoked."""
+    if read_certificates(file) == read_certificates(ca):
+        raise TlsError(f"{file}: an authority cannot revoke itself; name another one in clients_ca")
+    only = ("-no-CAfile", "-no-CApath", "-no-CAstore", "-partial_chain", "-no_check_time")
+    try:
+        shop.openssl("verify", *only, "-trusted", str(ca), str(file.absolute()))
+    except TlsError as error:
+        raise TlsError(f"{file} was not issued by {ca}, so that cannot revoke it") from error

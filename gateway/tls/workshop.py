@@ -1,0 +1,91 @@
+"""Where certificates are made: the folder of an authority, and the program `openssl`, which does the work.
+
+(The library `cryptography` needs cffi, which has no wheel for armv7l, and `openssl` is installed on every machine.)
+"""
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, Self
+
+from gateway.errors import TlsError
+
+#: What an authority's files are called in its folder.
+AUTHORITY: Final = "ca"
+#: How long openssl may take for one step, in seconds: a small machine has little randomness after its start.
+DEADLINE: Final = 60.0
+
+
+def authority_of(folder: Path) -> tuple[Path, Path]:
+    """The certificate and the key of the authority in `folder`.
+
+    Raises:
+        TlsError: there is none.
+    """
+    certificate, key = folder / f"{AUTHORITY}.crt", folder / f"{AUTHORITY}.key"
+    for file in (certificate, key):
+        if not file.exists():
+            raise TlsError(f"{file}: there is no authority; make one first: modbus-gateway certificates authority")
+    return certificate.absolute(), key.absolute()
+
+
+class Workshop:
+    """A folder for files that are not ready yet, beside those that they become."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __enter__(self) -> Self:
+        if shutil.which("openssl") is None:
+            raise TlsError("the program openssl was not found. On Debian: apt install openssl")
+        try:
+            self._folder.mkdir(mode=0o755, parents=True, exist_ok=True)
+            self._temporary = tempfile.TemporaryDirectory(prefix=".new-", dir=self._folder)
+        except OSError as error:
+            raise TlsError(f"{self._folder}: {(error.strerror or str(error)).lower()}") from error
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._temporary.cleanup()
+
+    def place(self, name: str) -> str:
+        """Where a file is made."""
+        return str(Path(self._temporary.name, name).absolute())
+
+    def settings(self, name: str, extensions: Mapping[str, str]) -> str:
+        """A file of settings for openssl."""
+        lines = [
+            "[req]\nprompt=no\nutf8=yes\ndistinguished_name=subject",
+            f"[subject]\nCN={name}",
+            "[extensions]",
+            *(f"{key}={value}" for key, value in extensions.items()),
+        ]
+        file = Path(self.place("settings"))
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return str(file)
+
+    def openssl(self, *words: str) -> None:
+        """Run `openssl WORDS`; only its owner can read what it makes.
+
+        Raises:
+            TlsError: it failed.
+        """
+        command = ["openssl", *words]
+        try:
+            done = subprocess.run(  # noqa: S603 - nothing in `words` is taken for an option or a command
+                command, capture_output=True, text=True, timeout=DEADLINE, check=False, umask=0o077
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise TlsError(f"openssl {words[0]} failed: {error}") from error
+        if done.returncode:
+            *_, why = done.stderr.strip().splitlines() or ["no reason given"]
+            raise TlsError(f"openssl {words[0]} failed: {why}")
+
+    def deliver(self, files: Mapping[str, Path]) -> None:
+        """Put what was made in its place. All but keys can be read by everybody."""
+        for name, place in files.items():
+            made = Path(self.place(name))
+            made.chmod(0o600 if name == "key" else 0o644)
+            made.replace(place)
