@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from typing import Final
 
 from gateway.listeners.tls_stream import TlsStream
@@ -29,11 +30,15 @@ TOO_SLOW: Final = f"its handshake was not done within {DEADLINE:g} s"
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Where a connection comes from: its address, its name in events, and what counts as its address."""
+    """Where a connection comes from: its address, its name in events, and what counts as its address.
+
+    `resumable_until` as in gateway.tls.contexts.Loaded.
+    """
 
     host: str
     client: str
     origin: str
+    resumable_until: float = inf
 
 
 class Handshakes:

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import time
+from typing import Final
 
 from gateway import events
 from gateway.listeners.admission import NO_RIGHTS
@@ -14,9 +15,12 @@ from gateway.listeners.tls_stream import TlsStream
 from gateway.routing.identity import Identity
 from gateway.routing.router import CertifiedRouter, Router
 from gateway.tls.certificate import Certificate, parse_certificate
-from gateway.tls.contexts import Loaded
+from gateway.tls.contexts import Loaded, stop_resuming
 from gateway.tls.settings import ServerTls
 from gateway.tls.store import TlsStore
+
+#: Why a client is refused that goes on with an earlier session.
+OUTLIVED: Final = "its session is older than the end of an authority's certificate, or of a revocation list"
 
 
 class TlsListener(TcpListener):
@@ -69,18 +73,23 @@ class TlsListener(TcpListener):
         return self._handshakes.trouble(self._origins.of(host, now))
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
-        loop = asyncio.get_running_loop()
-        context = self._loaded.context
-        stream = TlsStream(context, self._handshakes)
+        loop, loaded = asyncio.get_running_loop(), self._loaded
+        if time.time() > loaded.resumable_until:
+            stop_resuming(loaded.context)
+        stream = TlsStream(loaded.context, self._handshakes)
         await loop.connect_accepted_socket(lambda: stream, sock)
-        if context is not self._loaded.context:  # a reload came between: others may be trusted now
+        if loaded is not self._loaded:  # a reload came between: others may be trusted now
             stream.abort()
             return
-        self._handshakes.begin(stream, Visitor(host, client, self._origins.of(host, loop.time())), loop.time())
+        visitor = Visitor(host, client, self._origins.of(host, loop.time()), loaded.resumable_until)
+        self._handshakes.begin(stream, visitor, loop.time())
 
     def _secured(self, stream: TlsStream, visitor: Visitor) -> None:
         """A client has shown a certificate of the authority."""
         now = asyncio.get_running_loop().time()
+        if stream.is_resumed and time.time() > visitor.resumable_until:
+            self._turn_away(stream, visitor, OUTLIVED)
+            return
         try:
             certificate = parse_certificate(stream.peer_certificate)
             identity = _identify(certificate)

@@ -109,6 +109,11 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self.close()
 
     @property
+    def is_resumed(self) -> bool:
+        """Whether the client goes on with an earlier session: its certificate was looked at then."""
+        return bool(self._tls.session_reused)
+
+    @property
     def peer_certificate(self) -> bytes:
         """The client's certificate in DER; empty if it has shown none."""
         return self._tls.getpeercert(binary_form=True) or b""

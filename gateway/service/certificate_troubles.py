@@ -27,6 +27,8 @@ def _look_at(one: Secured) -> Iterator[Problem]:
     except TlsError as error:
         yield warning((), f"{one.name} cannot be used: {error}")
         return
+    for said in loaded.warnings:
+        yield warning((), f"{one.name}: {said}")
     for expiry in loaded.expiries:
         left = (expiry.at - time.time()) / DAY
         if left < EARLY:

@@ -19,7 +19,7 @@ from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary
 from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
-from gateway.tls.store import TlsStore, load_all
+from gateway.tls.store import TlsStore, complaints, load_all
 
 #: How long reading the file may take, in seconds. The client waits for 40 s.
 LOADING_TIME: Final = 10.0
@@ -145,6 +145,7 @@ class Reloader:
             differences(old, new), restart=find_settled(self.at_start, new), warnings=warnings, defect=defect
         )
         warn(loaded.problems, self._running.emit)
+        warn_of_certificates(certificates, self._running.emit)
         self._running.emit(
             events.ConfigApplied(str(self.file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
         )
@@ -181,6 +182,12 @@ def warn(problems: Iterable[Problem], emit: events.Emit) -> None:
     """Log the warnings about a config that is used."""
     for problem in problems:
         emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
+
+
+def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit) -> None:
+    """Log who cannot connect with these certificates."""
+    for said in complaints(loaded):
+        emit(events.ConfigWarning(said, ""))
 
 
 def differences(old: Plan, new: Plan) -> Outcome:

@@ -42,6 +42,7 @@ class Certificate:
     """A certificate. `serial` in hexadecimal digits, `subject` such as `CN=hmi-3,O=Plant 2`, times since 1970."""
 
     serial: str
+    issuer: str
     subject: str
     not_before: float
     not_after: float
@@ -62,6 +63,14 @@ class Certificate:
         return _role(found[0])
 
 
+@dataclass(frozen=True, slots=True)
+class RevocationList:
+    """Whose list it is, and until when it is valid, in seconds since 1970; None if it does not say."""
+
+    issuer: str
+    next_update: float | None
+
+
 def parse_certificate(data: bytes) -> Certificate:
     """Parse a certificate in DER. Its signature is not checked here.
 
@@ -72,27 +81,33 @@ def parse_certificate(data: bytes) -> Certificate:
     parts = [(tag, content) for tag, content in der.elements(signed[1]) if tag != _VERSION]
     if signed[0] != der.SEQUENCE or len(parts) < 6:
         raise WrongDer("is not a certificate")
-    (_, serial), (_, _), (_, _), (_, validity), (_, subject), *others = parts
+    (_, serial), (_, _), (_, issuer), (_, validity), (_, subject), *others = parts
     times = [der.time(*moment) for moment in der.elements(validity)]
     if len(times) != 2:
         raise WrongDer("has no validity")
     extensions = next((content for tag, content in others if tag == _EXTENSIONS), b"")
     number = f"{int.from_bytes(serial):02X}"
     number = number if len(number) % 2 == 0 else f"0{number}"
-    return Certificate(number, _subject(subject), times[0], times[1], tuple(_extensions(extensions)))
+    return Certificate(number, _name(issuer), _name(subject), times[0], times[1], tuple(_extensions(extensions)))
 
 
-def read_next_update(data: bytes) -> float | None:
-    """Until when a revocation list in DER is valid, in seconds since 1970; None if it does not say.
+def parse_list(data: bytes) -> RevocationList:
+    """Parse a revocation list in DER; what it revokes is not looked at.
 
     Raises:
         WrongDer: it is no revocation list.
     """
     signed, *_ = _sequence(der.only(data, der.SEQUENCE))
-    times = [part for part in der.elements(signed[1]) if part[0] in (der.UTC_TIME, der.GENERALIZED_TIME)]
-    if not times:
+    parts = [(tag, content) for tag, content in der.elements(signed[1]) if tag != der.INTEGER]
+    times = [part for part in parts if part[0] in (der.UTC_TIME, der.GENERALIZED_TIME)]
+    if signed[0] != der.SEQUENCE or len(parts) < 3 or not times:
         raise WrongDer("is not a revocation list")
-    return der.time(*times[1]) if len(times) > 1 else None
+    return RevocationList(_name(parts[1][1]), der.time(*times[1]) if len(times) > 1 else None)
+
+
+def is_same_name(one: str, other: str) -> bool:
+    """Whether two subjects or issuers are the same (RFC 5280, 7.1)."""
+    return one.casefold().split() == other.casefold().split()
 
 
 def _sequence(content: bytes) -> list[der.Element]:
@@ -124,7 +139,7 @@ def _extensions(content: bytes) -> Iterator[tuple[str, bytes]]:
         yield der.identifier(fields[0][1]), fields[1][1]
 
 
-def _subject(name: bytes) -> str:
+def _name(name: bytes) -> str:
     """As in RFC 4514, but in the order of the certificate, and with nothing that cannot be seen."""
     parts = [_attribute(attribute) for _, group in der.elements(name) for _, attribute in der.elements(group)]
     shown = ",".join(parts) or "(empty)"

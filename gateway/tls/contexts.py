@@ -1,16 +1,20 @@
 """The one place that makes TLS contexts, from files that were read and checked."""
 
 import ssl
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from hashlib import sha256
+from math import inf
 from pathlib import Path
 from typing import Final
 
 from gateway.errors import TlsError
-from gateway.tls.certificate import Certificate, parse_certificate, read_next_update
-from gateway.tls.files import path_of, refuse_if_exposed
+from gateway.tls.certificate import Certificate, RevocationList, parse_certificate, parse_list
+from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
 from gateway.tls.secret_file import SecretFile
 from gateway.tls.settings import ClientTls, ServerTls, TlsSettings
+from gateway.tls.trust import Untrusted, find_untrusted, find_without_list
 
 #: Suites of TLS 1.2 with authenticated encryption and forward secrecy; those of TLS 1.3 all have both. Keys and
 #: signatures of less than 112 bits are refused.
@@ -22,11 +26,11 @@ _CERTIFICATE: Final = "CERTIFICATE"
 _LIST: Final = "X509 CRL"
 _HOW_TO_MAKE: Final = "modbus-gateway certificates makes one"
 
+_ENCRYPTED: Final = "this key is encrypted; the gateway needs one without a password: openssl pkey -in KEY -out NEW"
+
 #: What OpenSSL calls the trouble with a key, in words.
 _TROUBLES: Final = {
     "KEY_VALUES_MISMATCH": "this key does not belong to the certificate",
-    "BAD_DECRYPT": "this key is encrypted; the gateway needs one without a password",
-    "BAD_PASSWORD_READ": "this key is encrypted; the gateway needs one without a password",
     "EE_KEY_TOO_SMALL": "the key of the certificate is too short: RSA needs 2048 bits",
     "CA_MD_TOO_WEAK": "the certificate is signed with a digest that is too weak",
 }
@@ -44,11 +48,17 @@ class Expiry:
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A context and what it was made of. Peers are trusted alike by two with the same `trust`."""
+    """A context and what it was made of. Peers are trusted alike by two with the same `trust`.
+
+    `warnings` say who cannot connect, and why. Sessions must not be resumed after `resumable_until`, in seconds since
+    1970: the chain of a client's certificate and its revocation are looked at only in whole handshakes.
+    """
 
     context: ssl.SSLContext
     expiries: tuple[Expiry, ...]
     trust: bytes
+    warnings: tuple[str, ...] = ()
+    resumable_until: float = inf
 
 
 def load(settings: TlsSettings) -> Loaded:
@@ -60,6 +70,12 @@ def load(settings: TlsSettings) -> Loaded:
     if isinstance(settings, ServerTls):
         return _load_server(settings)
     return _load_client(settings)
+
+
+def stop_resuming(context: ssl.SSLContext) -> None:
+    """Let clients that connect from now on make whole handshakes, unless they resume a session of TLS 1.2 by number."""
+    context.options |= ssl.OP_NO_TICKET
+    context.num_tickets = 0
 
 
 def read_certificates(path: Path) -> list[Certificate]:
@@ -77,22 +93,34 @@ def read_certificates(path: Path) -> list[Certificate]:
 def _load_server(settings: ServerTls) -> Loaded:
     context = _new_context(ssl.PROTOCOL_TLS_SERVER)
     context.num_tickets = 1
-    expiries = [_use_own(context, settings)]
+    own, trusted = _use_own(context, settings), list[Expiry]()
+    warnings: tuple[str, ...] = ()
     trust = sha256()
     if settings.clients_ca is not None:
         context.verify_mode = ssl.CERT_REQUIRED
-        expiries += _use_authority(context, settings.clients_ca, "clients_ca")
+        trusted += _use_authority(context, settings.clients_ca, "clients_ca")
+        warnings += _about_authorities(context, settings.clients_ca)
         trust.update(_read(settings.clients_ca))
     if settings.crl is not None:
-        expiries += _use_list(context, settings.crl)
+        lists = _use_lists(context, settings.crl)
+        trusted += [Expiry("crl", str(_path(settings.crl)), "", at) for each in lists if (at := each.next_update)]
+        warnings += _about_lists(context, settings, lists)
         trust.update(_read(settings.crl))
-    return Loaded(context, tuple(expiries), trust.digest())
+    until = _first_to_expire(trusted)
+    return Loaded(context, (own, *trusted), trust.digest(), warnings, until)
 
 
 def _load_client(settings: ClientTls) -> Loaded:
     context = _new_context(ssl.PROTOCOL_TLS_CLIENT)
     expiries = (_use_own(context, settings), *_use_authority(context, settings.ca, "ca"))
-    return Loaded(context, expiries, sha256(_read(settings.ca)).digest())
+    warnings = _about_authorities(context, settings.ca)
+    return Loaded(context, expiries, sha256(_read(settings.ca)).digest(), warnings)
+
+
+def _first_to_expire(trusted: Iterable[Expiry]) -> float:
+    """When the first of those that are valid expires."""
+    now = time.time()
+    return min((each.at for each in trusted if each.at > now), default=inf)
 
 
 def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
@@ -108,13 +136,20 @@ def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
 def _use_own(context: ssl.SSLContext, settings: TlsSettings) -> Expiry:
     """Show the certificate of `settings`, with its chain."""
     [first, *_] = _expiries(settings.certificate, "certificate")
-    key = _path(settings.key)
+    key, wanted = _path(settings.key), list[bool]()
+
+    def password() -> str:
+        """OpenSSL would ask for it on the terminal."""
+        wanted.append(True)
+        return ""
+
     try:
+        refuse_if_no_file(key)
         refuse_if_exposed(key)
-        # Without a password, OpenSSL would ask for that of an encrypted key on the terminal.
-        context.load_cert_chain(_path(settings.certificate), key, password=lambda: "")
+        context.load_cert_chain(_path(settings.certificate), key, password=password)
     except ssl.SSLError as error:
-        raise TlsError(f"{key}: {_TROUBLES.get(error.reason or '', 'this is no private key in PEM form')}") from error
+        known = _ENCRYPTED if wanted else _TROUBLES.get(error.reason or "")
+        raise TlsError(f"{key}: {known or 'this is no private key in PEM form'}") from error
     except OSError as error:
         raise _unreadable(key, error) from error
     return first
@@ -123,26 +158,57 @@ def _use_own(context: ssl.SSLContext, settings: TlsSettings) -> Expiry:
 def _use_authority(context: ssl.SSLContext, file: SecretFile, what: str) -> list[Expiry]:
     """Trust the certificates in `file`."""
     expiries = _expiries(file, what)
-    _add(context, file)
+    _add(context, file, "crl", "has revocation lists: name their file by crl")
     if not context.get_ca_certs():
         raise TlsError(f"{_path(file)}: has no certificate of an authority: those here may sign no others")
     return expiries
 
 
-def _use_list(context: ssl.SSLContext, file: SecretFile) -> list[Expiry]:
-    """Refuse what the revocation lists in `file` name. Each authority needs one."""
-    path = _path(file)
-    found = [Expiry("crl", str(path), "", at) for at in map(_next_update, _blocks(file, _LIST)) if at is not None]
-    _add(context, file)
+def _about_authorities(context: ssl.SSLContext, file: SecretFile) -> tuple[str, ...]:
+    return _tell(file, find_untrusted(_authorities(context, file)))
+
+
+def _use_lists(context: ssl.SSLContext, file: SecretFile) -> list[RevocationList]:
+    """Refuse what the revocation lists in `file` name."""
+    lists = [_parse_list(file, block) for block in _blocks(file, _LIST)]
+    _add(context, file, "x509", "has certificates too: those of authorities belong into clients_ca")
     context.verify_flags |= ssl.VERIFY_CRL_CHECK_CHAIN
-    return found
+    return lists
 
 
-def _add(context: ssl.SSLContext, file: SecretFile) -> None:
+def _about_lists(context: ssl.SSLContext, settings: ServerTls, lists: list[RevocationList]) -> tuple[str, ...]:
+    assert settings.clients_ca is not None and settings.crl is not None  # noqa: S101, PT018 - the config sees to it
+    return _tell(settings.crl, find_without_list(_authorities(context, settings.clients_ca), lists))
+
+
+def _tell(file: SecretFile, untrusted: Untrusted) -> tuple[str, ...]:
+    """Warnings about some authorities.
+
+    Raises:
+        TlsError: it is so with all of them.
+    """
+    said = tuple(f"{_path(file)}: {each}" for each in untrusted.said)
+    if said and untrusted.is_everybody:
+        raise TlsError(f"{said[0]}. Until then nobody would be trusted")
+    return said
+
+
+def _authorities(context: ssl.SSLContext, file: SecretFile) -> list[Certificate]:
+    try:
+        return [parse_certificate(each) for each in context.get_ca_certs(binary_form=True)]
+    except ValueError as wrong:
+        raise TlsError(f"{_path(file)}: a certificate in it {wrong}") from wrong
+
+
+def _add(context: ssl.SSLContext, file: SecretFile, foreign: str, complaint: str) -> None:
+    """Add what is in `file`; nothing of the kind `foreign` may be there (OpenSSL would trust it too)."""
+    before = context.cert_store_stats()[foreign]
     try:
         context.load_verify_locations(cafile=_path(file))
     except (ssl.SSLError, OSError) as error:
         raise TlsError(f"{_path(file)}: OpenSSL cannot use it: {error.strerror or error}") from error
+    if context.cert_store_stats()[foreign] > before:
+        raise TlsError(f"{_path(file)}: {complaint}")
 
 
 def _expiries(file: SecretFile, what: str) -> list[Expiry]:
@@ -151,11 +217,11 @@ def _expiries(file: SecretFile, what: str) -> list[Expiry]:
     return [Expiry(what, str(path), each.subject, each.not_after) for each in read_certificates(path)]
 
 
-def _next_update(block: bytes) -> float | None:
+def _parse_list(file: SecretFile, block: bytes) -> RevocationList:
     try:
-        return read_next_update(block)
+        return parse_list(block)
     except ValueError as wrong:
-        raise TlsError(f"the revocation list {wrong}") from wrong
+        raise TlsError(f"{_path(file)}: the revocation list in it {wrong}") from wrong
 
 
 def _blocks(file: SecretFile, kind: str) -> list[bytes]:
@@ -177,8 +243,7 @@ def _decode(file: SecretFile, body: str) -> bytes:
 def _read(file: SecretFile) -> bytes:
     path = _path(file)
     try:
-        with path.open("rb") as stream:
-            return stream.read(LARGEST_FILE)
+        return read_whole(path, LARGEST_FILE)
     except OSError as error:
         raise _unreadable(path, error) from error
 

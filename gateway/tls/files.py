@@ -3,7 +3,7 @@
 import os
 import stat
 from collections.abc import Mapping
-from errno import EACCES, ENOENT
+from errno import EACCES, EFBIG, EINVAL, ENOENT
 from pathlib import Path
 
 from gateway.tls.secret_file import SecretFile
@@ -21,6 +21,30 @@ def path_of(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Pa
     if folder is None:
         raise OSError(ENOENT, "there is no such credential: LoadCredential= is missing in the unit", file.name)
     return Path(folder) / file.name
+
+
+def read_whole(path: Path, most: int) -> bytes:
+    """The content of a regular file. Anything else, such as a pipe, could keep its reader waiting for ever.
+
+    Raises:
+        OSError: it is none, has more than `most` bytes, or cannot be read.
+    """
+    refuse_if_no_file(path)
+    with path.open("rb") as stream:
+        content = stream.read(most + 1)
+    if len(content) > most:
+        raise OSError(EFBIG, f"has more than {most} bytes", str(path))
+    return content
+
+
+def refuse_if_no_file(path: Path) -> None:
+    """See that it is a regular file.
+
+    Raises:
+        OSError: it is something else, or there is none.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(EINVAL, "is not a regular file", str(path))
 
 
 def refuse_if_exposed(path: Path) -> None:

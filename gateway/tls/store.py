@@ -39,6 +39,13 @@ class TlsStore:
                 yield secured, expiry
 
 
+def complaints(loaded: Mapping[Secured, Loaded]) -> Iterator[str]:
+    """Who cannot connect with what was loaded, with the place in the config."""
+    for secured, each in loaded.items():
+        for said in each.warnings:
+            yield f"{secured.source}: {secured.name}: {said}"
+
+
 def load_all(wanted: Iterable[Secured]) -> dict[Secured, Loaded]:
     """Load what each address needs. Blocks: files are read.
 

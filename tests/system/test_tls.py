@@ -16,7 +16,7 @@ import pytest
 from pymodbus.client import ModbusTlsClient
 
 from gateway.modbus.mbap import encode
-from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, pki, signed
+from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, openssl, pki, signed
 from kit.process import COMMAND, PATIENCE, GatewayProcess, command
 
 IMAGE = """
@@ -173,6 +173,49 @@ def test_a_revoked_certificate_and_that_of_another_authority(tmp_path: Path) -> 
         assert reason(gateway) == "its certificate is refused: unable to get local issuer certificate"
         assert told(gateway.port, "", own="127.0.0.3") in ("TLSV13_ALERT_CERTIFICATE_REQUIRED", "closed")
         assert reason(gateway) == "it shows no certificate"
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_no_session_is_resumed_once_the_revocation_list_has_expired(tmp_path: Path, version: ssl.TLSVersion) -> None:
+    folder, context = pki(), client_context(OPERATOR)
+    context.maximum_version = version
+    (tmp_path / "settings").write_text(
+        f"[ca]\ndefault_ca=o\n[o]\ndatabase={folder}/ca.index\ncertificate={folder}/ca.crt\n"
+        f"private_key={folder}/ca.key\ndefault_md=sha256\n"
+    )
+    shutil.copy(folder / "ca.crl", tmp_path)
+    config = listener() + IMAGE + ROWS
+    with GatewayProcess(tmp_path, config.replace(f"{folder}/ca.crl", f"{tmp_path}/ca.crl")) as gateway:
+        openssl("ca", "-config", tmp_path / "settings", "-gencrl", "-crlsec", "6", "-out", tmp_path / "ca.crl")
+        gateway.signal(signal.SIGHUP)
+        gateway.wait_for("config_applied")
+        session, resumed, end = None, 0, time.monotonic() + PATIENCE
+        with suppress(ssl.SSLError, ConnectionError):
+            while time.monotonic() < end:
+                plain = from_address("127.0.0.1", gateway.port)
+                with plain, context.wrap_socket(plain, server_hostname="localhost", session=session) as client:
+                    if not asks(client, READ):
+                        break
+                    resumed += client.session_reused
+                    session = client.session
+        assert resumed
+        assert reason(gateway) == "its certificate is refused: CRL has expired"
+
+
+def test_an_authority_that_trusts_nobody_is_told_at_the_start_and_at_a_reload(tmp_path: Path) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(pki(), folder)
+    other = tmp_path / "other"
+    assert command("certificates", "authority", "--name", "other", "--folder", str(other)).returncode == 0
+    (folder / "ca.crt").write_text((folder / "ca.crt").read_text() + (other / "ca.crt").read_text())
+    config = (listener() + IMAGE + ROWS).replace(str(pki()), str(folder))
+    said = "listen remote: {}/ca.crl: has no revocation list of CN=other, only of CN=Plant 2".format(folder)
+    with GatewayProcess(tmp_path, config) as gateway:
+        assert [each for each in gateway.log if said in each.get("problem", "")]
+        assert told(gateway.port, OPERATOR) == WRITE.hex()
+        gateway.signal(signal.SIGHUP)
+        assert said in gateway.wait_for("config_warning")["problem"]
+        assert said in command("check", str(gateway.config)).stdout
 
 
 def test_a_certificate_of_a_server_is_none_of_a_client(tmp_path: Path) -> None:

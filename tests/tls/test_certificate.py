@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.tls.certificate import NULL_ROLE, WrongRole, parse_certificate, read_next_update
+from gateway.tls.certificate import NULL_ROLE, WrongRole, parse_certificate, parse_list
 from gateway.tls.der import WrongDer
 from kit import pki
 from kit.pki import NOT_UTF8, TWO_ROLES, WRONG_TEXT, der, signed
@@ -60,9 +60,10 @@ def test_a_role_may_have_any_visible_character_and_the_extension_may_be_critical
 
 def test_until_when_a_revocation_list_is_valid() -> None:
     text = (pki.pki() / "ca.crl").read_text().replace("X509 CRL", "CERTIFICATE")
-    until = read_next_update(ssl.PEM_cert_to_DER_cert(text))
-    assert until is not None
-    assert until - time.time() == pytest.approx(3650 * DAY, abs=60)
+    listed = parse_list(ssl.PEM_cert_to_DER_cert(text))
+    assert listed.issuer == "CN=Plant 2"
+    assert listed.next_update is not None
+    assert listed.next_update - time.time() == pytest.approx(3650 * DAY, abs=60)
 
 
 def test_a_subject_shows_nothing_that_could_pass_for_something_else() -> None:
@@ -81,7 +82,7 @@ def test_damage_is_found_or_does_no_harm() -> None:
             at = chance.randrange(len(data))
             data[at] = chance.randrange(256)
         cut = bytes(data[: chance.choice([len(data), chance.randrange(len(data))])])
-        for read in (lambda given: parse_certificate(given).role, read_next_update):
+        for read in (lambda given: parse_certificate(given).role, parse_list):
             try:
                 read(cut)
             except (WrongDer, WrongRole):

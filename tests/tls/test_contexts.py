@@ -1,14 +1,19 @@
-"""Whom a context trusts: the chain of a client's certificate."""
+"""Whom a context trusts: the chain of a client's certificate; and what is said of files that trust nobody."""
 
+import os
 import ssl
+import time
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import pytest
 
-from gateway.tls.contexts import load
+from gateway.errors import TlsError
+from gateway.tls.contexts import LARGEST_FILE, Loaded, load, stop_resuming
 from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ServerTls
-from kit.pki import openssl, pki
+from gateway.tls.settings import ClientTls, ServerTls
+from kit.pki import OPERATOR, client_context, openssl, pki
 
 _EXTENSIONS = (
     "[ca]\nbasicConstraints=critical,CA:TRUE\nkeyUsage=keyCertSign,cRLSign\n[end]\nbasicConstraints=CA:FALSE\n"
@@ -49,9 +54,155 @@ def test_a_client_of_an_authority_that_is_revoked_is_refused(
     (tmp_path / "lists").write_text(make_list(tmp_path, "root", *revoked) + make_list(tmp_path, "plant"))
     chain = tmp_path / "chain.crt"
     chain.write_text((tmp_path / "hmi.crt").read_text() + (tmp_path / "plant.crt").read_text())
-    own = (SecretFile(str(pki() / "server.crt")), SecretFile(str(pki() / "server.key")))
-    server = load(ServerTls(*own, SecretFile(str(tmp_path / "root.crt")), SecretFile(str(tmp_path / "lists")))).context
+    server = served(tmp_path / "root.crt", tmp_path / "lists").context
     assert refusal(server, chain, tmp_path / "hmi.key") == why
+
+
+def files(clients_ca: Path | None = None, crl: Path | None = None) -> ServerTls:
+    """Those of a listener."""
+    folder = pki()
+    certificate, key = (SecretFile(str(folder / f"server.{end}")) for end in ("crt", "key"))
+    trusted = SecretFile(str(clients_ca or folder / "ca.crt"))
+    return ServerTls(certificate, key, trusted, None if crl is None else SecretFile(str(crl)))
+
+
+def served(clients_ca: Path | None = None, crl: Path | None = None) -> Loaded:
+    """What a listener has loaded."""
+    return load(files(clients_ca, crl))
+
+
+def text(*files: Path) -> str:
+    return "".join(file.read_text() for file in files)
+
+
+@pytest.fixture(scope="module")
+def plants(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Authorities: `plant` is of `root`; `other`. Each has a revocation list."""
+    folder = tmp_path_factory.mktemp("plants")
+    for name, issuer in (("root", "root"), ("plant", "root"), ("other", "other")):
+        make(folder, name, issuer, "ca")
+    for name in ("root", "plant", "other"):
+        (folder / f"{name}.crl").write_text(make_list(folder, name))
+    return folder
+
+
+# --- authorities and lists that let nobody in ---
+
+
+def test_an_authority_without_the_one_that_has_signed_it_lets_nobody_in(plants: Path, tmp_path: Path) -> None:
+    missing = "CN=plant is an authority that CN=root has signed, whose certificate is missing"
+    with pytest.raises(TlsError, match=rf"plant\.crt: {missing}.*nobody would be trusted"):
+        served(plants / "plant.crt")
+    own = (SecretFile(str(pki() / f"operator.{end}")) for end in ("crt", "key"))
+    with pytest.raises(TlsError, match=missing):
+        load(ClientTls(*own, SecretFile(str(plants / "plant.crt")), "localhost"))
+    both = tmp_path / "both.crt"
+    both.write_text(text(plants / "plant.crt", plants / "other.crt"))
+    (said,) = served(both).warnings
+    assert missing in said
+    both.write_text(text(plants / "plant.crt", plants / "root.crt"))
+    assert served(both).warnings == ()
+
+
+def test_a_list_of_another_authority_lets_nobody_in(plants: Path, tmp_path: Path) -> None:
+    missing = "has no revocation list of CN=root, only of CN=other"
+    with pytest.raises(TlsError, match=rf"other\.crl: {missing}.*nobody would be trusted"):
+        served(plants / "root.crt", plants / "other.crl")
+    with pytest.raises(TlsError, match=r"no revocation list of CN=root, only of CN=plant"):
+        served(plants / "root.crt", plants / "plant.crl")
+    both = tmp_path / "both.crt"
+    both.write_text(text(plants / "root.crt", plants / "other.crt"))
+    (said,) = served(both, plants / "other.crl").warnings
+    assert missing in said
+    lists = tmp_path / "lists.crl"
+    lists.write_text(text(plants / "root.crl", plants / "plant.crl", plants / "other.crl"))
+    assert served(both, lists).warnings == ()
+
+
+# --- files with something else in them ---
+
+
+@pytest.mark.parametrize("kind", ["CERTIFICATE", "X509 CERTIFICATE", "TRUSTED CERTIFICATE"])
+def test_a_file_of_lists_adds_no_authorities(plants: Path, tmp_path: Path, kind: str) -> None:
+    lists = tmp_path / "lists.crl"
+    lists.write_text(text(pki() / "ca.crl", plants / "other.crt").replace("CERTIFICATE", kind))
+    with pytest.raises(TlsError, match=r"lists\.crl: has certificates too"):
+        served(crl=lists)
+
+
+def test_a_file_of_authorities_has_no_lists(tmp_path: Path) -> None:
+    """Nobody would look at them without the key crl."""
+    both = tmp_path / "ca.crt"
+    both.write_text(text(pki() / "ca.crt", pki() / "ca.crl"))
+    with pytest.raises(TlsError, match=r"ca\.crt: has revocation lists: name their file by crl"):
+        served(both)
+
+
+@pytest.mark.parametrize("which", ["certificate", "key", "clients_ca", "crl"])
+def test_a_file_that_is_too_large_or_no_file_is_told(tmp_path: Path, which: str) -> None:
+    file, all_files = tmp_path / "file", files(crl=pki() / "ca.crl")
+    os.mkfifo(file, 0o600)
+    with pytest.raises(TlsError, match="file: is not a regular file"):
+        load(replace(all_files, **{which: SecretFile(str(file))}))
+    with pytest.raises(TlsError, match=f"{tmp_path}: is not a regular file"):
+        load(replace(all_files, **{which: SecretFile(str(tmp_path))}))
+    if which == "key":
+        return  # OpenSSL reads it itself, and stops behind the key
+    usual = {"certificate": "server.crt", "clients_ca": "ca.crt", "crl": "ca.crl"}[which]
+    file.unlink()
+    file.write_text(LARGEST_FILE * " " + "\n" + text(pki() / usual))
+    with pytest.raises(TlsError, match=f"has more than {LARGEST_FILE} bytes"):
+        load(replace(all_files, **{which: SecretFile(str(file))}))
+
+
+@pytest.mark.parametrize("options", [("-aes256",), ("-traditional", "-aes256"), ("-aes256", "-topk8")])
+def test_an_encrypted_key_is_told_apart_from_a_damaged_one(tmp_path: Path, options: tuple[str, ...]) -> None:
+    key = tmp_path / "server.key"
+    program = ("pkcs8", "-topk8", "-v2", "aes256") if "-topk8" in options else ("pkey", *options)
+    openssl(*program, "-in", pki() / "server.key", "-passout", "pass:secret", "-out", key)
+    key.chmod(0o600)
+    with pytest.raises(TlsError, match=r"server\.key: this key is encrypted; the gateway needs one without"):
+        load(replace(files(), key=SecretFile(str(key))))
+
+
+# --- sessions that are resumed ---
+
+
+def test_sessions_are_not_resumed_when_an_authority_or_a_list_has_expired(plants: Path) -> None:
+    assert served().resumable_until == pytest.approx(time.time() + 3650 * 86400, abs=60)
+    lists = served(plants / "root.crt", plants / "root.crl")
+    assert lists.resumable_until == pytest.approx(time.time() + 2 * 86400, abs=60)
+    assert load(ServerTls(*(SecretFile(str(pki() / f"server.{end}")) for end in ("crt", "key")))).resumable_until == inf
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_a_context_that_has_stopped_resuming_makes_whole_handshakes(version: ssl.TLSVersion) -> None:
+    server, client = served().context, client_context(OPERATOR)
+    client.maximum_version = version
+    first = connect(client, server)
+    assert not first.session_reused
+    again = connect(client, server, first.session)
+    assert again.session_reused
+    stop_resuming(server)
+    assert not connect(client, server, again.session).session_reused
+
+
+def connect(client: ssl.SSLContext, server: ssl.SSLContext, session: ssl.SSLSession | None = None) -> ssl.SSLObject:
+    """The client's end, when it has got something."""
+    first, second = ssl.MemoryBIO(), ssl.MemoryBIO()
+    near = client.wrap_bio(first, second, server_hostname="localhost", session=session)
+    far = server.wrap_bio(second, first, server_side=True)
+    done: set[ssl.SSLObject] = set()
+    while len(done) < 2:
+        for end in (near, far):
+            try:
+                end.do_handshake()
+                done.add(end)
+            except ssl.SSLWantReadError:
+                continue
+    far.write(b"!")
+    assert near.read(1) == b"!"
+    return near
 
 
 def refusal(server: ssl.SSLContext, certificate: Path, key: Path) -> str:

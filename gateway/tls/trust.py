@@ -1,0 +1,34 @@
+"""Who cannot connect although an authority is named for him: something is missing that OpenSSL needs to trust him."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gateway.tls.certificate import Certificate, RevocationList, is_same_name
+
+
+@dataclass(frozen=True, slots=True)
+class Untrusted:
+    """What is `said` of each authority that nobody is trusted by; `is_everybody` if there is no other one."""
+
+    said: tuple[str, ...]
+    is_everybody: bool
+
+
+def find_untrusted(authorities: Sequence[Certificate]) -> Untrusted:
+    """Authorities whose own issuer is missing: a chain of certificates must end at one that has signed itself."""
+    said = tuple(
+        f"{each.subject} is an authority that {each.issuer} has signed, whose certificate is missing: add it"
+        for each in authorities
+        if not any(is_same_name(each.issuer, other.subject) for other in authorities)
+    )
+    return Untrusted(said, not any(is_same_name(each.issuer, each.subject) for each in authorities))
+
+
+def find_without_list(authorities: Sequence[Certificate], lists: Sequence[RevocationList]) -> Untrusted:
+    """Authorities that have no revocation list. If there is any, each of a chain needs one."""
+    missing = [each for each in authorities if not any(is_same_name(each.subject, listed.issuer) for listed in lists)]
+    said = tuple(
+        f"has no revocation list of {each.subject}, only of {' and '.join(listed.issuer for listed in lists)}"
+        for each in missing
+    )
+    return Untrusted(said, len(missing) == len(authorities))
