@@ -32,6 +32,8 @@ Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
 #: How long the body of a request may take to arrive, in seconds.
 _BODY_TIME: Final = 10.0
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+#: What an address may choose for any page: its language and its theme.
+_CHOICES: Final = ("lang", "theme")
 _FORM: Final = "application/x-www-form-urlencoded"
 #: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
 _OF_PROXIES: Final = ("X-Forwarded-For", "X-Forwarded-User", "X-Real-IP", "Forwarded")
@@ -132,7 +134,9 @@ class Guard:
             return
         if not visitor.may_read or (need == "metrics" and visitor.is_local and self._settings.token):
             if need == "page":
-                raise web.HTTPSeeOther(f"/login?next={quote(request.path_qs, safe='')}")
+                # The login is shown as the page would have been.
+                shown = "".join(f"&{name}={quote(request.query[name])}" for name in _CHOICES if name in request.query)
+                raise web.HTTPSeeOther(f"/login?next={quote(request.path_qs, safe='')}{shown}")
             raise _unauthorized("the token, or a login, is needed")
         if request.headers.get("Sec-Fetch-Site") == "cross-site" and need == "reading":
             raise ProblemError(403, "pages of other sites get no answer")

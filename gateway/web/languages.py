@@ -12,12 +12,11 @@ from typing import Final
 
 from aiohttp import web
 
-from gateway.web.cookies import cookie
+from gateway.web.cookies import cookie, keep
 
 FOLDER: Final = Path(__file__).parent / "translations"
-#: What a browser keeps the choice in, and for how long, in seconds.
+#: What a browser keeps the choice in.
 COOKIE: Final = "mbgw-lang"
-_KEPT: Final = 365 * 24 * 3600
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +41,11 @@ def language_of(request: web.Request) -> Language:
     return preferred(request.headers.get("Accept-Language", ""))
 
 
-def keep_choice(request: web.Request, response: web.Response, *, is_encrypted: bool) -> None:
+def keep_language(request: web.Request, response: web.Response, *, is_encrypted: bool) -> None:
     """Let the browser keep the language that its user has chosen by an address."""
     code = request.query.get("lang", "")
-    if code in LANGUAGES and code != cookie(request, COOKIE):
-        response.set_cookie(COOKIE, code, max_age=_KEPT, path="/", secure=is_encrypted, httponly=True, samesite="Lax")
+    if code in LANGUAGES:
+        keep(request, response, COOKIE, code, is_encrypted=is_encrypted)
 
 
 def preferred(header: str) -> Language:

@@ -10,12 +10,13 @@ from typing import Any, Final, Protocol
 from aiohttp import web
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from gateway import __version__
+from gateway import DOCUMENTATION, __version__
 from gateway.ports.threads import ThreadPerCall
 from gateway.web.assets import Assets
 from gateway.web.guard import VISITOR, Need
-from gateway.web.languages import LANGUAGES, Language, Texts, keep_choice, language_of
+from gateway.web.languages import LANGUAGES, Language, Texts, keep_language, language_of
 from gateway.web.problems import Handler
+from gateway.web.themes import DARK, keep_theme, theme_of
 
 FOLDER: Final = Path(__file__).parent / "templates"
 _HEADERS: Final = {"Cache-Control": "no-store", "Vary": "Accept-Language, Cookie"}
@@ -50,17 +51,22 @@ class Renderer:
         # A path that begins with // would lead to somebody else.
         path, chosen = f"/{request.rel_url.raw_path.lstrip('/')}", request.rel_url.update_query
         others = [(each, f"{path}?{chosen(lang=each.code).raw_query_string}") for each in LANGUAGES.values()]
+        theme = theme_of(request)
         frame = {
             "visitor": request[VISITOR],
             "path": request.path,
             "is_kiosk": "kiosk" in request.query,
             "other_languages": [(each, address) for each, address in others if each is not language],
+            "theme": theme,
+            "dark": DARK[theme],
+            "themes": [(each, f"{path}?{chosen(theme=each).raw_query_string}") for each in DARK],
         }
         is_packed = "gzip" in request.headers.get("Accept-Encoding", "")
         body = await self._rendered(language, template, {**frame, **content}, is_packed=is_packed)
         headers = {**_HEADERS, "Content-Encoding": "gzip"} if is_packed else _HEADERS
         response = web.Response(body=body, content_type="text/html", charset="utf-8", headers=headers)
-        keep_choice(request, response, is_encrypted=self._is_encrypted)
+        keep_language(request, response, is_encrypted=self._is_encrypted)
+        keep_theme(request, response, is_encrypted=self._is_encrypted)
         return response
 
     async def _rendered(self, language: Language, template: str, content: dict[str, Any], *, is_packed: bool) -> bytes:
@@ -95,5 +101,11 @@ def _templates(language: Language, assets: Assets) -> Environment:
     )
     texts = Texts(language)
     templates.install_gettext_callables(texts.text, texts.counted, newstyle=True)  # type: ignore[attr-defined]
-    templates.globals |= {"word": texts.word, "language": language, "asset": assets.address, "version": __version__}
+    templates.globals |= {
+        "word": texts.word,
+        "language": language,
+        "asset": assets.address,
+        "version": __version__,
+        "documentation": DOCUMENTATION,
+    }
     return templates
