@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -13,13 +14,21 @@ from gateway.web.answers import Answer, Answers
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
-#: Why the gateway has not sent a request, where it gives no reason of its own.
-_NOT_SENT: Final[Mapping[str, str]] = {
-    "resting": "not sent, because the unit has not answered and is left alone for a while",
-    "overdue": "not sent, because the response to an earlier request may still come",
-    "queue_full": "not sent, because too many requests wait for the line",
-    "expired": "not sent, because it has waited for too long",
-    "line_down": "not sent, because the line is down",
+#: Why the gateway itself has answered with an exception, by the result of the request.
+_WHYS: Final[Mapping[str, str]] = {
+    "timeout": "no response came within the limit",
+    "bad_frame": "what came was damaged, or not the response to this request",
+    "ambiguous": "the response may have been for another client on the line",
+    "line_lost": "the port was lost while the request was under way",
+    "resting": "not sent: the unit has not answered and rests",
+    "overdue": "not sent: a late response to an earlier request may still come",
+    "echo_suspected": "not sent: the response would look like an echo of the request",
+    "stale": "the values of the mirror are too old",
+    "queue_full": "not sent: too many requests wait for the line",
+    "expired": "not sent: it has waited too long for the line",
+    "line_down": "not sent: the line is down",
+    "denied": "not sent: [[access]] does not allow it",
+    "no_route": "not sent: there is no such unit",
 }
 #: The status for each exception; 502 for all others.
 STATUSES: Final[Mapping[int, int]] = {
@@ -33,8 +42,33 @@ STATUSES: Final[Mapping[int, int]] = {
 _KEPT_HEADERS: Final = ("Allow", "WWW-Authenticate", "Retry-After")
 
 
+@dataclass(frozen=True, slots=True)
+class Complaint:
+    """A response with an exception, in words. `result` and `reason` are those of the gateway's own ones."""
+
+    code: int
+    result: str = ""
+    reason: str = ""
+
+    @property
+    def name(self) -> str:
+        """What the code means."""
+        return exception_name(self.code)
+
+    @property
+    def why(self) -> str:
+        """Why the gateway itself has answered with it. It has a translation unless it is a rare reason."""
+        return _WHYS.get(self.result, self.reason)
+
+    def __str__(self) -> str:
+        why = self.reason or self.why
+        return f"exception {self.code:02X}, {self.name}" + (f": {why}" if why else "")
+
+
 class ProblemError(Exception):
     """Ends a request with a problem; `more` are members beside those of the RFC."""
+
+    complaint: Complaint | None = None
 
     def __init__(self, status: int, detail: str, headers: Mapping[str, str] | None = None, **more: Any) -> None:
         super().__init__(detail)
@@ -47,16 +81,17 @@ class ProblemError(Exception):
 def exception_problem(answer: Answer) -> ProblemError:
     """The problem that a response with an exception stands for."""
     code = answer.pdu[1]
-    problem = ProblemError(STATUSES.get(code, 502), complaint(answer), exception=code)
+    said = complaint(answer)
+    problem = ProblemError(STATUSES.get(code, 502), str(said), exception=code)
+    problem.complaint = said
     if answer.result:
         problem.more["result"] = answer.result
     return problem
 
 
-def complaint(answer: Answer) -> str:
-    """What an exception means, in words."""
-    code, why = answer.pdu[1], answer.reason or _NOT_SENT.get(answer.result, "")
-    return f"exception {code:02X}, {exception_name(code)}" + (f": {why}" if why else "")
+def complaint(answer: Answer) -> Complaint:
+    """What an exception means."""
+    return Complaint(answer.pdu[1], answer.result, answer.reason)
 
 
 def exception_name(code: int) -> str:

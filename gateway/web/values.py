@@ -13,7 +13,7 @@ from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
 from gateway.registers.items import WRITERS, has_bits, items_read, read_request, write_request
 from gateway.web.answers import Answer, Unit
-from gateway.web.problems import ProblemError, complaint, exception_problem
+from gateway.web.problems import Complaint, ProblemError, complaint, exception_problem
 
 #: Items that one request over HTTP reads at most: at most 16 requests on a line.
 MOST_ITEMS: Final = 2000
@@ -39,10 +39,10 @@ class Outcome:
     failures: list[_Failure] = field(default_factory=list)
     elapsed_ms: float = 0.0
 
-    def trouble_of(self, point: Point) -> str:
-        """Why a point could not be read; empty if nothing is known of that."""
+    def trouble_of(self, point: Point) -> Complaint | None:
+        """Why a point could not be read; None if nothing is known of that."""
         at = (each for each in self.failures if each.span.area == point.area)
-        return next((complaint(each.answer) for each in at if each.span.start <= point.address < each.span.end), "")
+        return next((complaint(each.answer) for each in at if each.span.start <= point.address < each.span.end), None)
 
     def as_json(self, unit: Unit, area: Area | None) -> dict[str, Any]:
         """For programs: of one area, or of points, which have each its own."""
@@ -58,7 +58,7 @@ class Outcome:
                     "address": each.span.start,
                     "count": each.span.count,
                     "exception": each.answer.pdu[1],
-                    "reason": complaint(each.answer),
+                    "reason": str(complaint(each.answer)),
                 }
                 for each in self.failures
             ]

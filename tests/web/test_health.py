@@ -66,15 +66,15 @@ async def test_it_is_found_out_again_after_some_seconds_only(bench):
 
 async def test_an_operator_lets_devices_be_asked_and_the_result_is_kept(bench):
     anna = await operator(bench)
-    assert "Ask the devices" in (await anna.get("/health")).text
+    assert "Test the devices now" in (await anna.get("/health")).text
     page = await anna.post("/health")
     assert (page.status, page.headers["Location"]) == (303, "/health")
-    assert "Devices are being asked" in (await bench.browser().get("/health")).text
+    assert "The devices are being tested" in (await bench.browser().get("/health")).text
     await asyncio.sleep(LONGEST)
     text = (await bench.browser().get("/health")).text
     assert "for anna, within" in text
     assert "doctor has sent" in text
-    assert "Devices are being asked" not in text
+    assert "The devices are being tested" not in text
 
 
 async def test_one_at_a_time_and_not_again_at_once(bench):
@@ -131,9 +131,9 @@ async def test_nobody_else_can_order_it(bench, user):
     browser = bench.browser()
     if user:
         await browser.log_in(user)
-    assert "Ask the devices" not in (await browser.get("/health")).text
+    assert "Test the devices now" not in (await browser.get("/health")).text
     assert (await browser.post("/health")).status == (403 if user else 401)
-    assert "Devices are being asked" not in (await browser.get("/health")).text
+    assert "The devices are being tested" not in (await browser.get("/health")).text
 
 
 async def test_it_needs_the_token_of_the_session(bench):

@@ -138,7 +138,7 @@ async def test_what_is_wrong_comes_first(bench):
     page = (await bench.browser().get("/")).text
     state = '<span class="state failing">failing</span>'
     assert (
-        f'<li>{state} <a href="/units/press%2F2">press/2</a> <span class="quiet">hall &amp; co</span> timeout' in page
+        f'<li>{state} <a href="/units/press%2F2">press/2</a> <span class="quiet">hall &amp; co</span> time-out' in page
     )
     assert "All lines are up" not in page
 

@@ -13,8 +13,11 @@ from jinja2 import Environment
 import gateway.errors
 from gateway.errors import RequestError
 from gateway.service.status import LineStatus, UnitStatus
+from gateway.trace.results import RESULTS
+from gateway.web import problems
 from gateway.web.guard import Role
 from gateway.web.languages import COOKIE, ENGLISH, FOLDER, LANGUAGES, Texts, preferred
+from gateway.web.problems import exception_name
 from gateway.web.renderer import FOLDER as TEMPLATES
 from kit.browser import web_bench
 
@@ -118,6 +121,12 @@ def test_a_word_may_have_a_number(word, chinese):
     assert Texts(LANGUAGES["zh"]).word(word) == chinese
 
 
+def test_results_are_told_in_plain_english():
+    english = Texts(ENGLISH)
+    assert [english.word(each) for each in ("bad_frame", "timeout", "ok")] == ["broken frame", "time-out", "ok"]
+    assert [each for each in RESULTS if "_" in english.word(each)] == []
+
+
 @cache
 def extracted(template: str) -> dict[str, frozenset[str]]:
     """The texts of a template, each with its placeholders."""
@@ -181,7 +190,8 @@ def words_of_the_gateway() -> set[str]:
     states = {word for cls in (LineStatus, UnitStatus) for word in get_args(get_type_hints(cls)["state"])}
     errors = (each for each in vars(gateway.errors).values() if isinstance(each, type))
     results = {each.result for each in errors if issubclass(each, RequestError)}
-    return {*states, *results, *get_args(Role), "ok", "exception"}
+    exceptions = {exception_name(code) for code in range(256)}
+    return {*states, *results, *get_args(Role), *exceptions, *problems._WHYS.values(), "ok", "exception"}
 
 
 @pytest.mark.parametrize("code", OTHERS)
@@ -189,7 +199,7 @@ def test_every_word_of_the_gateway_is_translated(code):
     assert words_of_the_gateway() <= set(words(code))
 
 
-@pytest.mark.parametrize("code", OTHERS)
+@pytest.mark.parametrize("code", LANGUAGES)
 def test_no_word_is_translated_that_the_gateway_does_not_have(code):
     constants = {
         node.value
@@ -230,6 +240,6 @@ def test_a_script_uses_each_of_its_texts_and_no_others(name):
 
 
 def test_every_language_has_its_files_and_no_others():
-    assert sorted(path.name for path in FOLDER.iterdir()) == sorted(OTHERS)
+    assert sorted(path.name for path in FOLDER.iterdir()) == sorted(LANGUAGES)
     for script in (STATIC / "texts").iterdir():
         assert script.name.split(".")[1:] in [[code, "js"] for code in LANGUAGES]

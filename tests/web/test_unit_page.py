@@ -152,7 +152,7 @@ async def test_failures_are_counted_by_kind_and_told(bench, device):
     device.silent = True
     await read(bench, 1, "04 00 00 00 01")
     page = (await bench.browser().get(PAGE)).text
-    assert re.search(r'timeout</th><td class="number">1</td><td>No response came within the limit.', page)
+    assert re.search(r'time-out</th><td class="number">1</td><td>No response came within the limit.', page)
     assert re.search(r'exception 04</th><td class="number">1</td>', page)
     assert "10.0.0.9:49152: read input 0 (30001)" in page
     assert re.search(r"No response came within 20\d\d ms\.", page)
@@ -186,7 +186,7 @@ async def test_points_are_read_when_somebody_wants_it_and_are_shown_with_their_a
     page = (await browser.get(PAGE)).text
     assert cells(page, "level")[1:] == ["12.3", "m", "7 s ago"]
     assert cells(page, "mode")[1:] == ["auto", "", "7 s ago"]
-    assert cells(page, "start")[1] == "written only"
+    assert cells(page, "start")[1] == "write-only"
 
 
 async def test_points_that_many_want_at_once_are_read_once(bench, device):
@@ -342,7 +342,7 @@ async def test_what_followed_a_failure_is_counted_beside_its_cause(bench, device
     page = (await bench.browser().get(PAGE)).text
     stories = page.partition('<ul class="stories"')[2].partition("</ul>")[0]
     assert "No response came within" in stories
-    assert re.search(r"\d+ more not sent: overdue", stories)
+    assert re.search(r"\d+ more not sent: late response awaited", stories)
     assert "Nothing was sent" not in stories
     assert re.search(r"Each request without a valid response kept about \d+ others from being sent", page)
 

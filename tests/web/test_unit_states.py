@@ -1,4 +1,4 @@
-"""What pages say of units and lines: states of the last minutes, and what doctor says must be mended."""
+"""What pages say of units and lines: states of the last minutes, and what doctor says must be fixed."""
 
 import asyncio
 from types import SimpleNamespace
@@ -74,7 +74,7 @@ async def test_units_that_nobody_has_asked_are_shown_so(bench):
     assert "not asked" in (await bench.browser().get("/units/unused")).text
 
 
-async def test_what_health_says_must_be_mended_is_on_the_first_page(bench):
+async def test_what_health_says_must_be_fixed_is_on_the_first_page(bench):
     for _ in range(3):
         await bench.inner.client().asks(7, "03 00 00 00 01")
     page = (await bench.browser().get("/")).text
@@ -82,7 +82,7 @@ async def test_what_health_says_must_be_mended_is_on_the_first_page(bench):
     assert "/dev/hall does not exist" in page
     units = page.index('id="units"')
     assert page.index('href="/units/oven"', units) < page.index('href="/units/press"', units)
-    assert '<a href="/health">Health</a> · 2 fix' in page
+    assert '<a href="/health">Health</a> · 2 to fix' in page
 
 
 async def test_if_nothing_is_wrong_it_is_said(bench, monkeypatch):
@@ -91,7 +91,7 @@ async def test_if_nothing_is_wrong_it_is_said(bench, monkeypatch):
     await bench.inner.client().asks(6, "03 00 00 00 01")
     page = (await bench.browser().get("/")).text
     assert "All lines are up, and all units that were asked answer." in page
-    assert "nothing to mend" not in page.partition("Health</a> · 1 note")[2][:200]
+    assert "nothing to fix" not in page.partition("Health</a> · 1 note")[2][:200]
 
 
 async def test_rows_of_health_lead_to_lines_and_units(bench):

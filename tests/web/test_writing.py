@@ -371,9 +371,21 @@ async def test_a_write_that_was_not_sent_is_not_perhaps_written(anna, device):
     assert len(written(device)) == 1
 
 
+async def test_a_write_to_a_unit_that_rests_says_when_it_is_tried_again(anna, device):
+    device.silent = True
+    for _ in range(3):
+        await anna.post(await asked(anna, point="speed", value="12.5"))
+        await asyncio.sleep(2)
+    question = await asked(anna, point="speed", value="12.5")
+    await anna.post(question)
+    said = "not sent: the unit has not answered and rests, next try in "
+    assert re.search(rf"exception 0B, gateway target failed to respond: {said}\d+ s", text(await anna.get(question)))
+    chinese = text(await anna.get(f"{question}?lang=zh"))
+    assert re.search(r"异常响应 0B.网关目标设备未响应.未发送.该单元没有响应.暂停请求.\d+ 秒后重试", chinese)
+
+
 def test_a_request_that_was_not_sent_says_so_and_why():
-    assert complaint(Answer(b"\x86\x0b", 0.1, "resting")) == (
-        "exception 0B, gateway target failed to respond: "
-        "not sent, because the unit has not answered and is left alone for a while"
+    assert str(complaint(Answer(b"\x86\x0b", 0.1, "resting"))) == (
+        "exception 0B, gateway target failed to respond: not sent: the unit has not answered and rests"
     )
-    assert complaint(Answer(b"\x86\x02", 0.1)) == "exception 02, illegal data address"
+    assert str(complaint(Answer(b"\x86\x02", 0.1))) == "exception 02, illegal data address"

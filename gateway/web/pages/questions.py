@@ -9,6 +9,7 @@ from typing import Final
 
 from gateway.profiles.reading import Reading
 from gateway.web.answers import Unit
+from gateway.web.problems import Complaint
 
 #: How long a question may be answered, and what became of it be seen, in seconds; and how many there are at a time.
 PATIENCE: Final = 120.0
@@ -18,15 +19,15 @@ MOST: Final = 64
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What the unit has answered: an exception in words, or what it has afterwards, if that could be read.
+    """What the unit has answered: an exception, or what it has afterwards, if that could be read.
 
     After some exceptions it `may_have_acted` all the same.
     """
 
-    exception: str
+    exception: Complaint | str | None
     elapsed_ms: float
     after: tuple[bytes | None, ...] = ()
-    why_not_read: str = ""
+    why_not_read: Complaint | str | None = None
     may_have_acted: bool = False
 
 
@@ -44,7 +45,7 @@ class Question:
     owner: str
     wanted: tuple[Reading, ...]
     pdu: bytes
-    why_no_old: str
+    why_no_old: Complaint | str | None
     asked_at: float
     is_sent: bool = False
     result: Result | None = None

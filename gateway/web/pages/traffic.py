@@ -111,4 +111,4 @@ def _outcome_in_words(row: Mapping[str, Any], word: Any) -> str:
         return word(_OWNERS.get(row["owner"], row["owner"])) if row["owner"] != "noise" else row["frame"] or ""
     if row["response"]:
         return response_in_words(bytes.fromhex(row["request"]), bytes.fromhex(row["response"]), word)
-    return row["reason"] or (word(row["result"]).replace("_", " ") if row["kind"] == "refused" else "")
+    return row["reason"] or (word(row["result"]) if row["kind"] == "refused" else "")

@@ -24,9 +24,9 @@ from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
-from gateway.web.pages.unit_states import SLOTS, states_of
+from gateway.web.pages.unit_states import SLOTS, rests_ms, states_of
 from gateway.web.pages.writing import WriteRights
-from gateway.web.problems import Handler, ProblemError, exception_name
+from gateway.web.problems import Complaint, Handler, ProblemError, exception_name
 from gateway.web.renderer import Renderer
 from gateway.web.shared_reads import SharedReads, readable
 from gateway.web.unit_answers import Kept
@@ -49,7 +49,7 @@ class ShownPoint:
     age_ms: float | None
     source: str = ""
     is_stale: bool = False
-    trouble: str = ""
+    trouble: Complaint | None = None
 
 
 class UnitPage:
@@ -124,11 +124,11 @@ class UnitPage:
         unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
         asked = {**_USUAL, **{name: request.query.get(name, usual) for name, usual in _USUAL.items()}}
         area, points = _asked_for(asked)
-        outcome, why = Outcome(), ""
+        outcome, why = Outcome(), None
         try:
             outcome = await read(unit, points, self._ask(unit, request))
         except ProblemError as problem:
-            why = problem.detail
+            why = problem.complaint or problem.detail
         shown = [_shown(reading, None) for reading in outcome.readings]
         return await self._renderer.page(
             "values.html",
@@ -138,6 +138,7 @@ class UnitPage:
             values=shown,
             elapsed_ms=outcome.elapsed_ms,
             why=why,
+            rests_ms=rests_ms(unit, await self._answers.status()) if why else 0.0,
             **_form(asked),
             **self._rights.of(unit, visitor).as_content(),
         )
@@ -192,7 +193,7 @@ def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:
     return ShownPoint(point, reference(point.area, point.address), point.show(reading.value), age_ms)
 
 
-def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: str) -> ShownPoint:
+def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: Complaint | None) -> ShownPoint:
     """What is known of a point: what was read or what a mirror has, whichever is newer."""
     if kept is None or kept.age_ms is None:
         return was_read or ShownPoint(point, reference(point.area, point.address), "", None, trouble=trouble)

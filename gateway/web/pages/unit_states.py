@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from gateway.timing.history import Past, UnitUse
+from gateway.web.answers import Status, Unit
 from gateway.web.past import together
 
 #: So many slots of the history count, the present one among them: 10 to 20 minutes.
@@ -25,6 +26,11 @@ class ShownState:
     def unanswered_share(self) -> float:
         """The share of requests without an answer."""
         return self.use.unanswered / self.use.requests if self.use.requests else 0.0
+
+
+def rests_ms(unit: Unit, status: Status) -> float:
+    """How long a unit is left alone from now on, because it has not answered."""
+    return next((each.rests_ms for each in status.units if (each.unit, each.name) == (unit.unit, unit.name)), 0.0)
 
 
 def states_of(units: Iterable[Any], past: Past) -> Mapping[str, ShownState]:

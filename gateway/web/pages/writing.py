@@ -25,7 +25,8 @@ from gateway.web.pages.addresses import page_of, path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.questions import PATIENCE, Question, Questions, Result
-from gateway.web.problems import Handler, ProblemError, complaint
+from gateway.web.pages.unit_states import rests_ms
+from gateway.web.problems import Complaint, Handler, ProblemError, complaint
 from gateway.web.renderer import Renderer
 from gateway.web.shared_reads import SharedReads
 from gateway.web.values import Ask, point_named, prepared, read, values_at
@@ -36,6 +37,10 @@ GRACE: Final = 2.0
 _UNCERTAIN: Final = frozenset({ExceptionCode.ACKNOWLEDGE, ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND})
 _NOT_SENT: Final = frozenset({"overdue", "resting", "echo_suspected", "stale"})
 _CHANGED: Final = "the config has changed since this was asked: nothing was sent; begin again at the page of the unit"
+
+
+#: Why something could not be read; None if it could.
+_Why = Complaint | str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +132,7 @@ class WritePages:
             function=question.pdu[0],
             function_name=function_name,
             patience=int(PATIENCE),
+            rests_ms=rests_ms(unit, await self._answers.status()),
         )
 
     async def confirm(self, request: web.Request) -> web.Response:
@@ -161,7 +167,7 @@ class WritePages:
             return Result(complaint(answer), answer.elapsed_ms, may_have_acted=_may_have_acted(answer))
         points = [each.point for each in question.wanted]
         after, why = await self._read(unit, points, lambda pdu: self._answers.ask(unit.unit, pdu, asker))
-        return Result("", answer.elapsed_ms, tuple(after), why)
+        return Result(None, answer.elapsed_ms, tuple(after), why)
 
     def _is_as_asked(self, question: Question) -> bool:
         """Whether the same unit still answers, and its points still mean the same."""
@@ -171,15 +177,15 @@ class WritePages:
         except WrongQuestion:
             return False
 
-    async def _read(self, unit: Unit, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], str]:
+    async def _read(self, unit: Unit, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], _Why]:
         """The items of the points, and why there are none."""
         if any(point.write == "only" for point in points):
-            return [None] * len(points), ""
+            return [None] * len(points), None
         try:
             outcome = await read(unit, points, ask)
         except ProblemError as problem:
-            return [None] * len(points), problem.detail
-        return [each.items for each in outcome.readings], ""
+            return [None] * len(points), problem.complaint or problem.detail
+        return [each.items for each in outcome.readings], None
 
     def _question(self, request: web.Request) -> Question | None:
         """The question that the address names, if this visitor has asked it."""
