@@ -64,3 +64,11 @@ class Target(Protocol):
 
     def submit(self, request: Request, now: float) -> None:
         """Take over `request`, which arrived at `now`, and finish it."""
+
+
+class NamedTarget(Target, Protocol):
+    """One with a name, for the trace; empty for that of all units together."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""

@@ -11,6 +11,8 @@ MOST = 18
 PACKAGE = Path(gateway.__file__).parent
 #: A table of the config file has an attribute for each of its keys, and those are the operator's.
 TABLES = frozenset({"gateway.config.schema.Line"})
+#: One object for all that is known of a failure: a second one would cost the ring 50 bytes more.
+RECORDS = frozenset({"gateway.trace.records.Incident"})
 #: Not split yet.
 TOO_LARGE = frozenset({"gateway.lines.counts.Counts", "gateway.devices.quirks.MovableDevice"})
 
@@ -56,7 +58,7 @@ def own_attributes(node: ast.ClassDef) -> set[str]:
 
 def test_no_class_has_more_than_eighteen_attributes() -> None:
     sizes = {f"{name}.{each}": len(attributes(name, each)) for name, each in class_names()}
-    assert {name for name, size in sizes.items() if size > MOST} == TABLES | TOO_LARGE
+    assert {name for name, size in sizes.items() if size > MOST} == TABLES | RECORDS | TOO_LARGE
 
 
 def test_inherited_and_imported_attributes_are_counted() -> None:

@@ -62,6 +62,7 @@ class Image:
         product: str = PRODUCT,
     ) -> None:
         self.settings = settings
+        self.name = settings.name
         self.tables = make_tables(settings.areas, settings.initial)
         self.counts = Counts()
         self.last_writes = LastWrites()

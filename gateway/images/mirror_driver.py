@@ -30,6 +30,7 @@ class MirrorDriver:
         ring: Ring | None = None,
     ) -> None:
         self.device = device
+        self.name = settings.name
         self.mirror = Mirror(settings, device, self, emit, ring)
         self.client = f"mirror {settings.name}"
         self._emit = emit

@@ -307,8 +307,8 @@ class Line:
                 else:
                     self._refuse(transaction, rejection, now)
         finally:
-            for request in late:
-                self._scheduler.recorder.expired(request, errors.WaitedTooLong(), now)
+            for request, name in late:
+                self._scheduler.recorder.expired(request, name, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
             for transaction in given_up:
                 self._refuse(transaction, errors.ResponseTimeout(), now)

@@ -140,16 +140,17 @@ class WaitingQueue:
                 ring.rotate(-1)
         return None
 
-    def expired(self, now: float) -> list[Request]:
-        """Remove the requests that have waited too long at `now`."""
+    def expired(self, now: float) -> list[tuple[Request, str]]:
+        """Remove the requests that have waited too long at `now`; with the names of the devices that they are for."""
         late = []
         expiries, waiting = self._expiries, self._waiting
         while expiries and (expiries[0][1] not in waiting or expiries[0][0] <= now):
             _, request = expiries.popleft()
             if request in waiting:
-                waiting[request].counts.expired += 1
+                transaction = waiting[request]
+                transaction.counts.expired += 1
+                late.append((request, transaction.device.name))
                 self._withdraw(request)
-                late.append(request)
         return late
 
     def waits_since(self) -> float:

@@ -41,6 +41,7 @@ class Recorder:
             Exchange(
                 now,
                 self._line,
+                over.device.name,
                 over.client,
                 first.unit,
                 over.unit,
@@ -80,9 +81,9 @@ class Recorder:
         for request in refused.requests:
             self._ring.refuse(request, error, now, line=self._line, name=refused.device.name, until=until, count=count)
 
-    def expired(self, request: Request, error: RequestError, now: float) -> None:
-        """A request has waited for too long and was not sent."""
-        self._ring.refuse(request, error, now, line=self._line)
+    def expired(self, request: Request, name: str, error: RequestError, now: float) -> None:
+        """A request for the device called `name` has waited for too long and was not sent."""
+        self._ring.refuse(request, error, now, line=self._line, name=name)
 
     def heard(self, token: Token, owner: str) -> None:
         """A frame was heard that is not the answer; whose it is."""
@@ -101,6 +102,7 @@ class Recorder:
         record = Incident(
             now,
             self._line,
+            over.device.name,
             over.client,
             first.unit,
             over.unit,

@@ -69,8 +69,8 @@ class Scheduler:
         """Let a transaction wait to be sent again; see WaitingQueue."""
         self._queue.put_back(transaction)
 
-    def expired(self, now: float) -> list[Request]:
-        """Remove the requests that have waited too long at `now`."""
+    def expired(self, now: float) -> list[tuple[Request, str]]:
+        """Remove the requests that have waited too long at `now`; see WaitingQueue."""
         return self._queue.expired(now)
 
     def given_up(self, now: float) -> list[Transaction]:

@@ -272,8 +272,8 @@ class SerialSession:
     def _record(self, request: Request, response: bytes | None, now: float, reason: str = "") -> None:
         """Keep what passed on the line, or why nothing did."""
         if self._ring.is_on:
-            name, unit, asked = self.client, request.unit, request.pdu
-            self._ring.add(Answered(now, name, name, name, unit, asked, response, request.received_at, reason))
+            line, unit, asked = self.client, request.unit, request.pdu
+            self._ring.add(Answered(now, line, "", line, unit, asked, response, request.received_at, reason))
 
     def _drop(self) -> None:
         self._current = None

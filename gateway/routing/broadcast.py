@@ -21,6 +21,8 @@ class Recipient(NamedTuple):
 class Broadcast:
     """A Target that copies a write to all recipients that accept its function, and ends when all have finished."""
 
+    name = ""
+
     def __init__(self, recipients: Collection[Recipient], ring: Ring | None = None) -> None:
         self._recipients = recipients
         self._ring = ring or Ring()

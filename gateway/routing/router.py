@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from gateway import errors, events
 from gateway.modbus.functions import only_reads
-from gateway.request import Request, Target
+from gateway.request import NamedTarget, Request
 from gateway.routing.access import EntryPoint, Rights
 from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
@@ -37,7 +37,7 @@ class Router:
     ) -> None:
         """`clock` is that of the requests; `why_no_route` is for the log."""
         self.entry = entry
-        self.routes: Mapping[int, Target] = {}
+        self.routes: Mapping[int, NamedTarget] = {}
         self.rights = Rights((), entry)
         self.counts = Counts()
         self._clock = clock
@@ -64,7 +64,7 @@ class Router:
             self._submit_other(request, target, now, rights, identity)
 
     def _submit_other(
-        self, request: Request, target: Target | None, now: float, rights: Rights, identity: Identity
+        self, request: Request, target: NamedTarget | None, now: float, rights: Rights, identity: Identity
     ) -> None:
         """Submit a write, or fail a request without a route or a right."""
         pdu = request.pdu
@@ -92,7 +92,7 @@ class Router:
                 )
             )
             denial = errors.AccessDenied(f"through {self.entry.name}")
-            self._ring.refuse(request, denial, now)
+            self._ring.refuse(request, denial, now, name=target.name)
             request.fail(denial)
 
 

@@ -23,7 +23,7 @@ from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import Opener
-from gateway.request import Target
+from gateway.request import NamedTarget
 from gateway.routing.access import EntryPoint, KnownAs, Rights
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
@@ -46,7 +46,7 @@ class Way(NamedTuple):
     """A router, its routes, and the units for access rows that name no listener."""
 
     router: Router
-    routes: Mapping[int, Target]
+    routes: Mapping[int, NamedTarget]
     known_as: KnownAs
 
 
@@ -133,7 +133,7 @@ def build(
     mirrors = tuple(
         old.mirror(one, named[one.of]) or MirrorDriver(one, named[one.of], loop, emit, ring) for one in plan.mirrors
     )
-    targets: dict[int, Target] = {image.settings.unit: image for image in images}
+    targets: dict[int, NamedTarget] = {image.settings.unit: image for image in images}
     for units, line_plan in zip(on_lines, plan.lines, strict=True):
         targets |= {unit: device for unit, device in units.items() if unit not in line_plan.own_units}
     for upstream in upstreams:
@@ -227,7 +227,7 @@ def _recipient(image: Image) -> Recipient:
     return Recipient(image, image.settings.profile.broadcasts)
 
 
-def _served(reach: Reach, server: ServerPlan, ring: Ring) -> dict[int, Target]:
+def _served(reach: Reach, server: ServerPlan, ring: Ring) -> dict[int, NamedTarget]:
     """The routes of a server line: the units that it serves, and as unit 0 the recipients of its broadcasts."""
     served = {unit: reach.routes[unit] for unit in server.line.serves}
     images = [_recipient(target) for target in served.values() if isinstance(target, Image)]

@@ -50,14 +50,16 @@ class Measured:
 def measured(gateway: Gateway, wanted: object) -> Measured:
     """The times of the device that has this number, or this name.
 
+    A number is that of the device which every client can reach; else that on the first line where it is an address.
+
     Raises:
         WrongQuestion: there is none, or it is on no line.
     """
     unit = find_unit(gateway.plan, wanted)
-    for line in gateway.lines:
-        device = line.devices.get(unit)
-        if device is not None:
-            return _measured(line, device)
+    found = [line for line in gateway.lines if unit in line.devices]
+    if found:
+        line = min(found, key=lambda each: unit in each.plan.own_units)
+        return _measured(line, line.devices[unit])
     raise WrongQuestion(f"unit {unit} is not a device on a line: only those have a timing table")
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from gateway.devices.device import Device
 from gateway.images.mirror_driver import MirrorDriver
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, SERVER_UNIT
-from gateway.request import Target
+from gateway.request import NamedTarget
 from gateway.routing.access import AS_NUMBERED, KnownAs
 from gateway.routing.broadcast import Recipient
 
@@ -18,30 +18,30 @@ from gateway.routing.broadcast import Recipient
 class Reach(NamedTuple):
     """The target of each unit identifier, the recipients of broadcasts, and the units for rows without listeners."""
 
-    routes: Mapping[int, Target]
+    routes: Mapping[int, NamedTarget]
     recipients: Collection[Recipient]
     known_as: KnownAs
 
 
-def everything(routes: Mapping[int, Target], recipients: Collection[Recipient]) -> Reach:
+def everything(routes: Mapping[int, NamedTarget], recipients: Collection[Recipient]) -> Reach:
     """All units by their own numbers; the target of unit 255 takes broadcasts too."""
     is_served = SERVER_UNIT in routes
     return Reach(routes, recipients, (*AS_NUMBERED[:SERVER_UNIT], (SERVER_UNIT,)) if is_served else AS_NUMBERED)
 
 
-def one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, Target]) -> Reach:
+def one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, NamedTarget]) -> Reach:
     """The devices of a line by their addresses in the config; the first one if several have the same.
 
     A device that moves keeps the address in the config, as it keeps its unit.
     """
-    routes: dict[int, Target] = {}
+    routes: dict[int, NamedTarget] = {}
     for device in devices:
         if device.settings.unit != BROADCAST_UNIT:
             routes.setdefault(device.settings.unit, device)
     return Reach(routes, [recipient], _known_as(devices, elsewhere))
 
 
-def _known_as(devices: Collection[Device], elsewhere: Mapping[int, Target]) -> KnownAs:
+def _known_as(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget]) -> KnownAs:
     """The units by which other clients reach each address through `elsewhere`: its own, or those of mirrors.
 
     An address that they cannot reach counts by its own number, unless another target has that. Address 0 stands for
@@ -57,6 +57,6 @@ def _known_as(devices: Collection[Device], elsewhere: Mapping[int, Target]) -> K
     return tuple(map(tuple, known))
 
 
-def _mirrors_of(device: Device, routes: Mapping[int, Target]) -> list[int]:
+def _mirrors_of(device: Device, routes: Mapping[int, NamedTarget]) -> list[int]:
     """The units of the mirrors of a device."""
     return [unit for unit, target in routes.items() if isinstance(target, MirrorDriver) and target.device is device]

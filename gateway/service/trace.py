@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from gateway.errors import RequestError, WrongQuestion
 from gateway.service.build import Gateway
-from gateway.service.operator import find_unit, names
+from gateway.service.operator import find_unit
 from gateway.service.parts import GatewayLine, GatewayServer
+from gateway.service.unit_names import UnitNames
 from gateway.trace.records import MOST_STORIES, Answered, Exchange, Heard, Incident, PortChanged, Record, Refused
 from gateway.trace.results import RESULTS, function_of, has_result
 from gateway.trace.ring import STEP
@@ -29,7 +30,7 @@ _OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then mod
 Fact = dict[str, Any]
 Clock = tuple[float, float]
 """The time of the event loop, and that of the day, at the same moment."""
-Tell = Callable[[Record, Clock, Mapping[int, str]], Any]
+Tell = Callable[[Record, Clock, UnitNames], Any]
 Choose = Callable[[Sequence[Record]], Sequence[Record]]
 
 
@@ -55,10 +56,10 @@ def page(
     records = ring.after(number)
     following = max(number, ring.first) + len(records)
     begins_at = ring.begins_at
-    names_of = names(gateway.plan)
+    names = UnitNames(gateway.plan)
     chosen = choose([record for record in records if is_wanted(record)])
     return {
-        "facts": [(tell or fact)(record, clock, names_of) for record in chosen],
+        "facts": [(tell or fact)(record, clock, names) for record in chosen],
         "next": following,
         "missed": max(0, ring.first - number),
         "is_all": following == ring.added,
@@ -108,12 +109,12 @@ def stories(
     if not isinstance(count, int) or not 1 <= count <= MOST_STORIES:
         raise WrongQuestion(f'"count" must be 1 to {MOST_STORIES}')
     is_wanted = _filter(gateway, question.get("line"), None)
-    unit = _unit_called(gateway, who)
+    unit, names = _unit_called(gateway, who), UnitNames(gateway.plan)
+    is_his = _asked_by_any(who) if unit is None else names.is_of(unit)
     found = []
     for record in gateway.ring.failures():
-        is_his = _is_of(record, unit) if unit is not None else _is_from(record, who)
-        if is_his and is_wanted(record) and is_seen(record):
-            found.append(_story(gateway, record, clock))
+        if is_his(record) and is_wanted(record) and is_seen(record):
+            found.append(_story(gateway, record, clock, names))
             if len(found) == count:
                 break
     clients = sorted({each for record in gateway.ring.failures() for each in _clients(record)})
@@ -133,10 +134,12 @@ def causes(
     """
     if not gateway.ring.is_on:
         raise WrongQuestion(_OFF)
+    names = UnitNames(gateway.plan)
+    is_his = names.is_of(unit)
     found: list[tuple[Fact, Counter[str]]] = []
     followed, first_of_them, last = Counter[str](), None, ""
     for record in gateway.ring.failures():
-        if not _is_of(record, unit) or not is_seen(record):
+        if not is_his(record) or not is_seen(record):
             continue
         result = record.error.result if isinstance(record, Refused) else ""
         if result in _CONSEQUENCES:
@@ -147,24 +150,24 @@ def causes(
         elif len(found) == most:
             break
         else:
-            found.append((_story(gateway, record, clock), followed))
+            found.append((_story(gateway, record, clock, names), followed))
             followed, first_of_them, last = Counter[str](), None, result
     else:
         if first_of_them is not None and len(found) < most:  # the cause is no longer kept
-            story = _story(gateway, first_of_them, clock)
+            story = _story(gateway, first_of_them, clock, names)
             followed[story["result"]] -= 1
             found.append((story, followed))
     return [(story, {result: count for result, count in counts.items() if count}) for story, counts in found]
 
 
-def fact(record: Record, clock: Clock, names_of: Mapping[int, str]) -> Fact:
+def fact(record: Record, clock: Clock, names: UnitNames) -> Fact:
     """One record."""
     kind, tell = next((kind, tell) for each, kind, tell in _FACTS if isinstance(record, each))
     told = {"kind": kind, "time": _time(record.at, clock), "line": record.line}
     unit = getattr(record, "unit", None)
     if unit is not None:
         told["unit"] = unit
-        told["name"] = getattr(record, "name", "") or names_of.get(unit, "")
+        told["name"] = names.of(record)
     return told | tell(record, clock)
 
 
@@ -196,22 +199,20 @@ def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], 
     known = [each["name"] for each in lines(gateway)]
     if line is not None and line not in known:
         raise WrongQuestion(f'there is no line "{line}"; there are {", ".join(known)}')
-    number = None if unit is None else find_unit(gateway.plan, unit)
+    if unit is None:
+        return lambda record: line is None or record.line == line
+    names = UnitNames(gateway.plan)
+    is_his, name = names.is_of(unit), names.shared.get(find_unit(gateway.plan, unit))
     places = {
-        (part.name, device.unit)
-        for part in gateway.lines
-        for known_as, device in part.devices.items()
-        if known_as == number
+        (part.name, device.unit) for part in gateway.lines for device in part.devices.values() if device.name == name
     }
 
     def is_wanted(record: Record) -> bool:
         if line is not None and record.line != line:
             return False
-        if number is None:
-            return True
         if isinstance(record, Heard):
             return (record.line, record.frame[0]) in places
-        return getattr(record, "unit", None) == number
+        return is_his(record)
 
     return is_wanted
 
@@ -230,13 +231,9 @@ def _asked_by(record: Record, who: str) -> bool:
     return any(who in (client, client.rpartition(":")[0].strip("[]"), client.rpartition("@")[2]) for client in clients)
 
 
-def _is_of(record: Record, unit: int) -> bool:
-    return getattr(record, "unit", None) == unit
-
-
-def _is_from(record: Record, who: str) -> bool:
+def _asked_by_any(who: str) -> Callable[[Record], bool]:
     """Whether it is from a client that is called so, or has this address."""
-    return any(client == who or client.rpartition(":")[0].strip("[]") == who for client in _clients(record))
+    return lambda record: any(who in (each, each.rpartition(":")[0].strip("[]")) for each in _clients(record))
 
 
 def _clients(record: Record) -> list[str]:
@@ -244,13 +241,14 @@ def _clients(record: Record) -> list[str]:
     return [record.client, *others] if isinstance(record, Exchange | Refused) else others
 
 
-def _story(gateway: Gateway, record: Record, clock: Clock) -> Fact:
+def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> Fact:
     """A failure with what else there is to know of it: what it waited behind, and why its line is down."""
-    told = fact(record, clock, names(gateway.plan))
+    told = fact(record, clock, names)
     if isinstance(record, Exchange | Refused):
         end = record.sent_at if isinstance(record, Exchange) else record.at
-        behind = list(_on_line_between(gateway, record.line, record.received_at, end, record))
-        told["behind"] = [{"unit": unit, "name": names(gateway.plan).get(unit, "")} for unit in dict.fromkeys(behind)]
+        others = _on_line_between(gateway, record.line, record.received_at, end, record)
+        behind = [(each.unit, names.of(each)) for each in others]
+        told["behind"] = [{"unit": unit, "name": name} for unit, name in dict.fromkeys(behind)]
         told["behind_count"] = len(behind)
     told["mode"] = next((each["mode"] for each in lines(gateway) if each["name"] == record.line), "")
     trouble = next((part.reconnector.error for part in gateway.parts if part.name == record.line), None)
@@ -258,15 +256,15 @@ def _story(gateway: Gateway, record: Record, clock: Clock) -> Fact:
     return told
 
 
-def _on_line_between(gateway: Gateway, line: str, begin: float, end: float, than: Record) -> Iterator[int]:
-    """The units that were asked on this line meanwhile."""
+def _on_line_between(gateway: Gateway, line: str, begin: float, end: float, than: Record) -> Iterator[Exchange]:
+    """What was asked on this line meanwhile."""
     if end <= begin:
         return
     ring = gateway.ring
     number = max(ring.number_at(begin), ring.first)
     for record in ring.after(number, _LOOK_BACK):
         if record is not than and isinstance(record, Exchange) and record.line == line and record.sent_at < end:
-            yield record.unit
+            yield record
 
 
 def _time(at: float, clock: Clock) -> float:

@@ -15,9 +15,9 @@ from gateway.ports.threads import ThreadPerCall
 from gateway.routing.access import READING, Right
 from gateway.service.build import Gateway
 from gateway.service.capture import description, packets
-from gateway.service.operator import names
 from gateway.service.sampling import Sample
 from gateway.service.trace import Clock, Fact, fact, lines, page, wanted
+from gateway.service.unit_names import UnitNames
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import Exchange, Heard, PortChanged, Record
 from gateway.trace.results import FAILURES
@@ -48,12 +48,12 @@ class Texts:
         #: By the identity of the record, which is kept with its text so that no other can have it.
         self._texts: OrderedDict[int, tuple[Record, str]] = OrderedDict()
 
-    def of(self, record: Record, clock: Clock, names_of: Mapping[int, str]) -> str:
+    def of(self, record: Record, clock: Clock, names: UnitNames) -> str:
         """The text of a record with its values."""
         found = self._texts.get(id(record))
         if found is not None:
             return found[1]
-        text = json.dumps(fact(record, clock, names_of), ensure_ascii=False)
+        text = json.dumps(fact(record, clock, names), ensure_ascii=False)
         self._texts[id(record)] = (record, text)
         if len(self._texts) > _MOST_TEXTS:
             self._texts.popitem(last=False)
@@ -101,10 +101,10 @@ class TraceReader:
         gateway, clock = self._gateway(), _clock()
         may_see = what_is_seen(gateway, self._host)
 
-        def tell(record: Record, clock: Clock, names_of: Mapping[int, str]) -> str:
+        def tell(record: Record, clock: Clock, names: UnitNames) -> str:
             if may_see(record):
-                return self._texts.of(record, clock, names_of)
-            return json.dumps(without_values(fact(record, clock, names_of)), ensure_ascii=False)
+                return self._texts.of(record, clock, names)
+            return json.dumps(without_values(fact(record, clock, names)), ensure_ascii=False)
 
         found = page(gateway, {**self._chosen, **place}, clock, tell, self._choose)
         self._after, self._is_up_to_date = found["next"], found["is_all"]
@@ -130,12 +130,12 @@ async def latest(gateway: Gateway, question: Question, host: str, most: int) -> 
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
     clock, is_wanted, may_see = _clock(), wanted(gateway, question), what_is_seen(gateway, host)
-    names_of = names(gateway.plan)
+    names = UnitNames(gateway.plan)
     found: list[Fact] = []
     for records in _newest_first(gateway.ring, only_failures=question.get("result") in FAILURES):
         for record in records:
             if is_wanted(record) and len(found) < most:
-                told = fact(record, clock, names_of)
+                told = fact(record, clock, names)
                 found.append(told if may_see(record) else without_values(told))
         if len(found) >= most:
             break
@@ -170,8 +170,8 @@ async def capture(gateway: Gateway, question: Question, host: str) -> AsyncItera
     writer, may_see = Writer(f"modbus-gateway {__version__}"), what_is_seen(gateway, host)
     chosen = _choices(question)
 
-    def tell(record: Record, clock: Clock, names_of: Mapping[int, str]) -> Fact | None:
-        return fact(record, clock, names_of) if may_see(record) else None
+    def tell(record: Record, clock: Clock, names: UnitNames) -> Fact | None:
+        return fact(record, clock, names) if may_see(record) else None
 
     def written(facts: Sequence[Fact | None]) -> bytes:
         frames = (packet for each in facts if each is not None for packet in packets(each, modes))
@@ -194,23 +194,24 @@ def _choices(question: Question) -> Question:
 def what_is_seen(gateway: Gateway, host: str) -> MaySee:
     """Whether a reader at this address may see the values of a record: those that he may read over HTTP.
 
-    Written values and frames of unknown origin are only for clients with the right to read everything.
+    Written values, frames of unknown origin and units that only a listener for their line leads to are for clients with
+    the right to read everything.
     """
     rights = gateway.web.rights[host]
     if all(right >= READING for right in rights):
         return lambda _: True
-    units = {(line.name, device.unit): unit for line in gateway.lines for unit, device in line.devices.items()}
+    names = UnitNames(gateway.plan)
+    units = {name: unit for unit, name in names.shared.items()}
+    places = {(line.name, device.unit): device.name for line in gateway.lines for device in line.devices.values()}
 
     def is_seen(record: Record) -> bool:
         if isinstance(record, PortChanged):
             return True
         if isinstance(record, Heard):
-            unit = None if record.kind == "noise" else units.get((record.line, record.frame[0]))
-            return unit is not None and _may_read(rights[unit], record.frame[1:])
-        unit = getattr(record, "unit", 0)
-        if isinstance(record, Exchange):
-            unit = units.get((record.line, record.address), unit)
-        return _may_read(rights[unit], getattr(record, "request", b""))
+            name = "" if record.kind == "noise" else places.get((record.line, record.frame[0]), "")
+            return name in units and _may_read(rights[units[name]], record.frame[1:])
+        name = record.name if isinstance(record, Exchange) else names.of(record)
+        return name in units and _may_read(rights[units[name]], getattr(record, "request", b""))
 
     return is_seen
 

@@ -37,18 +37,19 @@ class Record:
 class Exchange(Record):
     """A request that was sent, and its `response`; None if nobody answers it.
 
-    `unit` is the client's number for the device, which is asked at `address`. The limit counts from `ends_at`, when the
-    request had left.
+    `unit` is the client's number for the device called `name`, which is asked at `address`. The limit counts from
+    `ends_at`, when the request had left.
     """
 
     __slots__ = (
-        "address", "client", "ends_at", "limit", "received_at", "request", "response", "sent_at", "unit",
+        "address", "client", "ends_at", "limit", "name", "received_at", "request", "response", "sent_at", "unit",
     )  # fmt: skip
 
     def __init__(
         self,
         at: float,
         line: str,
+        name: str,
         client: str,
         unit: int,
         address: int,
@@ -60,6 +61,7 @@ class Exchange(Record):
         limit: float,
     ) -> None:
         super().__init__(at, line, RECORD + 2 * BYTES + len(request) + (0 if response is None else len(response)))
+        self.name = name
         self.client = client
         self.unit = unit
         self.address = address
@@ -84,6 +86,7 @@ class Incident(Exchange):
         self,
         at: float,
         line: str,
+        name: str,
         client: str,
         unit: int,
         address: int,
@@ -94,7 +97,7 @@ class Incident(Exchange):
         ends_at: float,
         limit: float,
     ) -> None:
-        super().__init__(at, line, client, unit, address, request, response, received_at, sent_at, ends_at, limit)
+        super().__init__(at, line, name, client, unit, address, request, response, received_at, sent_at, ends_at, limit)
         self.error: RequestError | None = None
         self.heard = b""
         self.answered_by: int | None = None
@@ -109,7 +112,7 @@ class Incident(Exchange):
 
 
 class Refused(Record):
-    """A client's request that was not sent to anybody, and why.
+    """A client's request for the unit called `name` that was not sent to anybody, and why. No name: there is no unit.
 
     `until` is when a rest or a late window ends, 0 without one; `count` is of how many things there were too many:
     requests that waited, failures in a row.

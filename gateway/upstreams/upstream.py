@@ -224,8 +224,8 @@ class Upstream:
                     break
                 self._send(transaction, self._write, now)
         finally:
-            for request in late:
-                self._recorder.expired(request, errors.WaitedTooLong(), now)
+            for request, name in late:
+                self._recorder.expired(request, name, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
 
     def _must_wait(self, transaction: Transaction) -> bool:

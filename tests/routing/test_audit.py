@@ -16,6 +16,8 @@ CLIENT = "10.0.0.9:49152"
 class Hand:
     """A Target that keeps requests for the test to finish."""
 
+    name = "hand"
+
     def __init__(self) -> None:
         self.requests: list[Request] = []
 

@@ -24,6 +24,7 @@ class Bench:
     """A client with a certificate: what arrives at the units, what it is answered, and what is told of it."""
 
     client = "10.9.9.9:1"
+    name = "bench"
 
     def __init__(self, rows: tuple[Row, ...], role: str, host: str = ELSEWHERE, entry: EntryPoint = REMOTE) -> None:
         self.host = host

@@ -17,6 +17,8 @@ WRITER, READER = "127.0.0.1", "10.0.0.9"
 class Echo:
     """A Target that answers with the request."""
 
+    name = "echo"
+
     def submit(self, request: Request, now: float) -> None:
         request.respond(request.pdu)
 

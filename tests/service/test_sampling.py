@@ -6,11 +6,11 @@ from gateway.trace.records import Exchange, Incident, Refused
 
 
 def exchange(at: float) -> Exchange:
-    return Exchange(at, "hall", "c", 1, 1, b"\x03", b"\x03", at, at, at, 1.0)
+    return Exchange(at, "hall", "silo", "c", 1, 1, b"\x03", b"\x03", at, at, at, 1.0)
 
 
 def incident(at: float) -> Incident:
-    return Incident(at, "hall", "c", 1, 1, b"\x03", None, at, at, at, 1.0)
+    return Incident(at, "hall", "silo", "c", 1, 1, b"\x03", None, at, at, at, 1.0)
 
 
 def test_all_pass_while_there_is_room() -> None:

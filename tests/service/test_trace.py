@@ -6,9 +6,11 @@ from typing import Any
 import pytest
 
 from gateway.errors import WrongQuestion
+from gateway.service.calibration import measured
 from gateway.service.capture import heard_frame, packets
 from gateway.service.frames import frames_of
-from gateway.service.trace import TAIL, lines, page, stories
+from gateway.service.trace import TAIL, causes, lines, page, stories
+from gateway.service.trace_reader import what_is_seen
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -126,6 +128,97 @@ async def test_a_client_on_a_server_line_has_its_frames_there() -> None:
             ("panel", True, False),
             ("panel", False, True),
         ]
+
+
+NAMESAKES = (
+    CONFIG
+    + """
+[[line]]
+name = "yard"
+port = "/dev/yard"
+
+[[listen]]
+bind = "tcp://127.0.0.1:5020"
+[[listen]]
+bind = "tcp://127.0.0.1:5021"
+line = "yard"
+[[listen]]
+bind = "tcp://127.0.0.1:5022"
+line = "axis"
+
+[[access]]
+listen = ["tcp://127.0.0.1:5021", "tcp://127.0.0.1:5022"]
+allow = ["read"]
+[[access]]
+listen = ["tcp://127.0.0.1:5020"]
+allow = ["read", "write"]
+[[access]]
+listen = ["web"]
+units = [41]
+allow = ["read"]
+"""
+)
+
+
+async def ask_namesakes(home: GatewayBench) -> None:
+    """Unit 41 of everybody, and that of who can reach one line only, which both answer with an exception."""
+    home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+    home.attach("yard", SimulatedLine("rtu", SimulatedDevice(41)))
+    for listener in (0, 1):
+        await home.client(listener=listener).asks(41, "03 00 C8 00 01")
+    await home.client(listener=1).asks(41, "06 00 01 00 07")  # has no right to
+    await home.client(listener=2).asks(41, READ)  # is not there
+
+
+async def test_a_unit_of_one_line_is_not_its_namesake_of_all_others() -> None:
+    async with gateway_bench(NAMESAKES) as home:
+        await ask_namesakes(home)
+        told = [(each["unit"], each["name"]) for each in ask(home, since=60)["facts"] if "unit" in each]
+        assert told == [(41, "silo"), (41, "yard/41"), (41, "yard/41"), (41, "")]
+        for unit in (41, "silo"):
+            assert [each["name"] for each in ask(home, since=60, unit=unit)["facts"]] == ["silo"]
+        assert [each["name"] for each in stories(home.gateway, {"who": "silo"}, (0.0, 0.0))["stories"]] == ["silo"]
+        assert len(causes(home.gateway, 41, 9, (0.0, 0.0), lambda _: True)) == 1
+
+
+async def test_who_may_read_a_unit_does_not_see_its_namesake_on_another_line() -> None:
+    async with gateway_bench(NAMESAKES) as home:
+        await ask_namesakes(home)
+        may_see = what_is_seen(home.gateway, "10.2.0.7")
+        seen = [record.name for record in home.gateway.ring.failures() if may_see(record)]
+        assert seen == ["silo"]
+
+
+async def test_what_was_measured_of_a_unit_is_not_that_of_its_namesake() -> None:
+    yard, others = NAMESAKES.rpartition("[[line]]")[1:], NAMESAKES.rpartition("[[line]]")[0]
+    first = "".join(yard).replace("[[listen]]", others + "[[listen]]", 1)
+    async with gateway_bench(first) as home:
+        assert [line.name for line in home.gateway.lines] == ["yard", "hall", "axis"]
+        assert measured(home.gateway, 41).name == "silo"
+        assert measured(home.gateway, 7).name == "yard/7"
+
+
+async def test_a_number_that_is_only_an_address_on_a_line_means_all_that_are_called_so() -> None:
+    async with gateway_bench(NAMESAKES) as home:
+        home.attach("yard", SimulatedLine("rtu", SimulatedDevice(7)))
+        await home.client(listener=1).asks(7, READ)
+        assert [each["name"] for each in ask(home, since=60, unit=7)["facts"]] == ["yard/7"]
+
+
+async def test_what_a_mirror_asks_is_told_of_the_mirror() -> None:
+    mirrored = """
+[[image]]
+name = "copy"
+unit = 210
+of = "silo"
+read = [{ holding = "0-1", every = "1 s" }]
+stale = "5 s"
+"""
+    async with gateway_bench(CONFIG + mirrored) as home:
+        home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+        await asyncio.sleep(3.0)
+        found = ask(home, since=60, unit="copy")["facts"]
+        assert {(each["unit"], each["name"], each["address"]) for each in found} == {(210, "copy", 1)}
 
 
 async def test_a_reload_keeps_the_ring() -> None:

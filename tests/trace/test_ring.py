@@ -19,7 +19,16 @@ def exchange(number: int, size: int = 20) -> Exchange:
     request = bytes((16, *number.to_bytes(4, "big"), *bytes(size)))
     times = [1e6 + number + each / 8 for each in range(4)]
     return Exchange(
-        times[3], "hall-a", "10.2.0.7:49152", 41, 1, request, bytes(bytearray(request)), *times[:3], 0.1 + number
+        times[3],
+        "hall-a",
+        "silo",
+        "10.2.0.7:49152",
+        41,
+        1,
+        request,
+        bytes(bytearray(request)),
+        *times[:3],
+        0.1 + number,
     )
 
 
