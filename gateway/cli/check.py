@@ -24,9 +24,10 @@ from gateway.config.forecast import (
 )
 from gateway.config.line_load import load_of, read_rates, total_share
 from gateway.config.load import Loaded, load
-from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan, resolve
+from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.config.port_trouble import predict_wire
 from gateway.config.problem import Problem, dotted
+from gateway.config.resolve import resolve
 from gateway.config.unitset import show_units
 from gateway.devices.device import DeviceSettings
 from gateway.errors import StateError

@@ -7,8 +7,9 @@ from typing import Final
 
 from gateway.cli.daemon import Conversation
 from gateway.config.load import load
-from gateway.config.plan import Plan, resolve
+from gateway.config.plan import Plan
 from gateway.config.problem import Problem, did_you_mean
+from gateway.config.resolve import resolve
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding, Level
 from gateway.errors import DaemonError

@@ -21,7 +21,8 @@ from gateway.cli.demo_tls import invitation, make_certificates, tls_config
 from gateway.cli.demo_traffic import traffic
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.load import load
-from gateway.config.plan import Plan, resolve
+from gateway.config.plan import Plan
+from gateway.config.resolve import resolve
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
 from gateway.ports.exact_loop import run_exactly

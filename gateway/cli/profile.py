@@ -15,10 +15,11 @@ from gateway.config.character_format import DEFAULT_FORMATS, fits_mode, parse_fo
 from gateway.config.duration import show_duration
 from gateway.config.forecast import FunctionLimits, function_limits
 from gateway.config.load import builtin_profiles, load
-from gateway.config.plan import ASSUMED_LATENCY, profile_of
+from gateway.config.plan import ASSUMED_LATENCY
 from gateway.config.points import points_of, type_of
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.ranges import show_ranges
+from gateway.config.resolve import profile_of
 from gateway.config.schema import PointTable, ProfileTable
 from gateway.profiles.profile import Profile, Range
 from gateway.timing.budget import AnswerTime

@@ -13,7 +13,8 @@ from typing import NamedTuple
 from gateway import events
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.load import load
-from gateway.config.plan import Plan, resolve
+from gateway.config.plan import Plan
+from gateway.config.resolve import resolve
 from gateway.errors import ListenError, StateError, TlsError
 from gateway.images.store import Store
 from gateway.listeners.sockets import OpenSockets

@@ -7,7 +7,7 @@ from typing import Final
 
 from gateway.config.address import Address
 from gateway.config.character_format import fits_mode
-from gateway.config.check_access import RESERVED, check_access
+from gateway.config.check_access import check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_load import check_load
@@ -25,6 +25,7 @@ from gateway.config.check_units import (
 from gateway.config.check_upstreams import check_upstreams
 from gateway.config.check_web import check_web
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
+from gateway.config.reserved import RESERVED
 from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
 
 #: Why the port at a path cannot be used, as far as can be seen without opening it; None if it can.

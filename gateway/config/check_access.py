@@ -7,15 +7,11 @@ from gateway.config.check_line_listeners import addresses_on
 from gateway.config.check_units import client_lines, not_configured, served_units
 from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.reserved import CONTROL, WEB
 from gateway.config.schema import Access, Config, Listen
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.routing.access import LOOPBACK, Network
-
-#: What [[access]] calls the control socket, and the web page with its API.
-CONTROL: Final = "control"
-WEB: Final = "web"
-RESERVED: Final = {CONTROL: "the control socket", WEB: "the web page and its API"}
 
 _FIRST_RIGHT: Final = (
     'allow = ["read", "write"]. Then add a last row allow = ["read"]: clients that match no row are refused'

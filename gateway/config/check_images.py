@@ -5,9 +5,9 @@ from typing import Final
 
 from gateway.config.check_units import client_lines
 from gateway.config.duration import show_duration
-from gateway.config.plan import ASKED_AT_ZERO
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
+from gateway.config.resolve import ASKED_AT_ZERO
 from gateway.config.schema import Config, Image, Polled, ProfileTable
 from gateway.images.polls import polling_function
 from gateway.modbus.codes import BROADCAST_UNIT, Area

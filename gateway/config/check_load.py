@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 from gateway.config.check_units import client_lines
 from gateway.config.line_load import FULL, load_of, total_share
-from gateway.config.plan import resolve
 from gateway.config.problem import Problem, warning
+from gateway.config.resolve import resolve
 from gateway.config.schema import Config
 
 

@@ -6,8 +6,8 @@ from math import ceil
 from gateway.config.check_units import client_lines
 from gateway.config.duration import show_duration
 from gateway.config.forecast import least_for_repeat
-from gateway.config.plan import resolve
 from gateway.config.problem import Problem, warning
+from gateway.config.resolve import resolve
 from gateway.config.schema import Config, Line
 
 

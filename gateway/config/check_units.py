@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from gateway.config.plan import passing_units
 from gateway.config.problem import Path, Problem, error, warning
+from gateway.config.resolve import passing_units
 from gateway.config.schema import Config, Device, Line
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT

@@ -1,11 +1,12 @@
 """Every key of the config file: its type, its default, and what it means. docs/configuration.md is made from this."""
 
 from collections.abc import Mapping
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from gateway.config.address import Address
+from gateway.config.plan import DEFAULT_RING
 from gateway.config.problem import Path
 from gateway.config.values import (
     DEVICE_SERVER_MODES,
@@ -52,9 +53,6 @@ from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DataType, Swap
 
 FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
-#: The ring of `trace`, in bytes.
-DEFAULT_RING: Final = 4 * 1024 * 1024
-
 Count = Annotated[int, Field(ge=1)]
 
 

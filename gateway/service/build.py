@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from gateway.config.check_access import CONTROL, WEB
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
+from gateway.config.reserved import CONTROL, WEB
 from gateway.devices.device import Device
 from gateway.events import Emit
 from gateway.images.image import Image, ImageSettings

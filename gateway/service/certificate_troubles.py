@@ -4,8 +4,8 @@ import os
 import time
 from collections.abc import Iterator
 
-from gateway.config.plan import resolve
 from gateway.config.problem import Problem, warning
+from gateway.config.resolve import resolve
 from gateway.config.schema import Config
 from gateway.errors import TlsError
 from gateway.service.expiry import DAY, EARLY

@@ -11,8 +11,9 @@ from typing import Final
 from gateway.config.address_trouble import address_trouble
 from gateway.config.load import Loaded, load
 from gateway.config.masking import masked
-from gateway.config.plan import Plan, resolve
+from gateway.config.plan import Plan
 from gateway.config.problem import Problem
+from gateway.config.resolve import resolve
 from gateway.ports.threads import ThreadPerCall
 from gateway.service.file_troubles import with_file_troubles
 from gateway.service.reload import Outcome, Reloader, differences, find_settled

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from gateway.config.check_access import CONTROL
 from gateway.config.plan import Plan
 from gateway.config.problem import did_you_mean
+from gateway.config.reserved import CONTROL
 from gateway.errors import RequestError, WrongQuestion
 from gateway.images.image import ImageSettings
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, MAX_PDU, FunctionCode

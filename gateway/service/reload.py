@@ -8,8 +8,9 @@ from typing import Final
 
 from gateway import events
 from gateway.config.load import load
-from gateway.config.plan import Plan, resolve
+from gateway.config.plan import Plan
 from gateway.config.problem import Problem
+from gateway.config.resolve import resolve
 from gateway.errors import ListenError, StateError, TlsError
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import garbage

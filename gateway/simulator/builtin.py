@@ -1,7 +1,7 @@
 """The built-in profiles for simulated devices: their functions, answer times and idle times."""
 
 from gateway.config.load import builtin_profiles
-from gateway.config.plan import profile_of
+from gateway.config.resolve import profile_of
 from gateway.profiles.profile import Profile
 
 

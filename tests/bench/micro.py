@@ -11,7 +11,7 @@ from collections.abc import Callable
 from timeit import Timer
 
 from gateway.config.load import parse
-from gateway.config.plan import resolve
+from gateway.config.resolve import resolve
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu

@@ -6,8 +6,8 @@ import pytest
 
 from gateway.config.check import check
 from gateway.config.load import parse
-from gateway.config.plan import resolve
 from gateway.config.problem import dotted
+from gateway.config.resolve import resolve
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1, name = "one" }]\n'
 

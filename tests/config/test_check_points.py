@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.config.load import builtin_profiles, parse
-from gateway.config.plan import resolve
+from gateway.config.resolve import resolve
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 

@@ -11,7 +11,7 @@ from gateway.config.forecast import (
     waits_behind,
 )
 from gateway.config.load import builtin_profiles, parse
-from gateway.config.plan import profile_of, resolve
+from gateway.config.resolve import profile_of, resolve
 from gateway.config.schema import ProfileTable
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming

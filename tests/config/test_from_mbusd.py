@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from gateway.config.from_mbusd import config_from_mbusd
 from gateway.config.imported import ImportedFileError
 from gateway.config.load import parse
-from gateway.config.plan import resolve
+from gateway.config.resolve import resolve
 from gateway.routing.access import READING, WRITING
 
 #: As its sample file has it.

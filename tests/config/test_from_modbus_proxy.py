@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from gateway.config.from_modbus_proxy import config_from_modbus_proxy
 from gateway.config.imported import ImportedFileError
 from gateway.config.load import parse
-from gateway.config.plan import Plan, resolve
+from gateway.config.plan import Plan
+from gateway.config.resolve import resolve
 
 ONE = """
 devices:

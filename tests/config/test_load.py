@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config.load import builtin_profiles, load, parse
-from gateway.config.plan import resolve
+from gateway.config.resolve import resolve
 from gateway.config.schema import Config, Table
 from gateway.config.wording import keys_of, row_model
 

@@ -6,7 +6,8 @@ from textwrap import dedent
 import pytest
 
 from gateway.config.load import parse
-from gateway.config.plan import DEFAULT_LISTENER, LogSettings, Plan, resolve
+from gateway.config.plan import DEFAULT_LISTENER, LogSettings, Plan
+from gateway.config.resolve import resolve
 from gateway.images.image import ImageSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.serial_session import ServerSettings

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gateway.config.character_format import DEFAULT_FORMATS
 from gateway.config.load import parse
-from gateway.config.plan import resolve
+from gateway.config.resolve import resolve
 from gateway.events import Event
 from gateway.images.store import Store
 from gateway.listeners.mbap import MbapSession

@@ -1,7 +1,8 @@
 """What an earlier run has left behind, and when it counts for nothing."""
 
 from gateway.config.load import parse
-from gateway.config.plan import Plan, resolve
+from gateway.config.plan import Plan
+from gateway.config.resolve import resolve
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.service.remembered import address_key, addresses, in_force, rate, rate_key
 from gateway.service.state import Memory

@@ -7,7 +7,7 @@ from ipaddress import ip_address, ip_network
 import pytest
 
 from gateway.config.load import parse
-from gateway.config.plan import resolve
+from gateway.config.resolve import resolve
 from gateway.events import RequestRefused
 from gateway.modbus import rtu
 from gateway.service.build import build
