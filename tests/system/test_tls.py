@@ -209,7 +209,7 @@ def test_an_authority_that_trusts_nobody_is_told_at_the_start_and_at_a_reload(tm
     assert command("certificates", "authority", "--name", "other", "--folder", str(other)).returncode == 0
     (folder / "ca.crt").write_text((folder / "ca.crt").read_text() + (other / "ca.crt").read_text())
     config = (listener() + IMAGE + ROWS).replace(str(pki()), str(folder))
-    said = "listen remote: {}/ca.crl: has no revocation list of CN=other, only of CN=Plant 2".format(folder)
+    said = f"listen remote: {folder}/ca.crl: has no revocation list of CN=other, only of CN=Plant 2"
     with GatewayProcess(tmp_path, config) as gateway:
         assert [each for each in gateway.log if said in each.get("problem", "")]
         assert told(gateway.port, OPERATOR) == WRITE.hex()
