@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTlsClient
 
+from gateway.listeners.tls import OUTLIVED
 from gateway.modbus.mbap import encode
 from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, openssl, pki, signed
 from kit.process import COMMAND, PATIENCE, GatewayProcess, command
@@ -199,7 +200,7 @@ def test_no_session_is_resumed_once_the_revocation_list_has_expired(tmp_path: Pa
                     resumed += client.session_reused
                     session = client.session
         assert resumed
-        assert reason(gateway) == "its certificate is refused: CRL has expired"
+        assert reason(gateway) in ("its certificate is refused: CRL has expired", OUTLIVED)  # it may expire just then
 
 
 def test_an_authority_that_trusts_nobody_is_told_at_the_start_and_at_a_reload(tmp_path: Path) -> None:
