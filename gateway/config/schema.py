@@ -105,7 +105,7 @@ class Listen(Table):
     reserve: Annotated[int, Field(ge=0)] = Field(
         0,
         description="How many of `clients` are reserved for addresses that have rights by the `from` of an "
-        "`[[access]]` row; without `[[access]]`, for local clients.",
+        "`[[access]]` row, with `tls://` by one for their role; without `[[access]]`, for local clients.",
     )
     idle: IdleDuration = Field(
         600.0, description='Clients without a request for this time are disconnected (UDP: forgotten). `"0"`: never.'

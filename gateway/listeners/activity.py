@@ -22,6 +22,10 @@ class Client(Protocol):
         """The address, which decides what the client may do."""
 
     @property
+    def role(self) -> str | None:
+        """The role in its certificate, None if it has shown none."""
+
+    @property
     def is_idle(self) -> bool:
         """Whether it has no request in progress."""
 
@@ -60,10 +64,10 @@ class Activity:
         if not client.is_idle:
             self.active_at = now
 
-    def is_named_by(self, rights: Rights, host: str) -> bool:
-        """Whether a row gives rights to the address of the client, `host`."""
+    def is_named_by(self, rights: Rights, client: Client) -> bool:
+        """Whether a row gives rights to the address of the client."""
         if self.rights is not rights:
-            self.rights, self.is_named = rights, rights.names(host)
+            self.rights, self.is_named = rights, rights.names(client.host, client.role)
         return self.is_named
 
     @property

@@ -81,13 +81,22 @@ class Admission(Generic[AnyClient]):
             activity.look(client, now)
 
     def refusal(
-        self, host: str, rights: Rights, settings: ListenSettings, now: float, dismiss: Callable[[AnyClient], None]
+        self,
+        host: str,
+        rights: Rights,
+        settings: ListenSettings,
+        now: float,
+        dismiss: Callable[[AnyClient], None],
+        role: str | None = None,
     ) -> str:
-        """Why a client from `host` is rejected; empty if it is accepted, perhaps after another one was closed."""
+        """Why a client from `host` is rejected; empty if it is accepted, perhaps after another one was closed.
+
+        `role` is that in its certificate, None if it has shown none.
+        """
         if not rights.admits(host):
             return NO_RIGHTS
         self.look(now)
-        candidates = self._find_candidates(host, rights, settings)
+        candidates = self._find_candidates(host, role, rights, settings)
         if candidates is None:
             return ""
         first = self._choose_candidate(candidates, self._origin_of(host, now), now)
@@ -96,11 +105,13 @@ class Admission(Generic[AnyClient]):
         dismiss(first)
         return ""
 
-    def _find_candidates(self, host: str, rights: Rights, settings: ListenSettings) -> list[AnyClient] | None:
-        """The clients of which one must be closed for a client from `host`; None if the listener is not full."""
-        if settings.reserve and not rights.names(host):
+    def _find_candidates(
+        self, host: str, role: str | None, rights: Rights, settings: ListenSettings
+    ) -> list[AnyClient] | None:
+        """The clients of which one must be closed for one from `host`; None if the listener is not full."""
+        if settings.reserve and not rights.names(host, role):
             unnamed = [
-                client for client, activity in self._activities.items() if not activity.is_named_by(rights, client.host)
+                client for client, activity in self._activities.items() if not activity.is_named_by(rights, client)
             ]
             if len(unnamed) >= settings.clients - settings.reserve:
                 return unnamed

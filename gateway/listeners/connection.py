@@ -53,6 +53,8 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     transport: asyncio.Transport
     session: Session
+    #: The role in the client's certificate, None without one.
+    role: str | None = None
 
     def __init__(
         self,
@@ -256,6 +258,7 @@ class SecuredConnection(TcpConnection):
 
     #: Until when the client's certificate is valid, in seconds since 1970.
     valid_until = inf
+    role: str
 
     def check_client(self, now: float, idle: float) -> None:
         """See TcpConnection; also close, once requests in progress are answered, when the certificate has expired."""

@@ -20,6 +20,9 @@ class Peer:
     identifier replaces the earlier one, whose response is dropped.
     """
 
+    #: Datagrams come without a certificate.
+    role: None = None
+
     __slots__ = (
         "_limit", "_on_failure", "_router", "_send", "_under_way", "asked", "client", "gone", "host", "last_asked",
     )  # fmt: skip

@@ -96,13 +96,14 @@ class TlsListener(TcpListener):
         except ValueError as wrong:
             self._turn_away(stream, visitor, f"its certificate cannot be used: {wrong}")
             return
-        why_not = self.connections.refusal(visitor.host, self.router.rights, self.settings, now, self._dismiss)
+        rights, role = self.router.rights, identity.role
+        why_not = self.connections.refusal(visitor.host, rights, self.settings, now, self._dismiss, role)
         if why_not:
             self._turn_away(stream, visitor, why_not)
             return
         clock, router = asyncio.get_running_loop().time, CertifiedRouter(self.router, identity)
         connection = SecuredConnection(self, visitor.host, visitor.client, clock, router, identity)
-        connection.valid_until = certificate.not_after
+        connection.valid_until, connection.role = certificate.not_after, role
         stream.begin(connection)
 
     def _turn_away(self, stream: TlsStream, visitor: Visitor, reason: str) -> None:

@@ -95,7 +95,7 @@ class Rights(dict[str, tuple[Right, ...]]):
     identifiers there, any other row to what these are `known_as`.
 
     For certified clients ask `of_role`: by themselves, these are the rights of no role in particular, and only tell
-    whom the listener `admits` and `names`.
+    whom the listener `admits`.
     """
 
     def __init__(self, rows: Iterable[Row], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
@@ -123,8 +123,10 @@ class Rights(dict[str, tuple[Right, ...]]):
         address = _address(host)
         return self._entry.kind == "certified" and any(row.right and row.applies_to(address) for row in self._rows)
 
-    def names(self, host: str) -> bool:
-        """Whether a row gives rights to a network that this address is in."""
+    def names(self, host: str, role: str | None = None) -> bool:
+        """Whether a row gives rights to a network that this address is in; to this role, for a certified client."""
+        if role is not None:
+            return self.of_role(role).names(host)
         return self.admits(host) and host in self._named
 
     def allows(self, host: str, unit: int, function: int) -> bool:
@@ -158,7 +160,7 @@ class Rights(dict[str, tuple[Right, ...]]):
 
 
 def _rows_at(entry: EntryPoint, rows: tuple[Row, ...]) -> Iterable[Row]:
-    if entry.kind == "local" and not any(entry.name in (row.listeners or ()) for row in rows):
+    if entry.kind == "local" and not any(row.role is None and entry.name in (row.listeners or ()) for row in rows):
         return [Row(EVERYTHING)]
     here = [row for row in rows if row.listeners is None or entry.name in row.listeners]
     if entry.kind == "certified":

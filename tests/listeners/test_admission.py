@@ -21,6 +21,7 @@ class Client:
     host: str
     last_asked: float = NEVER
     is_idle: bool = True
+    role: str | None = None
 
 
 @dataclass
@@ -36,14 +37,14 @@ class Lobby:
     def __post_init__(self) -> None:
         self.room: Admission[Client] = Admission(lambda host, now: host)
 
-    def comes(self, host: str, *, asks: bool = False) -> Client | str:
+    def comes(self, host: str, *, asks: bool = False, role: str | None = None) -> Client | str:
         """A client connects, and asks at once or does not; or the reason why it is not let in."""
         host = f"192.0.2.{ord(host)}" if len(host) == 1 else host
         settings = ListenSettings("scada", "::", 502, clients=self.places, reserve=self.reserve)
-        refusal = self.room.refusal(host, self.rights, settings, self.now, self._dismiss)
+        refusal = self.room.refusal(host, self.rights, settings, self.now, self._dismiss, role)
         if refusal:
             return refusal
-        client = Client(host)
+        client = Client(host, role=role)
         self.room.enter(client, self.now)
         assert len(self.room) <= self.places
         if asks:
@@ -282,14 +283,29 @@ def test_those_whom_rows_name_take_the_other_places_too_as_long_as_there_are_any
     assert lobby.makes_room("10.0.0.9").host == "10.0.0.1"
 
 
+def test_a_role_that_no_row_names_for_its_address_gets_no_reserved_place() -> None:
+    row = Row(READING, networks=(ip_network("10.0.0.0/24"),), role="operator")
+    rights = Rights((row, Row(READING, role="viewer")), EntryPoint("remote", "certified"))
+    lobby = Lobby(places=3, reserve=2, rights=rights)
+    first = lobby.comes("10.0.0.1", role="viewer")
+    assert isinstance(first, Client)
+    assert isinstance(lobby.comes("10.0.0.2", role="viewer"), Client)  # in place of the first
+    assert lobby.closed == [first]
+    for host in ("10.0.0.3", "10.0.0.4"):
+        assert isinstance(lobby.comes(host, role="operator"), Client)
+    assert lobby.closed == [first]
+    assert isinstance(lobby.comes("10.0.0.5", role="viewer"), Client)
+    assert [each.role for each in lobby.closed] == ["viewer", "viewer"]
+
+
 def test_clients_are_not_looked_up_again_for_everybody_who_comes() -> None:
     """More than rights remember at a time."""
     found: list[str] = []
 
     class Told(Rights):
-        def names(self, host: str) -> bool:
+        def names(self, host: str, role: str | None = None) -> bool:
             found.append(host)
-            return super().names(host)
+            return super().names(host, role)
 
     lobby = Lobby(places=2001, reserve=1, rights=Told(NAMED_ROWS, EntryPoint("scada")))
     for number in range(2000):

@@ -16,6 +16,8 @@ from kit.router import router
 
 REMOTE = EntryPoint("remote", "certified")
 SCADA = EntryPoint("scada")
+UDP = EntryPoint("scada", "datagram")
+CONTROL, HMI = EntryPoint("control", "local"), EntryPoint("hmi", "local")
 ROLES = ["", "operator", "viewer", "stranger"]
 HERE, ELSEWHERE = "127.0.0.1", "10.9.9.9"
 
@@ -76,12 +78,12 @@ def test_only_a_role_that_may_write_gets_a_write_to_a_unit(role: str) -> None:
             Row,
             right=st.sampled_from([NOTHING, READING, EVERYTHING]),
             networks=st.sampled_from([None, (ip_network("127.0.0.0/8"),), (ip_network("10.0.0.0/8"),)]),
-            listeners=st.sampled_from([None, frozenset(["remote"]), frozenset(["scada"])]),
+            listeners=st.sampled_from([None, frozenset(["remote"]), frozenset(["scada"]), frozenset(["control"])]),
             units=st.sampled_from([None, frozenset([7]), frozenset(range(1, 248))]),
             role=st.sampled_from([None, *ROLES]),
         ),
         max_size=5,
-    ).map(tuple),
+    ).map(lambda rows: tuple(rows) or DEFAULT_ROWS),  # as in a config: an empty table is the default one
     role=st.sampled_from(ROLES),
     host=st.sampled_from([HERE, ELSEWHERE]),
     unit=st.sampled_from([1, 7, 247]),
@@ -91,7 +93,7 @@ def test_the_first_row_that_fits_counts_and_nothing_else(
 ) -> None:
     def fits(row: Row) -> bool:
         return (
-            (row.role == role or (row.role is None and row.listeners is not None))
+            (row.role == role or (row.role is None and (row.listeners is not None or row.for_all)))
             and (row.listeners is None or "remote" in row.listeners)
             and (row.networks is None or host.partition(".")[0] == str(row.networks[0]).partition(".")[0])
             and (row.units is None or unit in row.units)
@@ -101,8 +103,9 @@ def test_the_first_row_that_fits_counts_and_nothing_else(
     rights = Rights(rows, REMOTE)
     assert rights.of_role(role)[host][unit] == expected
     assert not expected or rights.admits(host)
-    plain = Rights(rows, SCADA)[host][unit]
-    assert plain == Rights([row for row in rows if row.role is None], SCADA)[host][unit]
+    without_roles = [row for row in rows if row.role is None]
+    for entry, other in ((SCADA, host), (UDP, host), (CONTROL, ""), (HMI, "")):
+        assert Rights(rows, entry)[other][unit] == Rights(without_roles, entry)[other][unit]
 
 
 @pytest.mark.parametrize("host", [HERE, ELSEWHERE])
@@ -127,6 +130,13 @@ def test_a_role_that_may_do_nothing_keeps_no_other_role_out() -> None:
     rights = Rights((Row(NOTHING, role="visitor"), Row(EVERYTHING, networks=network, role="operator")), REMOTE)
     assert (rights.admits(ELSEWHERE), rights.names(ELSEWHERE)) == (True, True)
     assert not rights.admits(HERE)
+
+
+@pytest.mark.parametrize("name", ["control", "hmi"])
+def test_a_row_for_a_role_takes_nothing_from_clients_without_an_address(name: str) -> None:
+    """Nobody shows a certificate there."""
+    row = Row(READING, listeners=frozenset([name]), role="operator")
+    assert set(Rights((row,), EntryPoint(name, "local"))[""]) == {EVERYTHING}
 
 
 def test_the_rights_of_any_number_of_roles_take_bounded_memory() -> None:
