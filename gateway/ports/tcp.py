@@ -220,8 +220,17 @@ async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSL
         _set_options(sock)
         loop = asyncio.get_running_loop()
         await loop.sock_connect(sock, where)
-        name = None if settings.tls is None or context is None else settings.tls.server_name
-        _, port = await loop.create_connection(lambda: TcpPort(settings), sock=sock, ssl=context, server_hostname=name)
+        if settings.tls is None or context is None:
+            _, port = await loop.create_connection(lambda: TcpPort(settings), sock=sock)
+            return port
+        _, port = await loop.create_connection(
+            lambda: TcpPort(settings),
+            sock=sock,
+            ssl=context,
+            server_hostname=settings.tls.server_name,
+            ssl_handshake_timeout=CONNECTING_DEADLINE,
+            ssl_shutdown_timeout=FLUSHING_DEADLINE,  # a server need not answer when we close
+        )
     except BaseException:
         sock.close()
         raise

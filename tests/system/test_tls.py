@@ -1,5 +1,6 @@
 """Modbus/TCP Security in real processes: other programs' clients, certificates of every kind, and what they may do."""
 
+import asyncio
 import os
 import shutil
 import signal
@@ -8,6 +9,7 @@ import ssl
 import subprocess
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -15,8 +17,14 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTlsClient
 
+from gateway.errors import PortError
 from gateway.listeners.tls import OUTLIVED
 from gateway.modbus.mbap import encode
+from gateway.ports.port import TcpSettings
+from gateway.ports.tcp import open_tcp
+from gateway.tls.contexts import load
+from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import ClientTls
 from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, openssl, pki, signed
 from kit.process import COMMAND, PATIENCE, GatewayProcess, command
 
@@ -458,6 +466,38 @@ def test_a_server_that_cannot_be_trusted_or_does_not_trust_us(
         with socket.create_connection(("127.0.0.1", near.port), PATIENCE) as client:
             client.sendall(encode(1, 37, READ))
             assert client.recv(260)[7:].hex() == "830a"
+
+
+class Listener:
+    """Who uses a port, and hears nothing."""
+
+    def received(self, data: bytes) -> None:
+        """See PortUser."""
+
+    def lost(self, reason: PortError) -> None:
+        """See PortUser."""
+
+
+async def test_a_server_that_does_not_answer_the_end_of_tls_is_not_waited_for() -> None:
+    folder = pki()
+    files = (SecretFile(str(folder / name)) for name in ("operator.crt", "operator.key", "ca.crt"))
+    tls = ClientTls(*files, "localhost")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(folder / "server.crt", folder / "server.key")
+    with socket.create_server(("127.0.0.1", 0)) as listening, ThreadPoolExecutor(1) as pool:
+
+        def serve() -> socket.socket:
+            plain, _ = listening.accept()
+            return context.wrap_socket(plain, server_side=True)
+
+        served = pool.submit(serve)
+        number = listening.getsockname()[1]
+        settings = TcpSettings(f"tls://127.0.0.1:{number}", "127.0.0.1", number, tls=tls)
+        port = await open_tcp(settings, Listener(), load(tls).context)
+        with served.result(PATIENCE):
+            port.close()
+            async with asyncio.timeout(20):  # asyncio itself waits for 30 s
+                await port.wait_closed()
 
 
 # --- the web page ---
