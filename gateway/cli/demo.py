@@ -98,7 +98,7 @@ async def _demo(*, once: bool, tls: bool) -> int:
         if not once:
             control = _control(folder)
             await parts.enter_async_context(control_open(control, answers, stage.tell))
-            await parts.enter_async_context(traffic(stage.address))
+            await parts.enter_async_context(traffic(stage.address, panel))
             stage.invite(control)
             if certificates is not None:
                 print(invitation(certificates, running.gateway.listeners[1].address), flush=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.modbus import mbap
+from gateway.modbus.frame import Frame
+from gateway.simulator.panel import Panel
 
 #: How long a response may take, and how long a client waits before it connects again, in seconds.
 _PATIENCE: Final = 10.0
@@ -37,17 +39,30 @@ POLLERS: Final = (
 )
 
 
+#: What the old HMI asks for over its serial line, one after the other, and how long it pauses after each, in seconds.
+PANEL_ASKS: Final = (Frame(41, bytes.fromhex("03 00 00 00 02")), Frame(46, bytes.fromhex("03 00 6B 00 03")))
+PANEL_PAUSE: Final = 0.6
+
+
 @asynccontextmanager
-async def traffic(address: str) -> AsyncIterator[None]:
-    """In its context the pollers ask the gateway at `address`."""
+async def traffic(address: str, panel: Panel) -> AsyncIterator[None]:
+    """In its context the pollers ask the gateway at `address`, and `panel` asks it over its serial line."""
     host, port = address.removeprefix("tcp://").rsplit(":", 1)
     tasks = [asyncio.create_task(_poll(each, host, int(port)), name=f"demo {each.name}") for each in POLLERS]
+    tasks.append(asyncio.create_task(_panel_polls(panel), name="demo panel"))
     try:
         yield
     finally:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _panel_polls(panel: Panel) -> None:
+    while True:
+        for request in PANEL_ASKS:
+            await panel.ask(request)
+            await asyncio.sleep(PANEL_PAUSE)
 
 
 async def _poll(poller: Poller, host: str, port: int) -> None:

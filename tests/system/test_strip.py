@@ -145,6 +145,6 @@ def test_without_javascript_the_last_transactions_are_there(address: str, browse
     page = context.new_page()
     page.goto(f"{address}/lines/silo")
     assert page.locator("table[data-trace] tbody tr").count() > 3
-    assert "03 00 00 00 02" in page.locator("table[data-trace]").inner_text()
+    assert "read holding 0-1" in page.locator("table[data-trace]").inner_text()
     assert page.locator("figure.strip").is_hidden()
     context.close()

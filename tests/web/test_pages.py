@@ -119,8 +119,8 @@ async def test_the_last_transactions_are_on_the_page_without_javascript(bench):
     await asyncio.sleep(5)
     await bench.browser().get("/api/v1/units/41/holding/0-1")
     texts = Markup((await bench.browser().get("/lines/hall%20%3Cscript%3E")).text).texts
-    assert "41 silo & co: 03 00 00 00 02" in texts
-    assert any(text.startswith("03 04 ") for text in texts)
+    assert "41 silo & co: read holding 0-1 (40001-40002)" in texts
+    assert "0 0" in texts
 
 
 async def test_a_script_gets_the_settings_of_each_line(bench):
@@ -180,7 +180,7 @@ async def test_the_last_transactions_are_the_last_ones_however_many_there_were(b
     for address in range(400):
         await client.asks(41, f"03 {address:04X} 00 01")
     page = (await bench.browser().get("/lines/hall%20%3Cscript%3E")).text
-    assert re.findall("03 (.. ..) 00 01", page)[:2] == ["01 8F", "01 8E"]
+    assert re.findall(r">41 [^:]*: read holding (\d+)", page)[:2] == ["399", "398"]
 
 
 APART = """

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Sequence
-from datetime import datetime
 from typing import Any, Final
 
 from aiohttp import web
@@ -15,6 +14,7 @@ from gateway.web.pages.busy import busy_outline, hours
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.heat_map import HeatMap, ShownUnits, axis
 from gateway.web.pages.shown_lines import shown_lines
+from gateway.web.pages.transactions import asked, outcome, row
 from gateway.web.pages.unit_states import states_of
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
@@ -22,7 +22,6 @@ from gateway.web.renderer import Renderer
 #: The table without JavaScript: so many transactions at most, found among so many records of the line.
 MOST_FACTS: Final = 20
 _LOOKED_AT: Final = 5 * MOST_FACTS
-_ABSENT: Final = dict.fromkeys(("result", "reason", "response", "request", "wait_ms", "elapsed_ms", "limit_ms"))
 
 
 class LinePage:
@@ -49,9 +48,9 @@ class LinePage:
         if line is None:
             raise ProblemError(404, f"there is no line {name}")
         try:
-            facts, why = await self._last_facts(name, request[VISITOR].host), ""
+            rows, why = await self._last_rows(name, request[VISITOR].host), ""
         except WrongQuestion as wrong:
-            facts, why = (), str(wrong)
+            rows, why = (), str(wrong)
         past, now = self._answers.past(UNIT_SLOTS), asyncio.get_running_loop().time()
         with_page = frozenset(unit.name for unit in self._answers.units())
         units = tuple(unit for unit in status.units if unit.line == name)
@@ -60,7 +59,9 @@ class LinePage:
             request,
             line=line,
             status=line.status,
-            facts=facts,
+            rows=rows,
+            asked=asked,
+            outcome=outcome,
             function_name=function_name,
             why=why,
             with_page=with_page,
@@ -72,12 +73,8 @@ class LinePage:
             ),
         )
 
-    async def _last_facts(self, line: str, host: str) -> Sequence[dict[str, Any]]:
+    async def _last_rows(self, line: str, host: str) -> Sequence[dict[str, Any]]:
         """The last transactions on a line that a reader at this address may see, the newest first."""
         facts = await self._answers.latest(Which(0, line), host, _LOOKED_AT)
         shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
-        return [{**_ABSENT, **fact, "clock": _clock(fact["time"])} for fact in shown[:MOST_FACTS]]
-
-
-def _clock(time: float) -> str:
-    return datetime.fromtimestamp(time).astimezone().time().isoformat("milliseconds")
+        return [row(fact) for fact in shown[:MOST_FACTS]]

@@ -9,7 +9,10 @@ from gateway.web.answers import Status
 
 @dataclass(frozen=True, slots=True)
 class ShownLine:
-    """A line, or another server, as a page shows it. `units` are numbers and names; another server has no `baud`."""
+    """A line, or another server, as a page shows it. `units` are numbers and names; another server has no `baud`.
+
+    On a line that `is_asked` an outside client asks the gateway.
+    """
 
     name: str
     mode: str
@@ -20,15 +23,19 @@ class ShownLine:
     busy_share: float | None
     units: tuple[tuple[int, str], ...]
     status: Any
+    is_asked: bool = False
 
 
 def shown_lines(status: Status) -> Iterator[ShownLine]:
     """All of them, in the order of the config."""
+    names = {each.unit: each.name for each in status.units}
     for each in (*status.lines, *status.servers):
         settings = f"{each.mode.upper()} {each.baud} {each.format}"
         busy = getattr(each, "busy_share", None)
-        units = _units_on(status, each.name)
-        yield ShownLine(each.name, each.mode, each.baud, each.format, each.port, settings, busy, units, each)
+        serves = getattr(each, "serves", None)
+        units = _units_on(status, each.name) if serves is None else tuple((it, names.get(it, "")) for it in serves)
+        is_asked = serves is not None
+        yield ShownLine(each.name, each.mode, each.baud, each.format, each.port, settings, busy, units, each, is_asked)
     for each in status.upstreams:
         yield ShownLine(each.name, "tcp", 0, "", each.to, "Modbus TCP", None, _units_on(status, each.name), each)
 

@@ -34,6 +34,7 @@ class Strip {
     this.line = { name: line, mode, baud: Number(baud), bits: format ? 1 + Number(format[0]) + (format[1] === "N" ? 0 : 1) + Number(format[2]) : 0 };
     this.names = new Map(JSON.parse(figure.dataset.units || "[]"));
     this.order = [...this.names.keys()];
+    this.isAsked = figure.dataset.asked !== undefined; // by an outside client: what the line does then is not ours
     this.isFull = !figure.classList.contains("compact");
     this.lanes = this.isFull ? LANES.full : LANES.compact;
     this.items = [];
@@ -464,7 +465,7 @@ class Strip {
     const begin = this.edge - this.span;
     const inside = (from, to) => Math.max(0, Math.min(to, this.edge) - Math.max(from, begin));
     const sums = { request: 0, think: 0, response: 0, lost: 0 };
-    const counts = { requests: 0, timeout: 0, failed: 0, broken: 0, foreign: 0 };
+    const counts = { requests: 0, timeout: 0, failed: 0, broken: 0, foreign: 0, refused: 0, silent: 0 };
     for (const item of shown) {
       if (item.kind === "exchange" || item.kind === "answered") {
         counts.requests++;
@@ -472,7 +473,7 @@ class Strip {
         sums[FAILED.has(item.state) ? "lost" : "think"] += inside(item.left, item.back);
         sums.response += inside(item.back, item.end);
       } else if (item.kind === "heard") sums.response += inside(item.begin, item.end);
-      if (item.state === "timeout" || item.state === "failed") counts[item.state]++;
+      if (["timeout", "failed", "refused", "silent"].includes(item.state)) counts[item.state]++;
       if (item.state === "broken" || item.state === "noise") counts.broken++;
       if (item.state === "foreign" || item.state === "late") counts.foreign++;
     }
@@ -485,8 +486,9 @@ class Strip {
 
   showShares(sums) {
     if (!this.shareParts) {
-      this.shareParts = new Map(Object.keys(TEXTS.share).map((name) => [name, element("span", "share " + name)]));
-      for (const [name, part] of this.shareParts) part.append(element("i", "bar"), element("b", "", ""), " " + TEXTS.share[name]);
+      const names = this.isAsked ? TEXTS.shareAsked : TEXTS.share;
+      this.shareParts = new Map(Object.keys(names).map((name) => [name, element("span", "share " + name)]));
+      for (const [name, part] of this.shareParts) part.append(element("i", "bar"), element("b", "", ""), " " + names[name]);
       this.shares.replaceChildren(...this.shareParts.values());
     }
     const total = Object.values(sums).reduce((sum, each) => sum + each, 0) || 1;
@@ -504,7 +506,8 @@ class Strip {
       pen.fillStyle = this.ink(unit).fill;
       pen.fillRect(0, 0, 18, 12);
     }));
-    this.legend.replaceChildren(...units, ...Object.entries(TEXTS.marks).map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
+    const marks = Object.entries(TEXTS.marks).filter(([name]) => !this.isAsked || ["exception", "broken", "foreign"].includes(name));
+    this.legend.replaceChildren(...units, ...marks.map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
   }
 
   showDetail() {
@@ -518,9 +521,9 @@ class Strip {
   }
 }
 
-function countsInWords({ requests, timeout, failed, broken, foreign }, span) {
+function countsInWords({ requests, ...others }, span) {
   const perSecond = requests / span;
-  return TEXTS.counts(perSecond.toFixed(perSecond < 10 ? 1 : 0), timeout, failed, broken, foreign);
+  return TEXTS.counts(requests ? perSecond.toFixed(perSecond < 10 ? 1 : 0) : "", others);
 }
 
 // The table: the same in words
@@ -534,7 +537,7 @@ function showTable(strip) {
     const row = document.createElement("tr"), { fact } = item;
     const state = element("td", "", "");
     state.append(stateOf(item));
-    const took = fact.elapsed_ms === undefined ? "" : ms(fact.elapsed_ms), limit = fact.limit_ms === undefined ? "" : ms(fact.limit_ms);
+    const took = item.took === undefined ? "" : ms(item.took), limit = fact.limit_ms === undefined ? "" : ms(fact.limit_ms);
     const cells = [element("td", "", clock(item.end, 3)), element("td", "", titleOf(item)), state, element("td", "", outcomeOf(item))];
     row.append(...cells, ...[fact.wait_ms === undefined ? "" : ms(fact.wait_ms), took, limit].map((text) => element("td", "number", text)));
     return row;

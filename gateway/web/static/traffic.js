@@ -28,7 +28,7 @@ function rowOf(fact) {
   const unit = fact.unit === undefined ? "" : `${fact.unit} ${fact.name ?? ""}`;
   row.append(
     element("td", "", clock(fact.time, 3)), element("td", "minor", fact.line), element("td", "", unit), cell, state, element("td", "", outcomeOf(item)),
-    element("td", "minor", fact.client ?? ""), ...[fact.wait_ms, fact.elapsed_ms].map((time) => element("td", "number minor", time === undefined ? "–" : ms(time))),
+    element("td", "minor", fact.client ?? ""), ...[fact.wait_ms, item.took].map((time) => element("td", "number minor", time === undefined ? "–" : ms(time))),
   );
   return row;
 }

@@ -8,7 +8,7 @@ const TEXTS = await textsOf("transactions");
 export function itemOf(fact, line) {
   const character = line.baud ? line.bits / line.baud : 0;
   const onWire = (hex) => charactersOf(bytesOf(hex).length, line.mode) * character;
-  const item = { fact, unit: fact.unit, kind: fact.kind, received: fact.received ?? fact.time, begin: fact.time, left: fact.time, back: fact.time, end: fact.time };
+  const item = { fact, took: fact.elapsed_ms, unit: fact.unit, kind: fact.kind, received: fact.received ?? fact.time, begin: fact.time, left: fact.time, back: fact.time, end: fact.time };
   if (fact.kind === "exchange") {
     item.begin = fact.sent;
     item.left = Math.max(fact.sent, fact.time - fact.elapsed_ms / 1000);
@@ -20,7 +20,8 @@ export function itemOf(fact, line) {
     item.back = fact.time;
     item.end = fact.time + (fact.response ? onWire(fact.response) : 0);
     item.received = item.begin;
-    item.state = fact.response ? "answered" : "silent";
+    item.took = 1000 * (item.back - item.left);
+    item.state = !fact.response ? "silent" : fact.response[0] >= "8" ? "exception" : "answered";
   } else if (fact.kind === "heard") {
     item.unit = undefined;
     item.begin = item.left = item.back = fact.time - (fact.owner === "noise" ? Math.max(1, fact.count) : bytesOf(fact.frame).length + 2) * (line.mode === "ascii" ? 2 : 1) * character;

@@ -8,10 +8,12 @@ export const TEXTS = {
   zoomIn: "Zoom in",
   zoomOut: "Zoom out",
   share: { request: "requests", think: "waiting for devices", response: "responses", lost: "no valid response", free: "free" },
-  counts: (perSecond, timeout, failed, broken, foreign) =>
+  shareAsked: { request: "requests", think: "waiting for the gateway", response: "responses", free: "silent" },
+  counts: (perSecond, others) =>
     [
-      `${perSecond} requests/s`, counted(timeout, "time-out"), failed ? `${failed} without a valid response` : "",
-      counted(broken, "broken frame"), counted(foreign, "foreign frame"),
+      perSecond ? `${perSecond} requests/s` : "no requests", counted(others.timeout, "time-out"), others.failed ? `${others.failed} without a valid response` : "",
+      counted(others.broken, "broken frame"), others.refused ? `${others.refused} not sent` : "", others.silent ? `${others.silent} not answered` : "",
+      counted(others.foreign, "foreign frame"),
     ].filter(Boolean).join(" · "),
   marks: { exception: "exception", timeout: "time-out", broken: "broken frame", foreign: "foreign traffic", late: "late response", refused: "not sent" },
   hint: "Point at a transaction, or use ← and →, to see its frames.",

@@ -8,10 +8,12 @@ export const TEXTS = {
   zoomIn: "放大",
   zoomOut: "缩小",
   share: { request: "请求", think: "等待设备", response: "响应", lost: "无有效响应", free: "空闲" },
-  counts: (perSecond, timeout, failed, broken, foreign) =>
+  shareAsked: { request: "请求", think: "等待网关", response: "响应", free: "静默" },
+  counts: (perSecond, others) =>
     [
-      `每秒 ${perSecond} 个请求`, counted(timeout, "超时"), counted(failed, "无有效响应"),
-      counted(broken, "坏帧"), counted(foreign, "外来帧"),
+      perSecond ? `每秒 ${perSecond} 个请求` : "没有请求", counted(others.timeout, "超时"), counted(others.failed, "无有效响应"),
+      counted(others.broken, "坏帧"), counted(others.refused, "未发送"), counted(others.silent, "未响应"),
+      counted(others.foreign, "外来帧"),
     ].filter(Boolean).join(" · "),
   marks: { exception: "异常响应", timeout: "超时", broken: "坏帧", foreign: "外来通信", late: "迟到的响应", refused: "未发送" },
   hint: "指向一次事务，或用 ← 和 → 选择，即可查看其帧。",

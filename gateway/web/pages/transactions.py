@@ -1,0 +1,66 @@
+"""The records of the trace as tables show them, with words for what was asked and what came of it."""
+
+import json
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any, Final
+
+from gateway.trace.pdus import frame_in_words, request_in_words, response_in_words
+
+#: What has no name of its own in the records.
+_OWNERS: Final = {"noise": "noise", "a damaged frame": "broken frame", "a late response": "late response"}
+_ABSENT: Final = dict.fromkeys(
+    (
+        *("unit", "name", "client", "address", "request", "response", "heard", "frame", "reason"),
+        *("wait_ms", "elapsed_ms", "limit_ms"),
+    )
+)
+
+
+def row(fact: Mapping[str, Any]) -> dict[str, Any]:
+    """A fact for the template, which says the rest in the language of the page."""
+    clock = datetime.fromtimestamp(fact["time"]).astimezone().time().isoformat("milliseconds")
+    took = {"elapsed_ms": 1000 * (fact["time"] - fact["received"])} if fact["kind"] == "answered" else {}
+    return {
+        **_ABSENT,
+        **took,
+        **fact,
+        "clock": clock,
+        "state": state(fact),
+        "json": json.dumps(fact, ensure_ascii=False),
+    }
+
+
+def state(fact: Mapping[str, Any]) -> str:
+    """What the transaction is called: see `transactions.js`."""
+    kind, response = fact["kind"], fact.get("response")
+    if kind == "answered":
+        return ("exception" if response[0] >= "8" else "answered") if response else "not answered"
+    if kind == "heard":
+        return _OWNERS.get(fact["owner"], "foreign traffic")
+    if kind != "exchange":
+        return {"refused": "not sent"}.get(kind, "port")
+    if fact.get("heard"):
+        return "broken frame"
+    if fact.get("result", "timeout" if fact.get("sent_again") else ""):
+        return "time-out" if fact.get("result", "timeout") == "timeout" else "no valid response"
+    return "exception" if response and response[0] >= "8" else "ok"
+
+
+def asked(row: Mapping[str, Any], word: Any) -> str:
+    """What was asked; empty where the visitor may not see it, or nothing was asked."""
+    text = row.get("request") or (row.get("frame") if row["kind"] == "heard" and row["owner"] != "noise" else "")
+    data = bytes.fromhex(text or "")
+    if row["kind"] == "heard":
+        is_request = row["owner"] in ("another's request", "an echo")
+        return frame_in_words(data[1:], is_request=is_request, word=word) if len(data) > 1 else ""
+    return request_in_words(data, word) if data else ""
+
+
+def outcome(row: Mapping[str, Any], word: Any) -> str:
+    """What came of it."""
+    if row["kind"] == "heard":
+        return word(_OWNERS.get(row["owner"], row["owner"])) if row["owner"] != "noise" else row["frame"] or ""
+    if row["response"]:
+        return response_in_words(bytes.fromhex(row["request"]), bytes.fromhex(row["response"]), word)
+    return row["reason"] or (word(row["result"]) if row["kind"] == "refused" else "")
