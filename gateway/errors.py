@@ -219,6 +219,10 @@ class StateError(GatewayError):
     """A file in the state directory cannot be read; the message names it, and what to do."""
 
 
+class ConfigError(GatewayError):
+    """A config could not be read, whatever it says; the message names the file and says why."""
+
+
 class UsersError(GatewayError):
     """The file with the users of the web page cannot be used; the message names it, and what to do."""
 

@@ -28,6 +28,7 @@ from gateway.observe.fan_out import FanOut
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
+from gateway.service.config_reader import read_here
 from gateway.service.control import Verbs, control_open
 from gateway.service.control_path import control_path
 from gateway.service.reload import Reloader
@@ -216,7 +217,7 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
         return build(plan, loop, opener, memory, emit, None, gateway, contexts)
 
     running, stop = Running(rebuild(plan, None), emit), Stop()
-    reloader = Reloader(config, running, rebuild, Notifier({}), text=text, contexts=contexts)
+    reloader = Reloader(config, running, rebuild, Notifier({}), text=text, contexts=contexts, read=read_here)
     serving = asyncio.create_task(serve(running, stop, None, reloader), name="gateway")
     try:
         async with asyncio.timeout(_PATIENCE):

@@ -1,51 +1,13 @@
 """`run`: the gateway in the foreground."""
 
 import argparse
-import asyncio
 import faulthandler
-import signal
 import sys
-from contextlib import closing
-from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
-from gateway import events
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
-from gateway.config.load import load
-from gateway.config.plan import Plan
-from gateway.config.resolve import resolve
-from gateway.errors import ListenError, StateError, TlsError
-from gateway.images.store import Store
-from gateway.listeners.sockets import OpenSockets
-from gateway.observe.fan_out import FanOut
-from gateway.observe.journal import leads_to_journal
-from gateway.observe.log import open_log
-from gateway.ports.exact_loop import run_exactly
-from gateway.ports.kinds import opener
-from gateway.service import garbage
-from gateway.service.build import Gateway, build
-from gateway.service.control import control_open
-from gateway.service.control_path import control_path
-from gateway.service.overdue import FILE_NAME as LATE_FILE
-from gateway.service.overdue import LeftBehind, is_entry
-from gateway.service.reload import Reloader, warn, warn_of_certificates
-from gateway.service.remembered import in_force
-from gateway.service.running import Running
-from gateway.service.shared_file import SharedFile
-from gateway.service.state import Memory, StateFile, state_folder
-from gateway.service.supervisor import Stop, serve
-from gateway.service.systemd import Notifier, take_inherited_sockets
-from gateway.service.verbs import verbs
-from gateway.service.web import web_pages
-from gateway.tls.store import TlsStore, load_all
-
-
-class _Source(NamedTuple):
-    """The config file, and its text when it was loaded."""
-
-    file: Path
-    text: str
+from gateway.errors import ConfigError
+from gateway.service.config_process import STARTING_TIME, ConfigProcess
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,101 +20,24 @@ def run(args: argparse.Namespace) -> int:
     """Run until SIGTERM or SIGINT.
 
     Raises:
-        ListenError: a listener's address cannot be used.
-        StateError: what was remembered cannot be read.
-        TlsError: a certificate or a key cannot be used.
+        ConfigError: the config could not be read, whatever it says.
+        ListenError, StateError, TlsError: as `run_daemon`.
     """
     if sys.stderr is not None:
         faulthandler.enable()  # print a traceback if the watchdog ends the process
     file = Path(args.config)
-    loaded = load(file)
-    if loaded.config is None:
-        _tell_journal(events.ConfigRejected.of(str(file), loaded.errors))
-        print(*loaded.problems, sep="\n", file=sys.stderr)
-        return PROBLEM_FOUND
-    plan = resolve(loaded.config)
+    process = ConfigProcess(file, STARTING_TIME)
+    from gateway import events  # noqa: PLC0415 - all of the gateway, loaded while the process reads the config
+    from gateway.service.daemon import run_daemon, tell_journal  # noqa: PLC0415 - see above
+
     try:
-        with open_log(plan.log.level, plan.log.format) as log:
-            fan_out = FanOut(log)
-            emit = fan_out.emit
-            emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
-            warn(loaded.problems, emit)
-            control = args.control or plan.control or control_path(file)
-            _serve(plan, _Source(file, loaded.text), Path(control), fan_out)
-    except (ListenError, StateError, TlsError) as error:
-        _tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
+        read = process.result()
+    except ConfigError as error:
+        tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise
+    if read.plan is None:
+        tell_journal(events.ConfigRejected.of(str(file), read.errors))
+        print(*read.problems, sep="\n", file=sys.stderr)
+        return PROBLEM_FOUND
+    run_daemon(file, read, read.plan, args.control)
     return FINE
-
-
-def _tell_journal(rejected: events.ConfigRejected) -> None:
-    """Log it to systemd's journal too: what main prints has no priority and no fields there."""
-    if leads_to_journal(2):
-        with open_log("error", "journald") as emit:
-            emit(rejected)
-
-
-def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
-    emit = fan_out.emit
-    folder = state_folder()
-    with (
-        closing(StateFile(folder, emit)) as memory,
-        closing(LeftBehind(SharedFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
-        closing(Store(folder, emit)) as store,  # closed first: meanwhile the other files are written
-    ):
-        for remembered in in_force(plan, memory):
-            emit(remembered)
-        run_exactly(_run(plan, source, control, _State(memory, store, left_behind, folder), fan_out))
-
-
-class _State(NamedTuple):
-    """The state that outlives the process."""
-
-    memory: Memory
-    store: Store
-    left_behind: LeftBehind
-    folder: Path
-
-
-async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_out: FanOut) -> None:
-    emit = fan_out.emit
-    loop = asyncio.get_running_loop()
-
-    contexts = TlsStore()
-    certificates = load_all(plan.secured)
-    warn_of_certificates(certificates, emit)
-    contexts.adopt(certificates)
-    open_port = partial(opener, store=contexts)
-
-    def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
-        return build(plan, loop, open_port, state.memory, emit, state.store, gateway, contexts)
-
-    def prepare(plan: Plan) -> None:
-        if any(image.persist != "never" for image in plan.images):
-            state.store.open()
-
-    systemd, stop = Notifier(), Stop()
-    running = Running(rebuild(plan, None), emit, OpenSockets(take_inherited_sockets()), state.left_behind)
-    reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.order, number.name)
-    loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
-    async with (
-        control_open(control, verbs(running, reloader), emit),
-        web_pages(plan.web, running, reloader, fan_out, contexts, state.folder),
-    ):
-        garbage.settle()
-        await serve(running, stop, systemd, reloader)
-
-
-def _hang_up(reloader: Reloader, stop: Stop) -> None:
-    """SIGHUP: stop if the terminal was closed; reload the config as a daemon."""
-    if sys.stderr is not None and sys.stderr.isatty():
-        stop.order("SIGHUP")
-    else:
-        reloader.order()
-
-
-def _units(plan: Plan) -> int:
-    behind = (*(line.devices for line in plan.lines), *(upstream.devices for upstream in plan.upstreams))
-    return sum(map(len, behind)) + len(plan.images)

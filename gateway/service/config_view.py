@@ -8,21 +8,18 @@ from difflib import unified_diff
 from pathlib import Path
 from typing import Final
 
-from gateway.config.address_trouble import address_trouble
-from gateway.config.load import Loaded, load
 from gateway.config.masking import masked
 from gateway.config.plan import Plan
 from gateway.config.problem import Problem
-from gateway.config.resolve import resolve
+from gateway.errors import ConfigError
 from gateway.ports.threads import ThreadPerCall
-from gateway.service.file_troubles import with_file_troubles
+from gateway.service.config_process import READING_TIME, ConfigRead
 from gateway.service.reload import Outcome, Reloader, differences, find_settled
 from gateway.service.running import Running
 
-#: So many lines of a comparison are shown, and so many characters of a file; reading it may take so many seconds.
+#: So many lines of a comparison are shown, and so many characters of a file.
 MOST_LINES: Final = 400
 MOST_TEXT: Final = 128 * 1024
-READING_TIME: Final = 10.0
 #: Files that it names may change too: after so many seconds all is looked at again.
 KEPT: Final = 30.0
 
@@ -51,8 +48,7 @@ class _Seen:
 
     sign: tuple[int, ...]
     at: float
-    loaded: Loaded
-    plan: Plan | None
+    loaded: ConfigRead
 
 
 class ConfigViewer:
@@ -73,16 +69,16 @@ class ConfigViewer:
                 async with asyncio.timeout(READING_TIME):
                     self._seen = await loop.run_in_executor(ThreadPerCall("web config"), self._look)
             except TimeoutError:
-                why = Problem("error", (), f"cannot be read within {READING_TIME:g} s; is it a file?")
-                self._seen = _Seen((), 0.0, Loaded(None, (why,)), None)
+                self._seen = _unread(f"cannot be read within {READING_TIME:g} s; is it a file?")
+            except ConfigError as error:
+                self._seen = _unread(str(error))
             return await loop.run_in_executor(ThreadPerCall("web config"), self._view, self._seen, loop.time())
 
     def _look(self) -> _Seen:
         file, sign, now = self._reloader.file, _sign(self._reloader.file), time.monotonic()
         if self._seen is not None and sign and self._seen.sign == sign and now - self._seen.at < KEPT:
             return self._seen
-        loaded = with_file_troubles(load(file, address_trouble), str(file))
-        return _Seen(sign, now, loaded, None if loaded.config is None else resolve(loaded.config))
+        return _Seen(sign, now, self._reloader.read(file, look_around=True))
 
     def _view(self, seen: _Seen, now: float) -> ConfigView:
         reloader = self._reloader
@@ -91,9 +87,9 @@ class ConfigViewer:
             file=str(reloader.file),
             text=shown[:MOST_TEXT],
             problems=seen.loaded.problems,
-            has_errors=seen.plan is None,
+            has_errors=seen.loaded.plan is None,
             difference=_difference(shown, current) if reloader.text and seen.loaded.text else (),
-            changes=Outcome() if seen.plan is None else self._changes(seen.plan),
+            changes=Outcome() if seen.loaded.plan is None else self._changes(seen.loaded.plan),
             reloaded=None if reloader.last is None else reloader.last.outcome,
             at=0.0 if reloader.last is None else self._clock() - now + reloader.last.at,
         )
@@ -106,6 +102,10 @@ class ConfigViewer:
             changed=found.changed,
             restart=find_settled(self._reloader.at_start, plan),
         )
+
+
+def _unread(why: str) -> _Seen:
+    return _Seen((), 0.0, ConfigRead(None, (Problem("error", (), why),)))
 
 
 def _sign(file: Path) -> tuple[int, ...]:

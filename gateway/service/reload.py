@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
-from gateway.config.load import load
 from gateway.config.plan import Plan
 from gateway.config.problem import Problem
-from gateway.config.resolve import resolve
-from gateway.errors import ListenError, StateError, TlsError
+from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import garbage
 from gateway.service.build import Gateway
+from gateway.service.config_process import READING_TIME, ReadConfig, read_config
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary
@@ -22,7 +21,7 @@ from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
 from gateway.tls.store import TlsStore, complaints, load_all
 
-#: How long reading the file may take, in seconds. The client waits for 40 s.
+#: How long reading what images keep, or certificates, may take, in seconds. The client waits for 40 s.
 LOADING_TIME: Final = 10.0
 
 
@@ -54,7 +53,7 @@ class Reloaded:
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
-    `text` is that of the file when it was used last.
+    `text` is that of the file when it was used last. `read` reads it, in a thread.
     `prepare` reads saved values for a plan from the disk, in a thread: an image may have a hundred thousand. So are
     certificates read, those of unchanged tables too, and then replace those in `contexts`.
     `rebuild` builds the gateway of a plan, reusing unchanged parts of the present one.
@@ -70,8 +69,10 @@ class Reloader:
         *,
         text: str = "",
         contexts: TlsStore | None = None,
+        read: ReadConfig = read_config,
     ) -> None:
         self.file = file
+        self.read = read
         self.text = text
         self.last: Reloaded | None = None
         self._running = running
@@ -121,13 +122,15 @@ class Reloader:
     async def _reload(self) -> Outcome:
         loop = asyncio.get_running_loop()
         try:
-            async with asyncio.timeout(LOADING_TIME):
-                loaded = await loop.run_in_executor(ThreadPerCall("load config"), load, self.file)
+            async with asyncio.timeout(READING_TIME):
+                loaded = await loop.run_in_executor(ThreadPerCall("read config"), self.read, self.file)
         except TimeoutError:
-            return self._rejected((f"{self.file}: cannot be read within {LOADING_TIME:g} s; is it a file?",))
-        if loaded.config is None:
+            return self._rejected((f"{self.file}: cannot be read within {READING_TIME:g} s; is it a file?",))
+        except ConfigError as error:
+            return self._rejected((str(error),))
+        if loaded.plan is None:
             return self._rejected(loaded.errors)
-        old, new = self._running.gateway.plan, resolve(loaded.config)
+        old, new = self._running.gateway.plan, loaded.plan
         try:
             async with asyncio.timeout(LOADING_TIME):
                 secured = (*new.secured, *(new.web.secured if new.web else ()))

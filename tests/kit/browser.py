@@ -12,6 +12,7 @@ from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
 from gateway.service.build import build
+from gateway.service.config_reader import read_here
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
@@ -190,7 +191,7 @@ async def web_bench(config: str, folder: Path, **settings: Any):
         def rebuild(plan, gateway):
             return build(plan, loop, home._open, home.memory, home.events.append, running=gateway)
 
-        reloader = Reloader(file, running, rebuild, Notifier({}), text=config)
+        reloader = Reloader(file, running, rebuild, Notifier({}), text=config, read=read_here)
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
         answers = _Answers(running, reloader, fan_out, history, lambda: CLOCK + loop.time())

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
 from gateway.images.store import Store
 from gateway.modbus.rtu import encode
 from gateway.routing.access import READING
 from gateway.service.build import build
+from gateway.service.config_process import ConfigRead
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
 from gateway.service.supervisor import Stop, serve
@@ -93,12 +96,11 @@ class Service:
     def __init__(self, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self._make_listener = build.__globals__["_listener"]
         monkeypatch.setattr("gateway.service.build._listener", self._doors)
-        monkeypatch.setattr("gateway.service.reload.load", self._load)
         self.file = file
         self.bench = GatewayBench(file.read_text())
         self.events = self.bench.events
         self.running = Running(self.bench.gateway, self.events.append)
-        self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}), self._prepare)
+        self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}), self._prepare, read=self._read)
         self.stop = Stop()
         self.store = None
         for number, port in ((1, "hall-a"), (2, "hall-b")):
@@ -131,10 +133,9 @@ class Service:
             self.store.open()
 
     @staticmethod
-    def _load(file):
-        from gateway.config.load import parse  # noqa: PLC0415 - the name in the module is what the test replaces
-
-        return parse(file.read_text(), str(file), port_trouble=lambda port: None, real_path=lambda port: port)
+    def _read(file):
+        loaded = parse(file.read_text(), str(file), port_trouble=lambda port: None, real_path=lambda port: port)
+        return ConfigRead(loaded.config and resolve(loaded.config), loaded.problems)
 
 
 @pytest.fixture(autouse=True)

@@ -1,0 +1,131 @@
+"""Reads a config in a process of its own, which ends once the plan is made.
+
+What reads and checks a config takes as much memory as all else of the gateway, and nothing of it is needed later
+(ADR 23). This module is imported before almost everything else: the gateway loads itself while its config is read.
+"""
+
+import pickle
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from signal import Signals
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from gateway.config.problem import Problem
+from gateway.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gateway.config.plan import Plan
+
+#: How long the process may take at the start of the gateway, in seconds. A slow machine that boots is busy.
+STARTING_TIME: Final = 60.0
+#: How long it may take for a gateway that runs, in seconds.
+READING_TIME: Final = 10.0
+
+#: With the modules of this process, wherever it has them from. The arguments are those of config_reader.main.
+_PROGRAM: Final = """\
+import sys
+sys.path[:] = sys.argv.pop().split(":")
+from gateway.service.config_reader import main
+main()
+"""
+#: What the process says of its own failure goes to the log, up to so many characters.
+_MOST_SAID: Final = 200
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigRead:
+    """What a file says: its plan if it has no error, its problems in the order of the file, and its text."""
+
+    plan: "Plan | None"
+    problems: tuple[Problem, ...]
+    text: str = ""
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """Why there is no plan, as text."""
+        return tuple(str(each) for each in self.problems if each.severity == "error")
+
+
+class ReadConfig(Protocol):
+    """Reads a file. With `look_around`, what `check` says of other files and of this machine is among the problems."""
+
+    def __call__(self, file: Path, *, look_around: bool = False) -> ConfigRead:
+        """Read it. Blocks."""
+        ...
+
+
+def read_config(file: Path, *, look_around: bool = False) -> ConfigRead:
+    """Read `file` in a process of its own. Blocks for at most READING_TIME.
+
+    Raises:
+        ConfigError: the process could not do it; the message says why.
+    """
+    return ConfigProcess(file, READING_TIME, look_around=look_around).result()
+
+
+class ConfigProcess:
+    """The process that reads `file`, from now on. It has `limit` seconds.
+
+    Raises:
+        ConfigError: it cannot be started.
+    """
+
+    def __init__(self, file: Path, limit: float, *, look_around: bool = False) -> None:
+        self._file = file
+        self._limit = limit
+        kind = "look-around" if look_around else "plan"
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - this interpreter, and a program of ours
+                [*_interpreter(), str(file), kind, f"{limit:g}", ":".join(sys.path)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                process_group=0,  # Ctrl-C is for the gateway, which ends it
+            )
+        except OSError as error:
+            raise ConfigError(f"{file} cannot be read: no process can be started for it: {error.strerror}") from None
+
+    def result(self) -> ConfigRead:
+        """Wait for what was read.
+
+        Raises:
+            ConfigError: the process did not come to its end; the message says why.
+        """
+        process = self._process
+        try:
+            answer, said = process.communicate(timeout=self._limit)
+        except subprocess.TimeoutExpired:
+            raise ConfigError(f"{self._file}: cannot be read within {self._limit:g} s; is it a file?") from None
+        finally:
+            process.kill()
+        if process.returncode != 0:
+            raise ConfigError(f"{self._file} was not read: {_explain(process.returncode, said)}")
+        read: ConfigRead = pickle.loads(answer)  # noqa: S301 - of our own process, by a pipe that nobody else has
+        return read
+
+
+def remake(kind: type[Any], values: dict[str, Any]) -> object:
+    """Make a dataclass of its values: how config_reader hands one over. Compiled ones have no way of their own."""
+    return kind(**values)
+
+
+def _interpreter() -> list[str]:
+    """Python with the same environment as here, for a program that sets its own path."""
+    isolated = ["-I", "-S"] if sys.flags.isolated else ["-P"]
+    return [sys.executable, *isolated, "-c", _PROGRAM]
+
+
+def _explain(status: int, said: bytes) -> str:
+    last = said.decode(errors="replace").strip().rpartition("\n")[2][:_MOST_SAID]
+    if status < 0:
+        return f"the process that reads it was ended by {_name(-status)}; is memory short?"
+    return f"the process that reads it has failed with status {status}{last and f': {last}'}"
+
+
+def _name(number: int) -> str:
+    try:
+        return Signals(number).name
+    except ValueError:
+        return f"signal {number}"
