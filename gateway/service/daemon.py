@@ -25,7 +25,7 @@ from gateway.service.control import control_open
 from gateway.service.control_path import control_path
 from gateway.service.overdue import FILE_NAME as LATE_FILE
 from gateway.service.overdue import LeftBehind, is_entry
-from gateway.service.reload import Reloader, warn
+from gateway.service.reload import Reloader, warn, warn_of_certificates
 from gateway.service.remembered import in_force
 from gateway.service.running import Running
 from gateway.service.shared_file import SharedFile
@@ -99,7 +99,9 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     loop = asyncio.get_running_loop()
 
     contexts = TlsStore()
-    contexts.adopt(load_all(plan.secured))
+    certificates = load_all(plan.secured)
+    warn_of_certificates(certificates, emit)
+    contexts.adopt(certificates)
     open_port = partial(opener, store=contexts)
 
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
