@@ -29,6 +29,9 @@ from gateway.ports.kinds import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.point import Point
 
+#: The usual time limit in seconds, and that of a server: a gateway lets requests wait, and waits for slow devices.
+_TIMEOUT: Final = 1.0
+_TCP_TIMEOUT: Final = 10.0
 _FRAMERS: Final = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII}
 
 _Client = ModbusSerialClient | ModbusTcpClient
@@ -87,7 +90,8 @@ class _Place:
         self.limits: Mapping[int, int] = {}
         self.mode: Literal["rtu", "ascii"] = args.mode or "rtu"
         self._is_mode_given = args.mode is not None
-        seconds = f"{args.timeout:g} s"
+        self.timeout: float = args.timeout or (_TCP_TIMEOUT if args.tcp else _TIMEOUT)
+        seconds = f"{self.timeout:g} s"
         self.advice = f"the limit is {seconds} (--timeout); are unit, wiring, rate and format right?"
         if args.tcp:
             self.advice = f"the limit is {seconds} (--timeout); does this server know the unit?"
@@ -143,17 +147,15 @@ def _tcp_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) 
         address = parse_address(f"tcp://{text}", ("tcp",))
     except WrongValue as wrong:
         raise WrongUsageError(f"--tcp {args.tcp}: {wrong}", "write --tcp 10.1.0.5, or --tcp 10.1.0.5:502") from wrong
-    return _socket_client(address, FramerType.SOCKET, args, place, open_parts)
+    return _socket_client(address, FramerType.SOCKET, place, open_parts)
 
 
-def _socket_client(
-    address: Address, framer: FramerType, args: argparse.Namespace, place: _Place, open_parts: ExitStack
-) -> ModbusTcpClient:
+def _socket_client(address: Address, framer: FramerType, place: _Place, open_parts: ExitStack) -> ModbusTcpClient:
     client = ModbusTcpClient(
         address.host,
         port=address.port,
         framer=framer,
-        timeout=args.timeout,
+        timeout=place.timeout,
         retries=0,
         trace_packet=place.trace,
     )
@@ -169,11 +171,11 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
     except WrongValue as wrong:
         raise WrongUsageError(str(wrong), wrong.remedy) from wrong
     if isinstance(port, Address):
-        return _socket_client(port, _FRAMERS[DEVICE_SERVER_MODES[port.scheme]], args, place, open_parts)
+        return _socket_client(port, _FRAMERS[DEVICE_SERVER_MODES[port.scheme]], place, open_parts)
     if not fits_mode(format_, place.mode):
         raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
     try:
-        serial = open_parts.enter_context(open_blocking(SerialSettings(port, args.baud, format_), args.timeout))
+        serial = open_parts.enter_context(open_blocking(SerialSettings(port, args.baud, format_), place.timeout))
     except PortError as error:
         remedy = "if a gateway uses this port, leave out --port to go through it"
         raise DirectError(f"{error}\n  help: {remedy}" if Path(port).exists() else str(error)) from error
@@ -184,7 +186,7 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
         bytesize=format_.data_bits,
         parity=format_.parity,
         stopbits=format_.stop_bits,
-        timeout=args.timeout,
+        timeout=place.timeout,
         retries=0,
         trace_packet=place.trace,
     )

@@ -91,7 +91,8 @@ def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
     add_port_arguments(direct, "use")
     add = direct.add_argument
     add("--tcp", metavar="HOST[:PORT]", help="use this Modbus TCP server (default port 502)")
-    add("--timeout", type=parsed_by(parse_duration), default=1.0, metavar="TIME", help="time limit (default 1s)")
+    limit = "time limit (default 1s; 10s with --tcp)"
+    add("--timeout", type=parsed_by(parse_duration), metavar="TIME", help=limit)
     add("--profile", metavar="NAME", help="the kind of device, for its points: mint, v80, weigher")
 
 

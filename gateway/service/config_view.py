@@ -29,7 +29,8 @@ class ConfigView:
     """`text` is that of the config in use, with masks for secrets, and `difference` what was changed in the file since.
 
     `changes` are those that a reload would make; `problems` say why it would be rejected, or are warnings. `reloaded`
-    is the outcome of the last reload `at` this time of the day, if there was one.
+    is the outcome of the last reload `at` this time of the day, if there was one. A gateway that `is_service` was
+    started by systemd.
     """
 
     file: str
@@ -40,6 +41,7 @@ class ConfigView:
     changes: Outcome
     reloaded: Outcome | None
     at: float
+    is_service: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +94,7 @@ class ConfigViewer:
             changes=Outcome() if seen.loaded.plan is None else self._changes(seen.loaded.plan),
             reloaded=None if reloader.last is None else reloader.last.outcome,
             at=0.0 if reloader.last is None else self._clock() - now + reloader.last.at,
+            is_service=reloader.is_service,
         )
 
     def _changes(self, plan: Plan) -> Outcome:

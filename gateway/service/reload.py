@@ -85,6 +85,11 @@ class Reloader:
         self._next: asyncio.Task[Outcome] | None = None
         self._tasks: set[asyncio.Task[Outcome]] = set()
 
+    @property
+    def is_service(self) -> bool:
+        """Whether systemd has started the gateway."""
+        return self._systemd.is_service
+
     def order(self) -> asyncio.Task[Outcome]:
         """Reload soon. Orders before a reload has begun are combined into one."""
         if self._next is None:

@@ -24,6 +24,11 @@ class Notifier:
         #: The last step, if it could not be sent yet.
         self._unsent = ""
 
+    @property
+    def is_service(self) -> bool:
+        """Whether this process is a service of systemd."""
+        return bool(self._address)
+
     def ready(self, status: str) -> None:
         """Clients can connect, or a reload is over."""
         self._step("READY=1")

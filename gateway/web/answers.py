@@ -240,6 +240,10 @@ class ConfigView(Protocol):
     def at(self) -> float:
         """When that was, in seconds since 1970."""
 
+    @property
+    def is_service(self) -> bool:
+        """Whether systemd has started the gateway."""
+
 
 class Doctor(Protocol):
     """Looks for what is wrong."""

@@ -136,3 +136,9 @@ async def test_a_long_comparison_is_cut(bench, file):
 
 async def test_it_is_shown_to_those_who_may_read(bench):
     assert (await bench.browser("10.0.0.9").get("/config")).status == 303
+
+
+async def test_a_gateway_that_is_no_service_is_told_to_reload_without_sudo(bench, file):
+    text = Markup(await shown(bench)).texts
+    assert f"modbus-gateway check {file}" in " ".join(text)
+    assert "sudo" not in " ".join(text)

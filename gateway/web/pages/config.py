@@ -3,11 +3,12 @@
 import asyncio
 from collections.abc import Sequence
 from datetime import datetime
+from shlex import quote
 from typing import Final
 
 from aiohttp import web
 
-from gateway.web.answers import Answers
+from gateway.web.answers import Answers, ConfigView
 from gateway.web.guard import Need
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
@@ -32,7 +33,7 @@ class ConfigPage:
         config = await self._answers.config()
         at = datetime.fromtimestamp(config.at).astimezone().isoformat(" ", "seconds")[:19] if config.at else ""
         return await self._renderer.page(
-            "config.html", request, config=config, commands=_commands(config.file), reloaded_at=at
+            "config.html", request, config=config, commands=_commands(config), reloaded_at=at
         )
 
     async def reload(self, _request: web.Request) -> web.Response:
@@ -49,6 +50,8 @@ class ConfigPage:
         raise web.HTTPSeeOther("/config")
 
 
-def _commands(file: str) -> Sequence[str]:
-    """How the file is changed, checked and used."""
-    return f"sudoedit {file}", f"modbus-gateway check {file}", "sudo modbus-gateway reload"
+def _commands(config: ConfigView) -> Sequence[str]:
+    """How the file is changed, checked and used; a service belongs to a user of its own."""
+    file = quote(config.file)
+    edit, order = ("sudoedit", "sudo ") if config.is_service else ('"${EDITOR:-nano}"', "")
+    return f"{edit} {file}", f"modbus-gateway check {file}", f"{order}modbus-gateway reload"

@@ -36,7 +36,7 @@ class Trouble:
     """What is wrong with the line or unit of this name; a `reason` is in the gateway's words.
 
     `share` is that of the time in which a line was busy, or of the `requests` of the last minutes without an answer.
-    `found` is what doctor says must be mended.
+    A unit that rests is left alone for `rests_ms` from now on. `found` is what doctor says must be fixed.
     """
 
     kind: Literal["down", "resting", "failing", "full", "fix"]
@@ -46,6 +46,7 @@ class Trouble:
     reason: str = ""
     share: float = 0.0
     requests: int = 0
+    rests_ms: float = 0.0
     found: tuple[str, ...] = ()
 
 
@@ -105,7 +106,7 @@ def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Troub
             state = states[unit.name]
             if state.word == kind and unit.line not in down:
                 share, requests = state.unanswered_share, state.use.requests
-                yield Trouble(kind, "units", unit.name, unit.line, unit.last_error, share, requests)
+                yield Trouble(kind, "units", unit.name, unit.line, unit.last_error, share, requests, unit.rests_ms)
 
 
 def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
@@ -117,7 +118,7 @@ def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
 
 
 def with_findings(known: Sequence[Trouble], report: Report) -> list[Trouble]:
-    """The troubles with what doctor says must be mended, and after them what else must be."""
+    """The troubles with what doctor says must be fixed, and after them what else must be."""
     fixes: dict[tuple[str, str], Trouble] = {}
     for line, findings in report.groups:
         for each in findings:

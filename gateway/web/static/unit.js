@@ -28,14 +28,17 @@ function renewPoints(page) {
   if (state && next) state.textContent = next.textContent;
 }
 
-let isReading = false;
+let isReading = false, isFirst = true;
 
 async function readPoints() {
   if (isReading || document.hidden) return;
   isReading = true;
   const state = points.querySelector("[data-read-state]");
   try {
-    renewPoints(await ask(points.action, { method: "POST" }));
+    const page = await ask(points.action, { method: "POST" });
+    renewPoints(page);
+    if (isFirst) for (const list of page.querySelectorAll("#points ~ details[open]")) document.getElementById(list.id)?.setAttribute("open", "");
+    isFirst = false;
   } catch (error) {
     state.textContent = `${TEXTS.failed}: ${error.message}`;
   } finally {
