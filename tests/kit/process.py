@@ -25,13 +25,18 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
 
 @contextmanager
 def simulated(port: Path, *words: str) -> Iterator[None]:
-    """`modbus-gateway simulate` on a port."""
+    """`modbus-gateway simulate` on a port; it takes the port away in the end, as in system.test_simulate."""
     with subprocess.Popen([*COMMAND, "simulate", *words, "--port", str(port)], stdout=subprocess.PIPE) as process:
-        process.stdout.readline()
+        assert process.stdout is not None
+        assert process.stdout.readline()
         try:
             yield
         finally:
-            process.kill()
+            process.terminate()
+            try:
+                process.wait(PATIENCE)
+            finally:
+                process.kill()
 
 
 class GatewayProcess:

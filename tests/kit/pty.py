@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from gateway.ports.ioctls import actual_baud
+from kit.process import PATIENCE
 
 
 class VirtualPort:
@@ -60,7 +61,7 @@ class VirtualPort:
         """Devices say `data`."""
         assert os.write(self.far_end, data) == len(data)
 
-    def read(self, size: int, timeout: float = 5.0) -> bytes:
+    def read(self, size: int, timeout: float = PATIENCE) -> bytes:
         """What the gateway wrote: `size` bytes, or fewer once `timeout` seconds have passed without any."""
         data = b""
         while len(data) < size and select.select([self.far_end], [], [], timeout)[0]:

@@ -1,13 +1,12 @@
 """`bench` and `status` as processes, with a simulated line. Its figures are not compared: machines are busy."""
 
 import json
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from kit.process import COMMAND, GatewayProcess, command
+from kit.process import GatewayProcess, command, simulated
 
 CONFIG = """
 [[listen]]
@@ -17,7 +16,7 @@ bind = "tcp://127.0.0.1:0"
 name = "hall"
 port = "{port}"
 mode = "ascii"
-devices = [{{ unit = 1, as = 51, name = "axis-1", profile = "mint", timeout = "2 s" }}]
+devices = [{{ unit = 1, as = 51, name = "axis-1", profile = "mint", timeout = "20 s" }}]
 
 [control]
 socket = "{control}"
@@ -28,12 +27,8 @@ socket = "{control}"
 def control(tmp_path: Path) -> Iterator[str]:
     """The control socket of a gateway with a simulated line."""
     port, path = tmp_path / "hall", str(tmp_path / "control.sock")
-    simulate = [*COMMAND, "simulate", "mint:1", "--port", str(port)]
-    with subprocess.Popen(simulate, stdout=subprocess.PIPE) as simulated:
-        simulated.stdout.readline()
-        with GatewayProcess(tmp_path, CONFIG.format(port=port, control=path)):
-            yield path
-        simulated.kill()
+    with simulated(port, "mint:1"), GatewayProcess(tmp_path, CONFIG.format(port=port, control=path)):
+        yield path
 
 
 def test_bench_shows_what_a_line_can_carry_and_status_who_uses_it(control: str) -> None:

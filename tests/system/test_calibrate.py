@@ -18,14 +18,15 @@ bind = "tcp://127.0.0.1:0"
 name = "motion"
 port = "{port}"
 mode = "ascii"
-devices = [{{ unit = 2, name = "axis-1" }}]
+devices = [{{ unit = 2, name = "axis-1", timeout = "20 s" }}]
 
 [control]
 socket = "{control}"
 """
-#: Milliseconds for 99 registers, and what slow machines may make of that.
+#: Milliseconds for 99 registers.
 TABLE = 420
-BOUNDS = (0.9 * TABLE, 1.25 * TABLE)
+#: A busy machine adds its own to some measurements; what is wrong adds it to each.
+ATTEMPTS = 8
 
 
 @contextmanager
@@ -50,6 +51,12 @@ def reading(port: int) -> Iterator[None]:
         thread.join()
 
 
+def finds_the_time(*words: str) -> bool:
+    """Whether the time for 99 registers is measured as it is: without what they take on the wire, 220 ms."""
+    times = (time_of_99(*words) for _ in range(ATTEMPTS))
+    return any(0.9 * TABLE < time < 1.25 * TABLE for time in times)
+
+
 def time_of_99(*words: str) -> float:
     """Milliseconds for 99 registers."""
     done = command("calibrate", "axis-1", "--json", *words)
@@ -62,9 +69,9 @@ def test_a_mint_controller_actively_and_passively(tmp_path: Path) -> None:
     control, port = str(tmp_path / "control.sock"), tmp_path / "motion"
     at = ("--control", control)
     with simulated(port, "mint:2"), GatewayProcess(tmp_path, CONFIG.format(port=port, control=control)) as gateway:
-        assert BOUNDS[0] < time_of_99("--active", "--for", "5s", *at) < BOUNDS[1]
+        assert finds_the_time("--active", "--for", "5s", *at)
         with reading(gateway.port):
-            assert BOUNDS[0] < time_of_99("--for", "5s", *at) < BOUNDS[1]
+            assert finds_the_time("--for", "5s", *at)
         shown = command("calibrate", "axis-1", *at)
         assert "FUNCTION  ITEMS  RESPONSES" in shown.stdout
         assert "timing = [" in shown.stdout

@@ -38,22 +38,21 @@ name = "udp"
 name    = "hall-a"
 port    = "{hall_a}"
 baud    = 9600
-devices = [{{ unit = 1, as = 41 }}, {{ unit = 6, as = 46, profile = "v80" }}]
+devices = [{{ unit = 1, as = 41, timeout = "20 s" }}, {{ unit = 6, as = 46, profile = "v80", timeout = "20 s" }}]
 
 [[line]]
 name    = "hall-b"
 port    = "{hall_b}"
 baud    = 19200
 format  = "8N1"
-devices = [{{ unit = 3, as = 43 }}]
+devices = [{{ unit = 3, as = 43, timeout = "20 s" }}]
 
 [[line]]
 name    = "press"
 port    = "{press}"
 mode    = "ascii"
 baud    = 19200
-latency = "5 s"
-devices = [{{ unit = 2, as = 52, profile = "mint" }}]
+devices = [{{ unit = 2, as = 52, profile = "mint", timeout = "20 s" }}]
 
 [[image]]
 unit    = 200
@@ -121,7 +120,7 @@ async def mbpoll(gateway: GatewayProcess, unit: int, *options: str, values: tupl
 
 
 async def polled(place: str, unit: int, *options: str, values: tuple[str, ...] = ()) -> str:
-    words = ["mbpoll", "-a", str(unit), "-t", "4", *options, "-1", place, *values]
+    words = ["mbpoll", "-o", "10", "-a", str(unit), "-t", "4", *options, "-1", place, *values]
     done = await asyncio.to_thread(subprocess.run, words, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -38,7 +38,7 @@ bind = "tcp://127.0.0.1:0"
 [[line]]
 name = "hall-a"
 port = "{tmp_path / "hall-a"}"
-devices = [{{ unit = 1 }}]
+devices = [{{ unit = 1, timeout = "20 s" }}]
 
 [control]
 socket = "{tmp_path / "control.sock"}"

@@ -20,9 +20,10 @@ bind = "tcp://127.0.0.1:0"
 name = "hall"
 port = "{port}"
 baud = 9600
+late_window = "1 s"
 devices = [
-  {{ unit = 1, as = 41, name = "silo-1", profile = "weigher", timeout = "200 ms" }},
-  {{ unit = 6, as = 46, name = "press", profile = "v80", timeout = "200 ms" }},
+  {{ unit = 1, as = 41, name = "silo-1", profile = "weigher", timeout = "{timeout}" }},
+  {{ unit = 6, as = 46, name = "press", profile = "v80", timeout = "{timeout}" }},
 ]
 
 [control]
@@ -30,7 +31,7 @@ socket = "{control}"
 """
 
 #: A device that is looked for has 250 ms to answer. On a busy machine a simulated one may need more once in a while.
-ATTEMPTS = 3
+ATTEMPTS = 8
 
 HOLD = """
 import os, sys, time
@@ -43,11 +44,11 @@ time.sleep(600)
 class Hall:
     """The gateway and its line, with devices that are simulated with these words."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, timeout: str = "20 s") -> None:
         self.port = folder / "hall"
         self.control = folder / "control.sock"
         self.devices = Simulation(self.port, "weigher:1", "v80:6", *words)
-        self.gateway = GatewayProcess(folder, CONFIG.format(port=self.port, control=self.control))
+        self.gateway = GatewayProcess(folder, CONFIG.format(port=self.port, control=self.control, timeout=timeout))
 
     def __enter__(self):
         self.devices.__enter__()
@@ -89,7 +90,7 @@ def test_a_healthy_set_up_has_nothing_to_fix(tmp_path):
     ],
 )
 def test_a_broken_set_up_is_named(tmp_path, fault, named):
-    with Hall(tmp_path, "--fault", fault) as hall:
+    with Hall(tmp_path, "--fault", fault, timeout="200 ms") as hall:
         for _ in range(ATTEMPTS):
             status, rows = hall.doctor()
             assert status == 1
@@ -113,7 +114,7 @@ def test_an_adapter_that_another_program_has_taken_is_named(tmp_path):
 
 
 def test_a_client_whose_time_out_is_too_short_is_named(tmp_path):
-    with Hall(tmp_path, "--slow", "150 ms") as hall:
+    with Hall(tmp_path, "--slow", "2 s") as hall:
         for transaction in range(3):
             with socket.create_connection(("127.0.0.1", hall.gateway.port), timeout=PATIENCE) as client:
                 client.sendall(transaction.to_bytes(2, "big") + bytes.fromhex("0000 0006 2E 03 0000 0001"))

@@ -45,23 +45,23 @@ def waited(selector: ExactSelector, timeout: float) -> float:
 
 
 def test_a_thread_that_computes_hands_over_in_less_than_a_millisecond() -> None:
-    """Where the interpreter keeps its 5 ms, each timer is as late."""
+    """Where the interpreter keeps its 5 ms, each timer is as late; a busy machine makes some of them so."""
     is_over = threading.Event()
 
     def compute() -> None:
         while not is_over.is_set():
             sum(range(100))
 
-    async def usual() -> float:
+    async def least() -> float:
         thread = threading.Thread(target=compute)
         thread.start()
         try:
-            return sorted([await lateness(0.001) for _ in range(200)])[50]
+            return min([await lateness(0.001) for _ in range(200)])
         finally:
             is_over.set()
             thread.join()
 
-    assert run_exactly(usual()) < 0.003
+    assert run_exactly(least()) < 0.003
 
 
 def test_a_descriptor_ends_an_exact_wait() -> None:
@@ -191,7 +191,7 @@ async def test_waiting_takes_no_processor_time() -> None:
     used = time.process_time()
     for _ in range(10):
         await lateness(1.5 * EXACT_PART)
-    assert time.process_time() - used < 0.05  # who asks over and over uses most of 0.6 s
+    assert time.process_time() - used < 0.3  # who asks over and over uses most of 0.6 s
 
 
 @pytest.mark.parametrize("timeout", [0, -1])

@@ -24,8 +24,12 @@ clients = 100
 name    = "hall-a"
 port    = "{port}"
 baud    = 38400
-devices = [{{ unit = 1 }}]
+max_wait = "60 s"
+devices = [{{ unit = 1, timeout = "20 s" }}]
 """
+
+#: Other work on the machine may take its time from one of them; without the pause each had a fiftieth left.
+ATTEMPTS = 8
 
 
 def test_clients_that_are_refused_and_ask_again_leave_the_line_its_time(tmp_path: Path) -> None:
@@ -37,13 +41,17 @@ def test_clients_that_are_refused_and_ask_again_leave_the_line_its_time(tmp_path
         SerialDevices({port: SimulatedLine("rtu", device)}),
         GatewayProcess(tmp_path, CONFIG.format(port=port.path), level="info") as gateway,
     ):
-        with flooded(gateway, connections=3):
-            undisturbed = transactions(device, seconds=2.0)
+        assert any(keeps_its_time(gateway, device) for _ in range(ATTEMPTS))
         with flooded(gateway, connections=60):
-            under_load = transactions(device, seconds=4.0)
-            answers = [polled(gateway, address) for address in range(20)]
-    assert under_load > undisturbed / 5  # a quiet machine: 0.8 and more; without the pause, a busy one: a fiftieth
-    assert answers.count("0302002a") >= 19
+            assert {polled(gateway, address) for address in range(20)} == {"0302002a"}
+
+
+def keeps_its_time(gateway: GatewayProcess, device: SimulatedDevice) -> bool:
+    """Whether there is more than a fifth of the transactions; on a quiet machine there are 0.8 and more."""
+    with flooded(gateway, connections=3):
+        undisturbed = transactions(device, seconds=1.5)
+    with flooded(gateway, connections=60):
+        return transactions(device, seconds=3.0) > undisturbed / 5
 
 
 @contextmanager

@@ -73,6 +73,16 @@ def test_the_links_of_a_panel_lead_to_pages_of_a_panel(browser: Any, tmp_path: P
         assert page.locator("header, nav, footer").count() == 0
 
 
+def names(strips: Any) -> list[str] | None:
+    """Those of lines, None while the page is on its way to another."""
+    from playwright.sync_api import Error  # noqa: PLC0415 - it is not installed everywhere
+
+    try:
+        return strips.evaluate_all("all => all.map((each) => each.dataset.line)")
+    except Error:
+        return None
+
+
 def test_strips_follow_a_reload(browser: Any, tmp_path: Path) -> None:
     port = free_port()
     with GatewayProcess(tmp_path, config(port)) as gateway, watched(browser) as page:
@@ -82,7 +92,7 @@ def test_strips_follow_a_reload(browser: Any, tmp_path: Path) -> None:
             gateway.config.write_text(config(port, *lines))
             gateway.signal(signal.SIGHUP)
             shown = page.locator("figure.strip")
-            until(page, lambda: [each.get_attribute("data-line") for each in shown.all()] == list(lines))
+            until(page, lambda: names(shown) == list(lines))
             assert page.locator("figure.strip canvas").count() == len(lines)
 
         reload("hall")
@@ -110,11 +120,11 @@ def test_a_panel_needs_no_scrolling(browser: Any, tmp_path: Path, width: int, he
     viewport = {"width": width, "height": height}
     with GatewayProcess(tmp_path, config(port, *lines)), watched(browser, viewport=viewport) as page:
         page.goto(f"http://127.0.0.1:{port}/?kiosk&lang={language}")
+        until(page, lambda: page.locator("figure.strip canvas").count() == 10)
         page.wait_for_timeout(1000)
         assert page.evaluate("document.documentElement.scrollHeight") <= height
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.evaluate(CUT_OFF) == []
-        assert page.locator("figure.strip canvas").count() == 10
         assert page.locator("table.heat tbody tr").count() == 12
         assert axe_findings(page) == []
 

@@ -27,10 +27,12 @@ line = "yard"
 [[line]]
 name = "hall"
 port = "{folder}/hall"
+timeout = "20 s"
 
 [[line]]
 name = "yard"
 port = "{folder}/yard"
+timeout = "20 s"
 """
 ENCODE = {
     "tcp": lambda unit, pdu: mbap.encode(7, unit, pdu),

@@ -146,15 +146,16 @@ async def test_when_fewer_bytes_come_the_request_fails_and_the_line_goes_on(port
     async with paced(port, says=BROKEN, limit=0.5) as line:
         assert await line.asks() == "83 0B"
         line.far_end.says = TEN
-        await asyncio.sleep(1.5)  # the late window of the answer that never came
-        assert (await line.asks()).startswith("03 14")
+        async with asyncio.timeout(PATIENCE):
+            while not (await line.asks()).startswith("03 14"):  # noqa: ASYNC110 - until the late window is over
+                await asyncio.sleep(0.1)
 
 
 async def test_a_port_that_is_pulled_out_while_nobody_looks_fails_the_request_in_time(port):
-    async with paced(port, baud=300) as line:
+    async with paced(port, baud=75) as line:
         asking = asyncio.create_task(line.asks())
-        await until(lambda: line.wakes > 2)  # the head has come: the rest takes 700 ms
+        await until(lambda: line.wakes > 2)  # the head has come: the rest takes 2.7 s
         port.unplug()
         pulled_at = time.monotonic()
         assert await asking == "83 0B"
-        assert time.monotonic() - pulled_at < 0.5
+        assert time.monotonic() - pulled_at < 2

@@ -23,10 +23,21 @@ bind = "tcp://127.0.0.1:0"
 name = "hall"
 port = "{port}"
 baud = 9600
-devices = [
-  {{ unit = 1, as = 41, name = "silo-1", profile = "weigher", points = [{{ name = "own", holding = 16 }}] }},
-  {{ unit = 6, as = 46, name = "press", profile = "v80" }},
-]
+
+[[line.devices]]
+unit = 1
+as = 41
+name = "silo-1"
+profile = "weigher"
+timeout = "20 s"
+points = [{{ name = "own", holding = 16 }}]
+
+[[line.devices]]
+unit = 6
+as = 46
+name = "press"
+profile = "v80"
+timeout = "20 s"
 
 [control]
 socket = "{control}"
@@ -120,14 +131,14 @@ def test_rights_hold_for_the_control_socket_once_a_row_names_it(tmp_path: Path, 
 
 
 def test_on_a_port_without_a_daemon(port: Path) -> None:
-    at = ("--port", str(port), "--baud", "9600")
+    at = ("--port", str(port), "--baud", "9600", "--timeout", "20s")
     assert values("1", "--profile", "weigher", *at) == [4999.66, 9600, 1]
     assert values("6", "holding", "107-109", *at) == [99, 99, 99]
     assert command("write", "1", "zero", "take", "--profile", "weigher", *at).returncode == 0
     assert values("1", "weight", "--profile", "weigher", *at) == [0]
     shown = command("read", "6", "holding", "107-109", "--raw", *at).stdout.splitlines()
     assert shown[:2] == ["> 06 03 00 6B 00 03 75 A0", "< 06 03 06 00 63 00 63 00 63 73 7A"]  # the document's
-    silent = command("read", "9", "holding", "0", "--timeout", "300ms", *at)
+    silent = command("read", "9", "holding", "0", *at[:4], "--timeout", "300ms")
     assert silent.returncode == 1
     assert "unit 9: no response; the limit is 0.3 s" in silent.stderr
 
@@ -135,16 +146,16 @@ def test_on_a_port_without_a_daemon(port: Path) -> None:
 def test_in_ascii_on_a_port(tmp_path: Path) -> None:
     path = tmp_path / "motion"
     with simulated(path, "mint:2"):
-        at = ("--port", str(path), "--profile", "mint")
+        at = ("--port", str(path), "--profile", "mint", "--timeout", "20s")
         written = command("write", "2", "comms-29", "-5", "--raw", *at)
         assert (written.returncode, written.stdout.splitlines()[0]) == (0, "> :0210001D000102FFFBD4")
         assert values("2", "comms-29", "output-3", *at) == [-5, 0]
-        assert values("2", "holding", "29", "int16", "--port", str(path), "--mode", "ascii") == [-5]
+        assert values("2", "holding", "29", "int16", "--port", str(path), "--mode", "ascii", "--timeout", "20s") == [-5]
 
 
 def test_against_the_server_of_pymodbus() -> None:
     with pymodbus_server() as address:
-        at = ("--tcp", address)
+        at = ("--tcp", address, "--timeout", "20s")
         assert values("3", "holding", "0-129", *at) == list(range(130))
         assert values("3", "coils", "0-3", *at) == [1, 0, 1, 1]
         assert values("3", "holding", "1", "int32", "--swap", "words", *at) == [0x20001]
@@ -165,7 +176,10 @@ def test_mbpoll_sees_what_was_written_and_the_help_for_it_means_the_same(tmp_pat
         assert command("write", "press", "holding", "20", "1.5", "float32", *at).returncode == 0
         theirs = ["-a", "46", "-t", "4:float", "-B", "-r", "21", "-1"]
         seen = subprocess.run(
-            ["mbpoll", "-p", str(gateway.port), *theirs, "127.0.0.1"], capture_output=True, text=True, check=True
+            ["mbpoll", "-o", "10", "-p", str(gateway.port), *theirs, "127.0.0.1"],
+            capture_output=True,
+            text=True,
+            check=True,
         )
         assert "[21]: \t1.5" in seen.stdout
         told = command("read", *theirs[:-1])
@@ -209,7 +223,8 @@ def test_ways_that_cannot_be_meant_are_answered_with_what_to_type(words: list[st
 
 
 def test_ctrl_c_ends_a_reading_that_repeats(port: Path) -> None:
-    words = ["read", "6", "holding", "107", "-i", "50ms", "--port", str(port), "--baud", "9600"]
+    at = ("--port", str(port), "--baud", "9600", "--timeout", "20s")
+    words = ["read", "6", "holding", "107", "-i", "50ms", *at]
     with subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as reading:
         shown = [reading.stdout.readline() for _ in range(3)]
         reading.send_signal(signal.SIGINT)

@@ -23,6 +23,7 @@ bind = "tcp://127.0.0.1:0"
 [[line]]
 name = "hall-a"
 port = "{port}"
+timeout = "20 s"
 """
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 
@@ -95,7 +96,7 @@ def test_a_request_under_way_is_answered_before_the_end(tmp_path: Path, config: 
 def test_a_second_signal_does_not_wait_for_requests(tmp_path: Path, config: str) -> None:
     silent = SimulatedDevice(1)
     silent.silent = True
-    patient = config + 'timeout = "60 s"\n'
+    patient = config.replace("20 s", "60 s")
     with (
         VirtualPort(tmp_path / "hall-a") as port,
         SerialDevices({port: SimulatedLine("rtu", silent)}),
@@ -114,7 +115,7 @@ def test_a_second_signal_does_not_wait_for_requests(tmp_path: Path, config: str)
 def test_a_request_that_would_take_longer_than_the_end_is_answered_all_the_same(tmp_path: Path, config: str) -> None:
     """0B for what was sent, 0A for what still waits."""
     silent = SimulatedDevice(1, delay=60.0)
-    patient = f'{config}timeout = "1 min"\nmax_wait = "1 min"\n'
+    patient = f'{config.replace("20 s", "1 min")}max_wait = "1 min"\n'
     with (
         VirtualPort(tmp_path / "hall-a") as port,
         SerialDevices({port: SimulatedLine("rtu", silent)}),

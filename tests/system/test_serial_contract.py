@@ -26,7 +26,7 @@ from kit.pty import VirtualPort
 
 TRANSPORTS = {"pyserial-asyncio": open_serial}
 #: What happens by itself takes less, in seconds, on a busy machine too.
-AT_ONCE = 1.0
+AT_ONCE = 2.0
 #: What a port that is closed takes at most when its driver takes nothing any more, in seconds.
 CLOSED_WITHIN = 5.0
 #: More than a terminal takes while nobody reads it, in bytes; a port keeps that much, and much more is a loss.

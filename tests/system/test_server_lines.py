@@ -23,7 +23,7 @@ bind = "tcp://127.0.0.1:0"
 name    = "hall"
 port    = "{hall}"
 baud    = 9600
-devices = [{{ unit = 1, as = 41, name = "silo-1", profile = "weigher" }}]
+devices = [{{ unit = 1, as = 41, name = "silo-1", profile = "weigher", timeout = "20 s" }}]
 
 [[line]]
 name   = "plc"
@@ -31,6 +31,7 @@ port   = "{plc}"
 baud   = 19200
 role   = "server"
 serves = 41
+answer_within = "20 s"
 
 [[line]]
 name   = "panel"
@@ -40,6 +41,7 @@ baud   = 19200
 format = "7E1"
 role   = "server"
 serves = [2, 41]
+answer_within = "20 s"
 
 [[image]]
 unit    = 2
@@ -107,7 +109,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (apt install mbpoll)")
 def test_mbpoll_reads_a_weigher_on_another_line(running: Running) -> None:
-    words = "mbpoll -m rtu -b 19200 -P none -o 5 -a 41 -t 4:float -B -0 -r 0 -c 1 -1"
+    words = "mbpoll -m rtu -b 19200 -P none -o 10 -a 41 -t 4:float -B -0 -r 0 -c 1 -1"
     asked = subprocess.run(
         [*words.split(), running.plc.device], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
@@ -187,7 +189,7 @@ class TestAMintControllerAsTheDocumentDescribesIt:
 
     def test_a_pause_of_less_than_a_second_does_not(self, running: Running) -> None:
         running.say(":0203001D")
-        time.sleep(0.3)
+        time.sleep(0.1)
         running.say("0002DC\r\n")
         assert running.answer() == ":02030401020304ED"
 

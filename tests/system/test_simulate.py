@@ -60,6 +60,17 @@ class Simulation:
         finally:
             self._process.kill()
 
+    @property
+    def is_rtu(self) -> bool:
+        return ": rtu " in self.said
+
+    def next_line(self) -> str:
+        """The next that it prints, which is not empty."""
+        while (line := self._process.stdout.readline()) == "\n":
+            pass
+        assert line, self._process.stderr.read()
+        return line.rstrip("\n")
+
     def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
         """The exit code, and what it still had to say."""
         self._process.send_signal(number)
@@ -80,9 +91,13 @@ def ask(serial: Serial, request: bytes, size: int) -> bytes:
     return response
 
 
-def is_silent(serial: Serial, request: bytes) -> bool:
-    serial.timeout = 0.3
+def is_silent(simulation: Simulation, serial: Serial, request: bytes) -> bool:
+    """Whether nothing answers, on a line that shows its frames (`-v`): it must have taken this one first."""
+    text = request.hex(" ").upper() if simulation.is_rtu else ascii(request.decode())[1:-1]
     serial.write(request)
+    while simulation.next_line().split(" ", 1)[1] != f">> {text}":
+        pass
+    serial.timeout = 0.3
     silent = serial.read(1) == b""
     serial.timeout = PATIENCE
     return silent
@@ -94,26 +109,26 @@ def port(tmp_path: Path) -> Path:
 
 
 def test_a_weigher_as_its_document_says(port: Path) -> None:
-    with Simulation(port, "weigher", "--weight", "4999.66", "--baud", "9600"), opened(port) as serial:
+    words = ("weigher", "--weight", "4999.66", "--baud", "9600", "-v")
+    with Simulation(port, *words) as simulation, opened(port) as serial:
         assert ask(serial, READ_WEIGHT, 9) == WEIGHT
         assert ask(serial, ASK_ADDRESS, 7) == ADDRESS_1
         assert ask(serial, BECOME_5, 8) == BECAME_5
-        assert is_silent(serial, READ_WEIGHT)
+        assert is_silent(simulation, serial, READ_WEIGHT)
         assert ask(serial, BECOME_1, 8) == BECAME_1
         assert ask(serial, SET_19200, 8) == BAUD_SET
-        assert is_silent(serial, READ_WEIGHT)
+        assert is_silent(simulation, serial, READ_WEIGHT)
         serial.baudrate = 19200
         assert ask(serial, READ_WEIGHT, 9) == WEIGHT
 
 
 def test_an_answer_takes_at_least_its_time_on_the_wire(port: Path) -> None:
-    """At 1200 baud 125 registers take 2.3 seconds; the margin above is wide."""
+    """At 1200 baud 125 registers take 2.3 seconds."""
     with Simulation(port, "v80"), opened(port, 1200) as serial:
         request = bytes.fromhex("01 03 00 00 00 7D 85 EB")
         start = time.monotonic()
         assert len(ask(serial, request, 255)) == 255
-        wire = (8 + 255) * 11 / 1200
-        assert wire < time.monotonic() - start < wire + 2
+        assert time.monotonic() - start > (8 + 255) * 11 / 1200
 
 
 def test_pymodbus_reads_and_writes_two_devices(port: Path) -> None:
@@ -131,14 +146,14 @@ def test_pymodbus_reads_and_writes_two_devices(port: Path) -> None:
 
 
 def test_pymodbus_speaks_ascii_with_a_mint_controller_beside_a_silent_one(port: Path) -> None:
-    with Simulation(port, "mint", "--unit", "2-3", "--silent-unit", "3") as simulation:
+    with Simulation(port, "mint", "--unit", "2-3", "--silent-unit", "3", "-v") as simulation:
         client = ModbusSerialClient(str(port), framer=FramerType.ASCII, baudrate=19200, timeout=PATIENCE)
         try:
             assert client.connect()
             assert not client.write_registers(1, [1234], device_id=2).isError()
             assert client.read_holding_registers(1, device_id=2).registers == [1234]
             with opened(port, 19200) as serial:
-                assert is_silent(serial, b":030300010001F8\r\n")
+                assert is_silent(simulation, serial, b":030300010001F8\r\n")
         finally:
             client.close()
         assert 'mode = "ascii"' in simulation.said

@@ -7,10 +7,9 @@ import signal
 import socket
 import ssl
 import subprocess
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -156,13 +155,14 @@ def test_a_certificate_that_is_not_valid_now(tmp_path: Path, version: ssl.TLSVer
 
 
 def test_a_client_is_disconnected_when_its_certificate_expires(tmp_path: Path) -> None:
-    end = datetime.now(UTC) + timedelta(seconds=8)
-    signed(tmp_path, "brief", at=f"-startdate 20200101000000Z -enddate {end:%Y%m%d%H%M%SZ}")
     with (
         GatewayProcess(tmp_path, listener() + IMAGE, level="debug") as gateway,
-        connected(gateway.port, client_context("brief", tmp_path)) as client,
         connected(gateway.port, client_context(OPERATOR)) as other,
+        ExitStack() as stack,
     ):
+        end = datetime.now(UTC) + timedelta(seconds=8)
+        signed(tmp_path, "brief", at=f"-startdate 20200101000000Z -enddate {end:%Y%m%d%H%M%SZ}")
+        client = stack.enter_context(connected(gateway.port, client_context("brief", tmp_path)))
         assert asks(client, READ) == "03020000"
         client.settimeout(PATIENCE)
         assert client.recv(1) == b""
@@ -341,12 +341,10 @@ def test_a_handshake_that_is_not_done_keeps_nobody_else_out(tmp_path: Path) -> N
         silent = [from_address("127.0.0.2", gateway.port) for _ in range(20)]
         assert reason(gateway) == "8 handshakes with this address are not done"
         assert told(gateway.port, OPERATOR) == WRITE.hex()
-        began = time.monotonic()
         for each in silent:
             each.settimeout(PATIENCE)
             assert each.recv(1) == b""
             each.close()
-        assert time.monotonic() - began < 15
 
 
 def from_address(own: str, port: int) -> socket.socket:
@@ -546,7 +544,7 @@ def shown(port: int, name: str = "localhost") -> bytes:
 
 def test_the_demo_can_be_tried_with_certificates(tmp_path: Path) -> None:
     words = [*COMMAND, "demo", "--tls"]
-    own = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "PYTHONUNBUFFERED": "1"}
+    own = {**os.environ, "RUNTIME_DIRECTORY": str(tmp_path), "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=own) as demo:
         try:
             said = ""

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from gateway.modbus import mbap
-from kit.process import COMMAND, PATIENCE, GatewayProcess, command
+from kit.process import COMMAND, PATIENCE, GatewayProcess, command, simulated
 from kit.pty import VirtualPort
 
 CONFIG = """
@@ -28,18 +28,18 @@ name = "hall"
 port = "{hall}"
 baud = 9600
 timeout = "300 ms"
-devices = [{{ unit = 6, as = 46, name = "press" }}, {{ unit = 9, as = 49, name = "away" }}]
+devices = [{{ unit = 6, as = 46, name = "press", timeout = "20 s" }}, {{ unit = 9, as = 49, name = "away" }}]
 
 [[line]]
 name = "motion"
 port = "{motion}"
 mode = "ascii"
-devices = [{{ unit = 2, as = 52, name = "axis" }}]
+devices = [{{ unit = 2, as = 52, name = "axis", timeout = "20 s" }}]
 
 [[line]]
 name = "spoiled"
 port = "{spoiled}"
-timeout = "300 ms"
+timeout = "3 s"
 devices = [{{ unit = 1, as = 61, name = "noisy" }}]
 
 [control]
@@ -49,16 +49,6 @@ socket = "{control}"
 needs_tshark = pytest.mark.skipif(
     shutil.which("tshark") is None, reason="tshark is not installed (Debian package tshark)"
 )
-
-
-@contextmanager
-def simulated(path: Path, *devices: str) -> Iterator[None]:
-    with subprocess.Popen([*COMMAND, "simulate", *devices, "--port", str(path)], stdout=subprocess.PIPE) as process:
-        try:
-            assert process.stdout.readline()
-            yield
-        finally:
-            process.terminate()
 
 
 @contextmanager

@@ -140,8 +140,8 @@ def test_without_javascript_all_of_it_is_there(address: str, browser: Any) -> No
 
 
 def test_rows_of_the_server_and_live_ones_are_written_in_one_way(page: Any, address: str) -> None:
-    page.goto(f"{address}/traffic?line=hall")
-    page.wait_for_timeout(1000)
+    live(page, f"{address}/traffic?line=hall")
+    until(page, lambda: rows(page).count() > 10)
     page.keyboard.press(" ")
     made = page.locator("table.traffic tbody tr").evaluate_all(
         "rows => rows.map((row) => [...row.cells].slice(4, 6).map((cell) => cell.textContent))"

@@ -134,12 +134,12 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
     one, other = tmp_path / "one", tmp_path / "other"
     one.mkdir()
     other.mkdir()
-    line = f'[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[line]]\nport = "{tmp_path / "line"}"\ntimeout = "1 s"\n'
+    line = f'[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[line]]\nport = "{tmp_path / "line"}"\ntimeout = "3 s"\n'
     with (
         VirtualPort(tmp_path / "line") as port,
         SerialDevices({port: SimulatedLine("rtu", device)}),
         GatewayProcess(one, line) as behind,
-        GatewayProcess(other, config(behind.port, "5 s")) as gateway,
+        GatewayProcess(other, config(behind.port, "20 s")) as gateway,
         closing(Client(gateway)) as client,
     ):
         assert client.read(37, 5) == "03 02 00 07"
@@ -223,6 +223,6 @@ def test_late_answers_reach_nobody(tmp_path: Path) -> None:
         assert gateway.stop() == 0
     assert len(outcomes) == 12 * 40
     good = [outcome for outcome in outcomes if outcome[2] != "83 0B"]
-    assert len(good) > 100
+    assert len(good) > 20
     assert [outcome for outcome in good if outcome[2] != f"03 02 {outcome[0] - 36:02X} {outcome[1]:02X}"] == []
     assert gateway.rest == []

@@ -27,7 +27,7 @@ bind = "tcp://127.0.0.1:0"
 [[line]]
 name = "hall-a"
 port = "{folder}/hall-a"
-devices = [{{ unit = 1 }}]
+devices = [{{ unit = 1, timeout = "20 s" }}]
 
 [web]
 bind = "http://127.0.0.1:0"

@@ -138,11 +138,11 @@ def test_a_write_arrives_once_and_is_audited_by_name(tmp_path):
         assert gateway.csrf not in json.dumps(gateway.log)
 
 
-def test_a_user_who_is_removed_is_out_within_seconds(tmp_path):
+def test_a_user_who_is_removed_is_out_soon(tmp_path):
     with Web(tmp_path) as gateway:
         gateway.log_in()
         user(tmp_path, "remove", "anna")
-        end = time.monotonic() + 8
+        end = time.monotonic() + PATIENCE
         while gateway.ask("POST", "/api/v1/reload")[0] != 401:
             assert time.monotonic() < end
             time.sleep(0.2)
@@ -219,7 +219,7 @@ def test_browsers_that_do_not_read_cost_nothing_and_are_dropped(tmp_path):
     with Web(tmp_path) as gateway, unread(gateway, 5) as sockets:
         before = gateway.memory()
         clients = [socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) for _ in range(4)]
-        end = time.monotonic() + 40
+        end = time.monotonic() + PATIENCE
         denied = bytes.fromhex("0001 0000 0006 63 06 0000 0001")  # a write to a unit that nobody has
         while time.monotonic() < end and not all(map(is_closed, sockets)):
             for client in clients:
@@ -262,7 +262,7 @@ def test_open_streams_do_not_delay_the_end(tmp_path):
             assert sock.recv(15) == b"HTTP/1.1 200 OK"
         before = time.monotonic()
         assert gateway.stop() == 0
-        assert time.monotonic() - before < 5
+        assert time.monotonic() - before < PATIENCE / 2
         assert gateway.rest == []
 
 

@@ -29,6 +29,7 @@ port = "{folder}/hall"
 [[line.devices]]
 unit = 1
 name = "press"
+timeout = "20 s"
 points = [{{ name = "speed", holding = 0, scale = 0.1, decimals = 1, unit = "rpm", write = true }}]
 
 [[image]]

@@ -1,0 +1,23 @@
+"""What holds for all tests in real time."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+
+import pytest
+
+#: Those that a demo takes if nobody listens there: of its clients, its page, its secured clients.
+DEMO_PORTS = (5020, 8502, 8802)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_two_demos_want_one_port() -> Iterator[None]:
+    """Demos that begin at the same moment would each find these free: so somebody listens there, in every worker."""
+    with ExitStack() as stack:
+        for number in DEMO_PORTS:
+            door = stack.enter_context(socket.socket())
+            door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+            with suppress(OSError):  # somebody else does
+                door.bind(("127.0.0.1", number))
+                door.listen()
+        yield
