@@ -11,6 +11,7 @@ from gateway.config.check_access import check_access
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_load import check_load
+from gateway.config.check_mqtt import check_mqtt, check_published
 from gateway.config.check_points import check_points
 from gateway.config.check_repeats import check_repeats
 from gateway.config.check_tls import check_tls
@@ -63,6 +64,7 @@ def check(
     yield from found
     if not failed and all(problem.severity == "warning" for problem in found):
         yield from check_repeats(config)
+        yield from check_published(config)
         yield from check_load(config)
 
 
@@ -78,6 +80,7 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
         yield from _check_role(line)
     yield from _check_control(config)
     yield from check_web(config)
+    yield from check_mqtt(config)
     yield from check_tls(config)
     yield from _check_profiles(config, failed)
     yield from check_points(config, failed)
@@ -95,8 +98,8 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    if config.site:
-        yield warning(("site",), "site has no effect yet in this version")
+    if config.site and config.mqtt is None and "mqtt" not in failed:
+        yield warning(("site",), "has no effect without [mqtt]")
     if not (config.line or config.image or config.upstream or failed):
         yield error((), "there is no [[line]], and nothing else to serve", 'add [[line]] with port = "/dev/ttyUSB0"')
 

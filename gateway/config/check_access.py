@@ -7,7 +7,7 @@ from gateway.config.check_line_listeners import addresses_on
 from gateway.config.check_units import client_lines, not_configured, served_units
 from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
-from gateway.config.reserved import CONTROL, WEB
+from gateway.config.reserved import CONTROL, MQTT, WEB
 from gateway.config.schema import Access, Config, Listen
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
@@ -81,7 +81,7 @@ def _check_content(row: Access) -> Iterator[Problem]:
 
 
 def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
-    cables = [*(line.label for line in config.line if line.role == "server"), CONTROL]
+    cables = [*(line.label for line in config.line if line.role == "server"), CONTROL, MQTT]
     known = [*(listen.label for listen in _listeners(config)), *cables, WEB]
     for index, name in enumerate(row.listen or ()):
         path = (*row.path, "listen", index)

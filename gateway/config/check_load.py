@@ -10,12 +10,17 @@ from gateway.config.schema import Config
 
 
 def check_load(config: Config) -> Iterator[Problem]:
-    """The polls of mirrors leave a line time for something else. The config must have passed all other checks."""
-    if all(image.of is None for image in config.image):
+    """Declared polls leave a line time for something else. The config must have passed all other checks."""
+    if config.mqtt is None and all(image.of is None for image in config.image):
         return
     plan = resolve(config)
     for line, line_plan in zip(client_lines(config), plan.lines, strict=True):
         share = total_share(load_of(line_plan, plan))
         if share >= FULL:
-            what = f"the polls of mirrors need {share:.0%} of its time"
+            what = f"the polls of {_pollers(config)} need {share:.0%} of its time"
             yield warning(line.path, what, "poll less often, or raise the rate of the line")
+
+
+def _pollers(config: Config) -> str:
+    has_mirrors = any(image.of is not None for image in config.image)
+    return " and ".join([*(["mirrors"] if has_mirrors else []), *(["MQTT"] if config.mqtt else [])])

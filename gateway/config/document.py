@@ -133,6 +133,7 @@ _HEADINGS: Final = {
     "access": "[[access]]",
     "self": "[self]",
     "web": "[web]",
+    "mqtt": "[mqtt]",
     "trace": "[trace]",
     "control": "[control]",
     "log": "[log]",

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 from gateway.config.forecast import most_items
 from gateway.config.plan import NETWORK_LATENCY, LinePlan, Plan
+from gateway.config.reserved import MQTT
 from gateway.devices.device import DeviceSettings
 from gateway.images.polls import joined
 from gateway.modbus.codes import Area
@@ -13,6 +14,7 @@ from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span, parse_request
 from gateway.ports.port import SerialSettings
 from gateway.profiles.profile import Profile
+from gateway.profiles.published import timed_batches
 from gateway.registers.items import read_request
 from gateway.timing.pace import Pace
 
@@ -67,6 +69,11 @@ def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
         if mirror.of in devices:
             for poll in joined(mirror.polls, mirror.profile.limits):
                 yield DeclaredPoll(mirror.name, devices[mirror.of], str(poll), poll.request, poll.every)
+    for published in plan.mqtt.devices if plan.mqtt else ():
+        if published.name in devices:
+            for every, batch in timed_batches(published):
+                what, request = f"{batch.span.area} {batch.span.addresses}", read_request(batch.span)
+                yield DeclaredPoll(MQTT, devices[published.name], what, request, every)
 
 
 def load_of(line: LinePlan, plan: Plan) -> tuple[PollLoad, ...]:

@@ -23,6 +23,7 @@ from gateway.config.schema import (
     Line,
     Listen,
     Log,
+    Mqtt,
     Own,
     ProfileTable,
     Table,
@@ -44,6 +45,7 @@ _LISTS: Final[Mapping[str, type[Table]]] = {
 _SINGLES: Final[Mapping[str, type[Table]]] = {
     "self": Own,
     "web": Web,
+    "mqtt": Mqtt,
     "trace": Trace,
     "control": Control,
     "log": Log,

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 from gateway.config.address import Address
+from gateway.config.broker import Broker, Sparkplug
 from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
@@ -14,8 +15,10 @@ from gateway.listeners.session import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import PortSettings, TcpSettings
 from gateway.profiles.point import Point
+from gateway.profiles.published import PublishedDevice
 from gateway.routing.access import DEFAULT_ROWS, Network, Row
-from gateway.tls.settings import Secured, ServerTls
+from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import ClientTls, Secured, ServerTls
 from gateway.upstreams.upstream import UpstreamSettings
 
 #: The ring of `trace`, in bytes.
@@ -129,6 +132,30 @@ class WebPlan:
 
 
 @dataclass(frozen=True, slots=True)
+class MqttPlan:
+    """Where values are published, and which. `home_assistant` is the prefix of its discovery; None without.
+
+    With `write`, points are written from there. `source` is its place in the config.
+    """
+
+    site: str
+    broker: Broker
+    devices: tuple[PublishedDevice, ...]
+    user: str | None = None
+    password: SecretFile | None = None
+    tls: ClientTls | None = None
+    write: bool = False
+    home_assistant: str | None = None
+    sparkplug: Sparkplug | None = None
+    source: str = field(default="", compare=False)
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """The broker, if the connection is one of TLS."""
+        return () if self.tls is None else (Secured("mqtt", self.source, self.tls),)
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """The settings of every part of a gateway."""
 
@@ -146,12 +173,13 @@ class Plan:
     #: Where the control socket is; None for the usual place.
     control: str | None = None
     web: WebPlan | None = None
+    mqtt: MqttPlan | None = None
     #: How many bytes the ring of `trace` has; 0 for none.
     ring: int = DEFAULT_RING
 
     @property
     def secured(self) -> tuple[Secured, ...]:
-        """Every address that TLS secures, but for the web page: without that, all else works."""
+        """Every address that TLS secures, but for web page and broker: without these, all else works."""
         listeners = ((f"listen {one.name}", one.source, one.tls) for one in self.listeners)
         upstreams = ((f"upstream {one.upstream.name}", one.upstream.source, one.port.tls) for one in self.upstreams)
         every = (*listeners, *upstreams)

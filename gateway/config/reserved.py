@@ -4,4 +4,9 @@ from typing import Final
 
 CONTROL: Final = "control"
 WEB: Final = "web"
-RESERVED: Final = {CONTROL: "the control socket", WEB: "the web page and its API"}
+MQTT: Final = "mqtt"
+RESERVED: Final = {
+    CONTROL: "the control socket",
+    WEB: "the web page and its API",
+    MQTT: "the client of the MQTT broker",
+}

@@ -17,6 +17,7 @@ from gateway.config.plan import (
     WebPlan,
 )
 from gateway.config.points import points_of
+from gateway.config.publishing import Publishable, publishing
 from gateway.config.ranges import join_ranges
 from gateway.config.schema import (
     Access,
@@ -87,7 +88,24 @@ def resolve(config: Config) -> Plan:
         ring=config.trace.ring,
         web=None if config.web is None else _web(config.web),
     )
-    return plan if config.own is None else replace(plan, points={**plan.points, config.own.unit: _own_points(plan)})
+    if config.own is not None:
+        plan = replace(plan, points={**plan.points, config.own.unit: _own_points(plan)})
+    if config.mqtt is not None:
+        plan = replace(plan, mqtt=publishing(config.site, config.mqtt, publishable(plan)))
+    return plan
+
+
+def publishable(plan: Plan) -> Iterator[Publishable]:
+    """Every unit that can be published, by its name."""
+    behind = ((one.line.name, one.shared) for one in plan.lines)
+    others = ((one.upstream.name, one.devices) for one in plan.upstreams)
+    for line, devices in (*behind, *others):
+        for device in devices:
+            points = plan.points.get(device.known_as, ())
+            yield Publishable(device.name, device.known_as, line, device.profile, points)
+    own: tuple[ImageSettings | MirrorSettings, ...] = (*plan.images, *plan.mirrors)
+    for each in own:
+        yield Publishable(each.name, each.unit, "", each.profile, plan.points.get(each.unit, ()))
 
 
 def passing_units(config: Config) -> list[int]:

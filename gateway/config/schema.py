@@ -11,6 +11,7 @@ from gateway.config.problem import Path
 from gateway.config.values import (
     DEVICE_SERVER_MODES,
     AnswerDuration,
+    BrokerAddress,
     ClientUnit,
     ClientUnits,
     CredentialFile,
@@ -19,6 +20,7 @@ from gateway.config.values import (
     DurationOrOffOrAuto,
     DurationOrZeroOrAuto,
     Format,
+    HomeAssistant,
     IdleDuration,
     Item,
     Kind,
@@ -28,6 +30,7 @@ from gateway.config.values import (
     LongerDuration,
     Name,
     Networks,
+    PasswordFile,
     PointAddresses,
     PointLabels,
     PointName,
@@ -38,6 +41,7 @@ from gateway.config.values import (
     ServerAddress,
     Size,
     SocketPath,
+    SparkplugNames,
     TokenFile,
     Unit0,
     Units,
@@ -555,9 +559,9 @@ class Access(Table):
     )
     listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
         None,
-        description="Names of listeners, server lines, `control` or `web`. Default: all. A server line, the control "
-        "socket and the web page keep their rights until a row names them. UDP clients can write only through a row "
-        "that names their listener. A row names either listeners for one line, or others.",
+        description="Names of listeners, server lines, `control`, `web` or `mqtt`. Default: all. A server line, the "
+        "control socket, the web page and the MQTT client keep their rights until a row names them. UDP clients can "
+        "write only through a row that names their listener. A row names either listeners for one line, or others.",
     )
     role: Role | None = Field(
         None,
@@ -620,6 +624,63 @@ class Web(Table):
     )
 
 
+class Publish(Table):
+    """Points that are published. The first row counts that matches a device and a point."""
+
+    device: Name = Field(description="The names of devices, images or mirrors; `*` stands for any characters.")
+    points: Annotated[tuple[Name, ...], ListOf] = Field(
+        ("*",), description="The names of points, in the same way. Default: all that can be read."
+    )
+    every: LongerDuration = Field(description="Time from one read to the next.")
+    on_change: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+        None,
+        description="A value is published when it differs by at least this from the last one published. Default: when "
+        "it differs at all.",
+    )
+    at_least: LongerDuration | None = Field(
+        None, description="An unchanged value is published again after this time. Default: never."
+    )
+
+
+class Mqtt(Table):
+    """Values for a broker, and writes from there; without this table there are none. See [plant](plant.md)."""
+
+    broker: BrokerAddress = Field(
+        description="Its address: `mqtt://`, `mqtts://`, or for WebSockets `ws://` and `wss://`, with a path if it is "
+        "not `/mqtt`. Default ports: 1883, 8883, 80, 443."
+    )
+    user: Name | None = Field(None, description="The name with which the gateway logs in.")
+    password: PasswordFile | None = Field(
+        None, description="The file with its password; only its owner and group may read it."
+    )
+    publish: Annotated[tuple[Publish, ...], ListOf] = Field(description="What is published.")
+    write: bool = Field(False, description="Whether points with `write` = true can be written through the broker.")
+    home_assistant: HomeAssistant = Field(
+        None, description="Whether Home Assistant is told what there is, so that it shows all devices by itself."
+    )
+    sparkplug: SparkplugNames = Field(
+        None,
+        description="Sparkplug B instead of plain JSON. `node` is the name of the gateway in the group (default: "
+        "`site`); with `primary_host` it waits until that host application is online.",
+    )
+    ca: CredentialFile | None = Field(
+        None,
+        description="With `mqtts://` and `wss://`: the file with the certificates of the authorities of the broker "
+        "(PEM). Default: those that the system trusts.",
+    )
+    certificate: CredentialFile | None = Field(
+        None, description="The same: the file with the certificate that the gateway shows, and its chain (PEM)."
+    )
+    key: CredentialFile | None = Field(
+        None,
+        description="The same: the file with its private key (PEM); only its owner and group may read it.",
+    )
+    server_name: Name | None = Field(
+        None,
+        description="The same: the name or address in the certificate of the broker. Default: the host in `broker`.",
+    )
+
+
 class Control(Table):
     """The control socket, which the commands use: `status`, `reload`, `read`, `trace` and others."""
 
@@ -655,7 +716,7 @@ class Log(Table):
 class Config(Table):
     """A whole file."""
 
-    site: str = Field("", description="The name of the plant, for logs and metrics. It has no effect yet.")
+    site: str = Field("", description="The name of the plant: a part of the topics of `[mqtt]`.")
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
     line: Annotated[tuple[Line, ...], ListOf] = ()
     image: Annotated[tuple[Image, ...], ListOf] = ()
@@ -664,6 +725,7 @@ class Config(Table):
     access: Annotated[tuple[Access, ...], ListOf] = ()
     own: Own | None = Field(None, alias="self")
     web: Web | None = None
+    mqtt: Mqtt | None = None
     trace: Trace = Trace()
     control: Control | None = None
     log: Log = Log()

@@ -10,6 +10,15 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import AfterValidator, Field, PlainValidator, Strict
 
 from gateway.config.address import Address, parse_address
+from gateway.config.broker import (
+    HOME_ASSISTANT,
+    Broker,
+    Sparkplug,
+    parse_broker,
+    parse_home_assistant,
+    parse_password,
+    parse_sparkplug,
+)
 from gateway.config.character_format import parse_format
 from gateway.config.duration import (
     parse_duration,
@@ -309,6 +318,10 @@ def _size_in_quotes(size: int) -> str:
     return f'"{show_size(size)}"'
 
 
+def _is_off(value: object) -> str:
+    return "false" if value is None else str(value)
+
+
 _DURATION = Kind("duration", _in_quotes)
 _DURATION_OR_AUTO = Kind('duration or `"auto"`', _in_quotes)
 _UNITS = Kind("units")
@@ -369,6 +382,16 @@ ListenAddress = Annotated[
 ServerAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
 CredentialFile = Annotated[SecretFile, PlainValidator(parse_file), Kind("path or `{ credential = ... }`")]
 TokenFile = Annotated[str, PlainValidator(parse_token_file), Kind('table such as `{ file = "metrics.token" }`')]
+BrokerAddress = Annotated[Broker, PlainValidator(parse_broker), Kind("address")]
+PasswordFile = Annotated[SecretFile, PlainValidator(parse_password), Kind("`{ file = ... }` or `{ credential = ... }`")]
+HomeAssistant = Annotated[
+    str | None,
+    PlainValidator(parse_home_assistant),
+    Kind(f'`true`, `false` or a prefix such as `"{HOME_ASSISTANT}"`', _is_off),
+]
+SparkplugNames = Annotated[
+    Sparkplug | None, PlainValidator(parse_sparkplug), Kind('`false` or table such as `{ group = "plant-2" }`', _is_off)
+]
 WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http", "https"))), Kind("address")]
 Size = Annotated[int, PlainValidator(parse_size_or_zero), Kind('size such as `"4 MiB"`', _size_in_quotes)]
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from gateway.profiles.point import Point
+from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.datatypes import Value
 
 
@@ -43,39 +43,6 @@ class Delivery:
     expiry: float | None = None
     correlation: bytes | None = None
     response_topic: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PublishedPoint:
-    """A point that is published and read every `every` seconds. `is_writable`: from the broker too."""
-
-    point: Point
-    every: float
-    is_writable: bool = False
-
-    @property
-    def name(self) -> str:
-        """The point's name, unique in its device."""
-        return self.point.name
-
-
-@dataclass(frozen=True, slots=True)
-class PublishedDevice:
-    """A device with the points that are published, in the order of their configuration.
-
-    `unit` is the number that clients use for it, `line` the name of its line or upstream, `profile` the title of its
-    profile.
-    """
-
-    name: str
-    unit: int
-    line: str
-    profile: str
-    points: tuple[PublishedPoint, ...]
-
-    def point(self, name: str) -> PublishedPoint | None:
-        """Its point with this name; None if there is none."""
-        return next((point for point in self.points if point.name == name), None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,7 +93,7 @@ def read_certificates(path: Path) -> list[Certificate]:
 def _load_server(settings: ServerTls) -> Loaded:
     context = _new_context(ssl.PROTOCOL_TLS_SERVER)
     context.num_tickets = 1
-    own, trusted = _use_own(context, settings), list[Expiry]()
+    own, trusted = _use_own(context, settings.certificate, settings.key), list[Expiry]()
     warnings: tuple[str, ...] = ()
     trust = sha256()
     if settings.clients_ca is not None:
@@ -112,9 +112,15 @@ def _load_server(settings: ServerTls) -> Loaded:
 
 def _load_client(settings: ClientTls) -> Loaded:
     context = _new_context(ssl.PROTOCOL_TLS_CLIENT)
-    expiries = (_use_own(context, settings), *_use_authority(context, settings.ca, "ca"))
+    expiries: list[Expiry] = []
+    if settings.certificate is not None and settings.key is not None:
+        expiries.append(_use_own(context, settings.certificate, settings.key))
+    if settings.ca is None:
+        context.load_default_certs()
+        return Loaded(context, tuple(expiries), b"")
+    expiries += _use_authority(context, settings.ca, "ca")
     warnings = _about_authorities(context, settings.ca)
-    return Loaded(context, expiries, sha256(_read(settings.ca)).digest(), warnings)
+    return Loaded(context, tuple(expiries), sha256(_read(settings.ca)).digest(), warnings)
 
 
 def _first_to_expire(trusted: Iterable[Expiry]) -> float:
@@ -133,10 +139,10 @@ def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
     return context
 
 
-def _use_own(context: ssl.SSLContext, settings: TlsSettings) -> Expiry:
-    """Show the certificate of `settings`, with its chain."""
-    [first, *_] = _expiries(settings.certificate, "certificate")
-    key, wanted = _path(settings.key), list[bool]()
+def _use_own(context: ssl.SSLContext, certificate: SecretFile, key_file: SecretFile) -> Expiry:
+    """Show this certificate, with its chain."""
+    [first, *_] = _expiries(certificate, "certificate")
+    key, wanted = _path(key_file), list[bool]()
 
     def password() -> str:
         """OpenSSL would ask for it on the terminal."""
@@ -146,7 +152,7 @@ def _use_own(context: ssl.SSLContext, settings: TlsSettings) -> Expiry:
     try:
         refuse_if_no_file(key)
         refuse_if_exposed(key)
-        context.load_cert_chain(_path(settings.certificate), key, password=password)
+        context.load_cert_chain(_path(certificate), key, password=password)
     except ssl.SSLError as error:
         known = _ENCRYPTED if wanted else _TROUBLES.get(error.reason or "")
         raise TlsError(f"{key}: {known or 'this is no private key in PEM form'}") from error

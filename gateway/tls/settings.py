@@ -23,12 +23,12 @@ class ServerTls:
 class ClientTls:
     """A server that the gateway connects to: its certificate must be of the authority `ca`, and for `server_name`.
 
-    The gateway shows its own `certificate`.
+    Without `ca` it may be of any authority that the system trusts. The gateway shows its own `certificate`, if any.
     """
 
-    certificate: SecretFile
-    key: SecretFile
-    ca: SecretFile
+    certificate: SecretFile | None
+    key: SecretFile | None
+    ca: SecretFile | None
     server_name: str
 
 
