@@ -215,6 +215,10 @@ class TlsError(GatewayError):
     """A certificate, a key or a revocation list cannot be used; the message names its file, and what to do."""
 
 
+class BrokerError(GatewayError):
+    """The broker cannot be reached, or refuses what the gateway wants of it."""
+
+
 class StateError(GatewayError):
     """A file in the state directory cannot be read; the message names it, and what to do."""
 

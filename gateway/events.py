@@ -173,6 +173,29 @@ class CertificateExpires(Event):
     days_left: float
 
 
+class BrokerUp(Event):
+    """Values are published there, with this version of MQTT."""
+
+    broker: str
+    version: str
+
+
+class BrokerLost(Event):
+    """Nothing is published: the broker cannot be reached, or refuses. The gateway tries again."""
+
+    level = Level.WARNING
+    broker: str
+    reason: str
+
+
+class BrokerRefused(Event):
+    """The broker does not publish what it is sent; logged once for each connection."""
+
+    level = Level.WARNING
+    broker: str
+    reason: str
+
+
 class Ready(Event):
     """Clients can connect and every line was tried once."""
 

@@ -47,7 +47,8 @@ def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:
     rows = [row for row in mqtt.publish if names_device(row, unit.name)]
     points = tuple(_points(unit.points, rows, may_write=mqtt.write))
     profile = unit.profile
-    return PublishedDevice(unit.name, unit.unit, unit.line, profile.title or profile.name, points, profile.limits)
+    title = profile.title or profile.name
+    return PublishedDevice(unit.name, unit.unit, unit.line, title, points, profile.limits, profile.functions)
 
 
 def _points(points: Iterable[Point], rows: Iterable[Publish], *, may_write: bool) -> Iterator[PublishedPoint]:

@@ -118,14 +118,16 @@ class Form(Protocol):
     def born(self, states: Sequence[DeviceState], at: float) -> Sequence[Message]:
         """What to publish at first: all devices with their availability and last readings."""
 
-    def values(self, device: PublishedDevice, readings: Readings, changed: Collection[str]) -> Sequence[Message]:
+    def values(
+        self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float
+    ) -> Sequence[Message]:
         """New readings of a device: all that are known, and the names of those that are to be published now."""
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
         """A device begins to answer, with what it has read, or no longer does."""
 
-    def received(self, delivery: Delivery) -> Received | None:
-        """What a message from the broker asks for; None if it is nothing."""
+    def received(self, delivery: Delivery) -> Sequence[Received]:
+        """What a message from the broker asks for; often one thing, or nothing."""
 
     def result(self, command: Command, error: str | None, at: float) -> Sequence[Message]:
         """What became of a command: None if the device confirmed it, else why not."""

@@ -39,7 +39,7 @@ class PublishedDevice:
     """A device with the points that are published, in the order of its configuration.
 
     `unit` is the number that clients use for it, `line` the name of its line or upstream, `profile` the title of its
-    profile, or its name. `limits` is the most items that it allows for a function.
+    profile, or its name. It has these `functions` (all if None); `limits` is the most items that it allows for one.
     """
 
     name: str
@@ -48,6 +48,7 @@ class PublishedDevice:
     profile: str
     points: tuple[PublishedPoint, ...]
     limits: Mapping[int, int] = field(default_factory=dict)
+    functions: frozenset[int] | None = None
 
     def point(self, name: str) -> PublishedPoint | None:
         """Its point with this name; None if there is none."""

@@ -1,0 +1,87 @@
+"""Which readings are worth publishing, and whether a device is there."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from gateway.plant.messages import DeviceState, Reading
+from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.registers.datatypes import Value
+
+#: A device that was there is gone after so many reads in a row without an answer. One may be lost on the line.
+LOST_AFTER: Final = 2
+
+
+class Watch:
+    """The last readings of a device, and what was published of them. Times are seconds of any clock.
+
+    A reading counts as new for the interval of its point and `patience` seconds, how long a read may take.
+    """
+
+    def __init__(self, device: PublishedDevice, patience: float) -> None:
+        self.device = device
+        self.is_available = False
+        #: What is to be published, by names of points.
+        self.changed: set[str] = set()
+        self._patience = patience
+        self._points = {point.name: point for point in device.points}
+        self._latest: dict[str, Reading] = {}
+        self._published: dict[str, Reading] = {}
+        self._failures = 0
+
+    def answered(self, values: Mapping[str, Value], now: float) -> bool:
+        """The device has answered with these values; whether it was not there before."""
+        for name, value in values.items():
+            reading = self._latest[name] = Reading(value, now)
+            if self._is_due(self._points[name], reading):
+                self.changed.add(name)
+        self._failures = 0
+        was_there, self.is_available = self.is_available, True
+        return not was_there
+
+    def failed(self) -> bool:
+        """The device has not answered; whether it was there before, and is not any more."""
+        self._failures += 1
+        if self._failures < LOST_AFTER or not self.is_available:
+            return False
+        self.is_available = False
+        self._latest.clear()
+        self.forget()
+        return True
+
+    def forget(self) -> None:
+        """Nothing of it counts as published."""
+        self._published.clear()
+        self.changed.clear()
+
+    def readings(self, now: float) -> dict[str, Reading]:
+        """The last readings that are not too old."""
+        return {
+            name: reading
+            for name, reading in self._latest.items()
+            if now - reading.at <= self._points[name].every + self._patience
+        }
+
+    def state(self, now: float) -> DeviceState:
+        """What a birth tells of it."""
+        return DeviceState(self.device, self.is_available, self.readings(now) if self.is_available else {})
+
+    def published(self, readings: Mapping[str, Reading]) -> None:
+        """These readings were published."""
+        self._published.update(readings)
+        self.changed.difference_update(readings)
+
+    def _is_due(self, point: PublishedPoint, reading: Reading) -> bool:
+        """Whether a reading differs enough from what was published last, or that is long ago."""
+        last = self._published.get(point.name)
+        if last is None or _differ(last.value, reading.value, point.on_change):
+            return True
+        # The next reading comes one interval later, and would be too late then.
+        return point.at_least is not None and reading.at - last.at + point.every > point.at_least
+
+
+def _differ(old: Value, new: Value, deadband: float | None) -> bool:
+    """Whether two values differ by at least the `deadband`, or at all if there is none."""
+    if deadband is None or isinstance(old, str) or isinstance(new, str):
+        return old != new and (old == old or new == new)  # noqa: PLR0124 - no number (NaN) differs from itself
+    distance = abs(new - old)
+    return distance >= deadband and old != new if distance == distance else (old == old) != (new == new)  # noqa: PLR0124

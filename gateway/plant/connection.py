@@ -1,0 +1,331 @@
+"""One connection to a broker: the only module that knows the MQTT library."""
+
+import asyncio
+import ssl
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from socket import socket as Socket  # noqa: N812 - a type here
+from typing import Any, Final, Literal
+
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from gateway.errors import BrokerError
+from gateway.plant.messages import Delivery, Message
+from gateway.ports.threads import ThreadPerCall
+from gateway.tls.reasons import explain
+
+#: Versions of MQTT, the newest first.
+Version = Literal["5", "3.1.1"]
+VERSIONS: Final[tuple[Version, ...]] = ("5", "3.1.1")
+
+#: How long each step of connecting may take, in seconds, and how often the broker must be heard at least.
+STEP_TIME: Final = 10.0
+KEEP_ALIVE: Final = 15
+#: The most messages that the broker has not confirmed yet; fewer if it wants that.
+MOST_IN_FLIGHT: Final = 100
+
+_PROTOCOLS: Final = {"5": MQTTProtocolVersion.MQTTv5, "3.1.1": MQTTProtocolVersion.MQTTv311}
+_UNSUPPORTED_VERSION: Final = 0x84
+_WITH_WILL: Final = 0x04
+_REASONS: Final = {
+    0x84: "it does not have this version of MQTT",
+    0x85: "it refuses this client identifier",
+    0x86: "it refuses user and password",
+    0x87: "it says that this user has no right",
+    0x88: "it is not available",
+    0x8E: "another client has connected with the same identifier: is this site published twice?",
+}
+
+
+class WrongVersionError(BrokerError):
+    """The broker does not have this version of MQTT, or closes the connection as if it had not."""
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerSettings:
+    """Where a broker is, and how to log in. `path` is for WebSockets, which are used if it is not empty."""
+
+    host: str
+    port: int
+    path: str
+    client: str
+    user: str | None = None
+    password: str | None = None
+    context: ssl.SSLContext | None = None
+    server_name: str = ""
+
+
+class Connection:
+    """A connection with one `version` of MQTT. `deliver` takes what is received, `confirmed` is called for each ack."""
+
+    def __init__(
+        self,
+        settings: BrokerSettings,
+        version: Version,
+        will: Message,
+        *,
+        deliver: Callable[[Delivery], None],
+        confirmed: Callable[[str], None],
+        unix: Callable[[], float],
+    ) -> None:
+        self.version = version
+        self.in_flight = 0
+        self.most_in_flight = MOST_IN_FLIGHT
+        self._settings = settings
+        self._deliver = deliver
+        self._confirmed = confirmed
+        self._unix = unix
+        self._loop = asyncio.get_running_loop()
+        self._accepted: asyncio.Future[None] = self._loop.create_future()
+        self._subscribed: dict[int, asyncio.Future[None]] = {}
+        #: Done when the connection is lost, with the reason.
+        self.lost: asyncio.Future[str] = self._loop.create_future()
+        self._client = self._new_client(will)
+        self._timer: asyncio.TimerHandle | None = None
+        self._is_abandoned = False
+
+    async def open(self) -> None:
+        """Connect and log in.
+
+        Raises:
+            WrongVersionError: with another version of MQTT it may succeed.
+            BrokerError: it cannot be reached, or refuses.
+        """
+        try:
+            async with asyncio.timeout(2 * STEP_TIME):
+                await self._loop.run_in_executor(ThreadPerCall("connect to broker"), self._connect)
+                self._watch()
+                await self._accepted
+        except TimeoutError:
+            raise BrokerError(f"it does not answer within {2 * STEP_TIME:g} s") from None
+        except ssl.SSLError as error:
+            raise BrokerError(explain(error)) from error
+        except ssl.CertificateError as error:
+            raise BrokerError(f"its certificate is refused: {error}") from error
+        except (OSError, ValueError) as error:
+            raise BrokerError(str(getattr(error, "strerror", None) or error)) from error
+
+    async def subscribe(self, topics: Sequence[str]) -> None:
+        """Subscribe, and wait for the confirmation.
+
+        Raises:
+            BrokerError: the broker refuses, or the connection is lost.
+        """
+        if not topics:
+            return
+        error, number = self._client.subscribe([self._subscription(topic) for topic in topics])
+        if number is None:
+            raise BrokerError(f"it cannot be subscribed to: {error.name}")
+        confirmed = self._subscribed[number] = self._loop.create_future()
+        try:
+            async with asyncio.timeout(STEP_TIME):
+                await confirmed
+        except TimeoutError:
+            raise BrokerError("it does not confirm a subscription") from None
+
+    def publish(self, message: Message) -> None:
+        """Send a message. What is not sent at once is kept, up to `most_in_flight` messages."""
+        properties = None
+        if self.version == "5" and (message.expiry is not None or message.correlation is not None):
+            properties = Properties(PacketTypes.PUBLISH)
+            if message.expiry is not None:
+                properties.MessageExpiryInterval = max(1, round(message.expiry))
+            if message.correlation is not None:
+                properties.CorrelationData = message.correlation
+        self.in_flight += message.qos > 0
+        self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
+
+    def end(self, *, with_will: bool) -> None:
+        """Log out; the broker publishes the will if that is said, and with MQTT 5 only."""
+        reason = (
+            ReasonCode(PacketTypes.DISCONNECT, identifier=_WITH_WILL) if with_will and self.version == "5" else None
+        )
+        self._client.disconnect(reason)
+
+    def close(self) -> None:
+        """Close it. Nothing is delivered any more."""
+        self._is_abandoned = True
+        if self._timer is not None:
+            self._timer.cancel()
+        client = self._client
+        client.on_message = client.on_publish = client.on_disconnect = client.on_connect = client.on_subscribe = None
+        sock = client.socket()
+        if sock is not None:
+            self._unwatch(sock)
+            with suppress(OSError):
+                sock.close()
+        for waiting in (self._accepted, *self._subscribed.values()):
+            waiting.cancel()
+
+    def _new_client(self, will: Message) -> Client:
+        settings = self._settings
+        client = Client(
+            CallbackAPIVersion.VERSION2,
+            settings.client,
+            protocol=_PROTOCOLS[self.version],
+            clean_session=None if self.version == "5" else True,
+            transport="websockets" if settings.path else "tcp",
+            reconnect_on_failure=False,
+        )
+        client.connect_timeout = STEP_TIME
+        client.max_queued_messages_set(2 * MOST_IN_FLIGHT)
+        client.will_set(will.topic, will.payload, will.qos, will.retain)
+        if settings.user is not None:
+            client.username_pw_set(settings.user, settings.password)
+        if settings.context is not None:
+            client.tls_set_context(_named(settings.context, settings.server_name))
+        if settings.path:
+            client.ws_set_options(path=settings.path)
+        client.on_connect = self._on_connect
+        client.on_disconnect = self._on_disconnect
+        client.on_subscribe = self._on_subscribe
+        client.on_publish = self._on_publish
+        client.on_message = self._on_message
+        return client
+
+    def _subscription(self, topic: str) -> tuple[str, Any]:
+        """With MQTT 5, what was published as retained is delivered as such."""
+        return topic, SubscribeOptions(qos=1, retainAsPublished=True) if self.version == "5" else 1
+
+    # --- in a thread ---
+
+    def _connect(self) -> None:
+        """Connect; name servers and TLS may take their time."""
+        options = {"clean_start": True} if self.version == "5" else {}
+        self._client.connect(self._settings.host, self._settings.port, KEEP_ALIVE, **options)
+        if self._is_abandoned:
+            sock = self._client.socket()
+            if sock is not None:
+                sock.close()
+
+    # --- in the event loop ---
+
+    def _watch(self) -> None:
+        sock = self._client.socket()
+        if sock is None:
+            raise BrokerError("it has closed the connection")
+        self._client.on_socket_close = lambda _client, _data, closed: self._unwatch(closed)
+        self._client.on_socket_register_write = lambda *_: self._loop.add_writer(sock, self._writable)
+        self._client.on_socket_unregister_write = lambda *_: self._loop.remove_writer(sock)
+        self._loop.add_reader(sock, self._readable)
+        if self._client.want_write():
+            self._loop.add_writer(sock, self._writable)
+        self._tick()
+
+    def _unwatch(self, sock: Any) -> None:
+        if sock.fileno() >= 0:
+            self._loop.remove_reader(sock)
+            self._loop.remove_writer(sock)
+
+    def _readable(self) -> None:
+        try:
+            self._client.loop_read()
+            while isinstance(sock := self._client.socket(), ssl.SSLSocket) and sock.pending():
+                self._client.loop_read()
+        except Exception as error:  # noqa: BLE001 - the library raises anything for packets that are none
+            self._fail(f"what it sends is not understood: {error!r}")
+
+    def _writable(self) -> None:
+        try:
+            self._client.loop_write()
+        except OSError as error:
+            self._fail(str(error))
+
+    def _tick(self) -> None:
+        self._client.loop_misc()
+        self._timer = self._loop.call_later(1.0, self._tick)
+
+    def _fail(self, reason: str) -> None:
+        if not self._accepted.done():
+            self._accepted.set_exception(BrokerError(reason))
+        for waiting in self._subscribed.values():
+            if not waiting.done():
+                waiting.set_exception(BrokerError(reason))
+        if not self.lost.done():
+            self.lost.set_result(reason)
+
+    def _on_connect(
+        self, _client: Client, _data: Any, _flags: ConnectFlags, reason: ReasonCode, properties: Properties | None
+    ) -> None:
+        if self._accepted.done():
+            return
+        if reason.value == _UNSUPPORTED_VERSION:
+            self._accepted.set_exception(WrongVersionError(_REASONS[_UNSUPPORTED_VERSION]))
+        elif reason.is_failure:
+            self._accepted.set_exception(BrokerError(_in_words(reason)))
+        else:
+            wanted = getattr(properties, "ReceiveMaximum", MOST_IN_FLIGHT)
+            self.most_in_flight = min(MOST_IN_FLIGHT, wanted)
+            self._client.max_inflight_messages_set(self.most_in_flight)
+            self._accepted.set_result(None)
+
+    def _on_disconnect(
+        self, _client: Client, _data: Any, flags: DisconnectFlags, reason: ReasonCode, _properties: Properties | None
+    ) -> None:
+        if not self._accepted.done():  # some brokers close the connection instead of an answer
+            self._accepted.set_exception(WrongVersionError("it has closed the connection without an answer"))
+        is_told = flags.is_disconnect_packet_from_server
+        self._fail(_in_words(reason) if is_told else "the connection was lost")
+
+    def _on_subscribe(
+        self, _client: Client, _data: Any, number: int, reasons: list[ReasonCode], _properties: Properties | None
+    ) -> None:
+        confirmed = self._subscribed.pop(number, None)
+        if confirmed is None or confirmed.done():
+            return
+        refused = next((reason for reason in reasons if reason.is_failure), None)
+        if refused is None:
+            confirmed.set_result(None)
+        else:
+            confirmed.set_exception(BrokerError(f"it refuses a subscription: {_in_words(refused)}"))
+
+    def _on_publish(
+        self, _client: Client, _data: Any, _number: int, reason: ReasonCode, _properties: Properties | None
+    ) -> None:
+        self.in_flight -= 1
+        self._confirmed(_in_words(reason) if reason.is_failure else "")
+
+    def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
+        properties = message.properties
+        self._deliver(
+            Delivery(
+                message.topic,
+                message.payload,
+                self._unix(),
+                is_retained=message.retain,
+                is_duplicate=message.dup,
+                expiry=getattr(properties, "MessageExpiryInterval", None),
+                correlation=getattr(properties, "CorrelationData", None),
+                response_topic=getattr(properties, "ResponseTopic", None),
+            )
+        )
+
+
+class _Named:
+    """A context that asks for the certificate of another name than that of the host."""
+
+    check_hostname = True
+
+    def __init__(self, context: ssl.SSLContext, name: str) -> None:
+        self._context = context
+        self._name = name
+
+    def wrap_socket(self, sock: Socket, *, server_hostname: str, do_handshake_on_connect: bool) -> ssl.SSLSocket:  # noqa: ARG002
+        """See ssl.SSLContext."""
+        return self._context.wrap_socket(
+            sock, server_hostname=self._name, do_handshake_on_connect=do_handshake_on_connect
+        )
+
+
+def _named(context: ssl.SSLContext, name: str) -> Any:
+    return _Named(context, name)
+
+
+def _in_words(reason: ReasonCode) -> str:
+    return _REASONS.get(reason.value) or f"it says: {reason}"

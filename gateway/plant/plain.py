@@ -1,0 +1,115 @@
+"""Plain messages: one JSON object for the values of each device, and text for all else."""
+
+import json
+import math
+from collections.abc import Collection, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from gateway.plant.messages import Command, Delivery, DeviceState, Message, Readings, Received
+from gateway.plant.topics import Topics
+from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.registers.datatypes import Value
+
+ONLINE: Final = b"online"
+OFFLINE: Final = b"offline"
+#: The longest value that is taken, in bytes: a string of 125 registers has 250.
+LONGEST_VALUE: Final = 256
+
+
+class PlainForm:
+    """The form of the messages of a site. `devices` are those that may be set.
+
+    `announcements` are published at each birth, before anything else.
+    """
+
+    is_held = False
+
+    def __init__(self, site: str, devices: Sequence[PublishedDevice], announcements: Sequence[Message] = ()) -> None:
+        self._topics = Topics(site)
+        self._announcements = announcements
+        self._settable = {
+            self._topics.setting(device.name, point.name): (device, point)
+            for device in devices
+            for point in device.points
+            if point.is_writable
+        }
+
+    def will(self, at: float) -> Message:  # noqa: ARG002 - the broker cannot know when it publishes it
+        """The gateway is gone."""
+        return Message(self._topics.status, OFFLINE, retain=True)
+
+    def early_subscriptions(self) -> Sequence[str]:
+        """None: nothing is asked for before it is known what there is."""
+        return ()
+
+    def late_subscriptions(self) -> Sequence[str]:
+        """What sets the points that can be written."""
+        return tuple(self._settable)
+
+    def born(self, states: Sequence[DeviceState], at: float) -> Sequence[Message]:
+        """What is announced, each device with what is known of it, and then that the gateway is there."""
+        found = [message for state in states for message in self.availability(state, at)]
+        return (*self._announcements, *found, Message(self._topics.status, ONLINE, retain=True))
+
+    def values(
+        self,
+        device: PublishedDevice,
+        readings: Readings,
+        changed: Collection[str],  # noqa: ARG002 - all values of a device are one message
+        at: float,
+    ) -> Sequence[Message]:
+        """All values of the device."""
+        values = {name: _as_json(reading.value) for name, reading in readings.items()}
+        return (self._json(self._topics.values(device.name), at, values, retain=True),)
+
+    def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
+        """Whether the device answers; before that, what it has read."""
+        device = state.device
+        values = self.values(device, state.readings, (), at) if state.readings else ()
+        payload = ONLINE if state.is_available else OFFLINE
+        return (*values, Message(self._topics.availability(device.name), payload, retain=True))
+
+    def received(self, delivery: Delivery) -> Sequence[Received]:
+        """A value for a point. To delete a retained message an empty one is sent, which sets nothing."""
+        device, point = self._settable.get(delivery.topic, (None, None))
+        if device is None or point is None or (delivery.is_retained and not delivery.payload):
+            return ()
+        return (_command(device, point, delivery),)
+
+    def result(self, command: Command, error: str | None, at: float) -> Sequence[Message]:
+        """Whether the device has confirmed the value, or why not."""
+        topic = self._topics.result(command.device.name, command.point.name)
+        outcome = {"result": "ok"} if error is None else {"result": "failed", "reason": error}
+        correlation = command.delivery.correlation
+        return (self._json(topic, at, {"value": command.text, **outcome}, correlation=correlation),)
+
+    def ended(self, at: float) -> Sequence[Message]:
+        """The gateway stops."""
+        return (self.will(at),)
+
+    def _json(self, topic: str, at: float, content: Mapping[str, Any], **options: Any) -> Message:
+        text = json.dumps({"time": _shown(at), **content}, ensure_ascii=False, allow_nan=False)
+        return Message(topic, text.encode(), **options)
+
+
+def _command(device: PublishedDevice, point: PublishedPoint, delivery: Delivery) -> Command:
+    try:
+        text = delivery.payload[:LONGEST_VALUE].decode()
+    except UnicodeDecodeError:
+        return Command(device, point, "", delivery, "this is no text")
+    if len(delivery.payload) > LONGEST_VALUE:
+        return Command(device, point, text, delivery, f"this has more than {LONGEST_VALUE} bytes")
+    if point.point.type == "string":
+        return Command(device, point, text, delivery)
+    return Command(device, point, text.strip(), delivery)
+
+
+def _shown(at: float) -> str:
+    """A Unix time: `2026-11-22T22:05:07.123Z`."""
+    return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").removesuffix("+00:00") + "Z"
+
+
+def _as_json(value: Value) -> Value | None:
+    """JSON has no infinity and no not-a-number."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

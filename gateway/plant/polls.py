@@ -1,0 +1,234 @@
+"""Reads what is published: each batch of points at its interval, through the queue of its line.
+
+It has no clock: time is an argument, and `deadline` says when `tick` must be called again.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from itertools import count
+from math import ceil
+from typing import Final, NamedTuple, Protocol
+
+from gateway.errors import Busy, PathUnavailable, TargetFailedToRespond
+from gateway.events import Emit, PollRefused
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.pdu import Span
+from gateway.profiles.batches import Batch
+from gateway.profiles.published import PublishedDevice, timed_batches
+from gateway.registers.datatypes import Value
+from gateway.registers.items import has_bits, items_read, read_request
+from gateway.request import Origin, Request
+
+#: The most reads in progress or waiting at a line. More would only fill its queue.
+MOST_READS: Final = 16
+#: After a read that got no response the next one comes no later than this, in seconds.
+RETRY: Final = 5.0
+#: Exceptions by which devices refuse a range as a whole: address, quantity, and 04, which some send instead.
+_REFUSALS: Final = frozenset({2, 3, 4})
+#: The unit is not reached, or does not answer.
+_NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
+
+
+class Target(Protocol):
+    """What answers for a device that is published."""
+
+    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
+        """Take a request; with `yields`, requests of clients are sent first."""
+
+    def is_resting(self, now: float) -> bool:
+        """Whether it backs off after failures."""
+
+
+class Answer(NamedTuple):
+    """What a read has brought: the values of its points by name; none if it failed.
+
+    `answers` is whether the device does; None if it was not asked, because its line is busy.
+    """
+
+    device: PublishedDevice
+    values: Mapping[str, Value]
+    answers: bool | None
+
+
+@dataclass(slots=True)
+class Counts:
+    """Reads that were sent to the queues of lines, that failed, and that were left out because one was still there."""
+
+    polls: int = 0
+    failed: int = 0
+    skipped: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class _Read:
+    """One request, and when it is due. `is_asked`: it waits here or at the line, or is in progress."""
+
+    device: PublishedDevice
+    every: float
+    batch: Batch
+    due_at: float
+    is_asked: bool = False
+    is_refused: bool = False
+    pdu: bytes = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.pdu = read_request(self.batch.span)
+
+    @property
+    def parts(self) -> Iterator["_Read"]:
+        """A read for each of its points."""
+        for point in self.batch.points:
+            yield _Read(self.device, self.every, Batch(point.span, (point,)), self.due_at)
+
+
+class _Line:
+    """What goes to one line: few reads at once, the others wait here."""
+
+    def __init__(self) -> None:
+        self.in_progress = 0
+        self.waiting: deque[_Read] = deque()
+
+
+class Polls:
+    """Reads the points of `devices` from their `targets`, by names of devices, as requests of `origin`.
+
+    `source` is the place of the table in the config.
+    """
+
+    def __init__(
+        self,
+        devices: Sequence[PublishedDevice],
+        targets: Mapping[str, Target],
+        origin: Origin,
+        emit: Emit,
+        source: str,
+        now: float,
+    ) -> None:
+        self.counts = Counts()
+        self._targets = targets
+        self._origin = origin
+        self._emit = emit
+        self._source = source
+        self._lines: dict[str, _Line] = {device.line: _Line() for device in devices}
+        self._reads: dict[str, list[_Read]] = {device.name: [] for device in devices}
+        self._due: list[tuple[float, int, _Read]] = []
+        self._number = count()
+        self._asked: dict[Request, _Read] = {}
+        for device in devices:
+            self._add(_Read(device, every, batch, now) for every, batch in timed_batches(device))
+
+    def deadline(self) -> float | None:
+        """When `tick` must be called; None if there is nothing to read."""
+        while self._due and self._due[0][0] != self._due[0][2].due_at:
+            heappop(self._due)
+        return self._due[0][0] if self._due else None
+
+    def tick(self, now: float) -> list[Answer]:
+        """Send the reads that are due. Those of a device that backs off have failed at once."""
+        failed = []
+        while (due := self.deadline()) is not None and due <= now:
+            read = heappop(self._due)[2]
+            missed = max(1, ceil((now - due) / read.every))
+            self._plan(read, due + read.every * missed)
+            if read.is_asked:
+                self.counts.skipped += 1
+            elif self._targets[read.device.name].is_resting(now):
+                failed.append(Answer(read.device, {}, answers=False))
+            else:
+                read.is_asked = True
+                line = self._lines[read.device.line]
+                line.waiting.append(read)
+                self._go_on(line, now)
+        return failed
+
+    def answered(self, request: Request, response: bytes | None, now: float) -> Answer:
+        """A read is over; None when it has no response."""
+        read = self._asked.pop(request)
+        read.is_asked = False
+        line = self._lines[read.device.line]
+        line.in_progress -= 1
+        answer = self._answer(read, request, response, now)
+        self._go_on(line, now)
+        return answer
+
+    def has(self, request: Request) -> bool:
+        """Whether it is one of these reads."""
+        return request in self._asked
+
+    def read_soon(self, device: str, span: Span, now: float) -> None:
+        """Something was written to `span`: what reads it is due."""
+        for read in self._reads[device]:
+            own = read.batch.span
+            if own.area is span.area and own.start < span.end and span.start < own.end:
+                self._plan(read, now)
+
+    def _add(self, reads: Iterable[_Read]) -> None:
+        for read in reads:
+            self._reads[read.device.name].append(read)
+            self._plan(read, read.due_at)
+
+    def _plan(self, read: _Read, due_at: float) -> None:
+        read.due_at = due_at
+        heappush(self._due, (due_at, next(self._number), read))
+
+    def _go_on(self, line: _Line, now: float) -> None:
+        """Pass waiting reads to their line. An answer may come before `submit` returns."""
+        while line.waiting and line.in_progress < MOST_READS:
+            read = line.waiting.popleft()
+            request = Request(read.device.unit, read.pdu, self._origin, now)
+            self._asked[request] = read
+            line.in_progress += 1
+            self.counts.polls += 1
+            self._targets[read.device.name].submit(request, now, yields=True)
+
+    def _answer(self, read: _Read, request: Request, response: bytes | None, now: float) -> Answer:
+        if response is not None and not response[0] & EXCEPTION_BIT:
+            try:
+                values = _values(read.batch, response)
+            except ValueError:
+                response = None
+            else:
+                read.is_refused = False
+                return Answer(read.device, values, answers=True)
+        self.counts.failed += 1
+        code = 0 if response is None else response[1]
+        if isinstance(request.error, Busy):
+            self._plan(read, min(read.due_at, now + RETRY))
+            return Answer(read.device, {}, answers=None)
+        if response is None or code in _NO_ANSWER:
+            self._plan(read, min(read.due_at, now + RETRY))
+            return Answer(read.device, {}, answers=False)
+        if code in _REFUSALS:
+            self._refused(read, code, now)
+        return Answer(read.device, {}, answers=True)
+
+    def _refused(self, read: _Read, code: int, now: float) -> None:
+        """Read the points one by one from now on; what is refused alone is logged, once until it is answered."""
+        if len(read.batch.points) > 1:
+            read.due_at = now
+            reads = self._reads[read.device.name]
+            reads.remove(read)
+            self._add(read.parts)
+            read.due_at = -1.0  # its entry in the heap counts no more
+        elif not read.is_refused:
+            read.is_refused = True
+            span = read.batch.span
+            what = f"{span.area} {span.addresses}"
+            self._emit(PollRefused(self._origin.client, read.device.name, what, code, self._source))
+
+
+def _values(batch: Batch, response: bytes) -> dict[str, Value]:
+    """The values of a batch's points in a response.
+
+    Raises:
+        ValueError: the response is too short.
+    """
+    items = items_read(batch.span, response)
+    size = 1 if has_bits(batch.span.area) else 2
+    values = {}
+    for point in batch.points:
+        first = size * (point.address - batch.span.start)
+        values[point.name] = point.value(items[first : first + size * point.count])
+    return values

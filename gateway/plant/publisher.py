@@ -1,0 +1,305 @@
+"""What is published, and when: between the reads of devices and the connection to a broker.
+
+It has no clock and no connection: time is an argument, messages are taken from it, and what a broker has delivered is
+handed to it. Without a connection it goes on reading, and keeps the last reading of each point.
+"""
+
+from collections import OrderedDict, deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from gateway.events import Emit
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.plant.changes import Watch
+from gateway.plant.messages import Command, Delivery, DeviceState, Form, Leave, Message, Reading, Readings, Rebirth
+from gateway.plant.polls import Answer, Polls, Target
+from gateway.profiles.published import PublishedDevice
+from gateway.registers.items import WRITERS, write_request
+from gateway.request import Origin, Request
+from gateway.request import Target as Way
+from gateway.trace.pdus import exception_in_words
+
+#: The name of this client of devices, in rights and events.
+CLIENT: Final = "mqtt"
+#: So many commands are carried out at once, and so many are remembered to find those that come again.
+MOST_COMMANDS: Final = 64
+MOST_REMEMBERED: Final = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class PublisherSettings:
+    """The devices that are published. A read of each takes `patience` seconds at most, by name of the device."""
+
+    devices: tuple[PublishedDevice, ...]
+    patience: Mapping[str, float]
+    source: str
+
+
+@dataclass(slots=True)
+class Counts:
+    """Messages that were handed to the connection, and commands by what became of them."""
+
+    messages: int = 0
+    commands: int = 0
+    refused: int = 0
+
+
+class Publisher:
+    """Publishes `settings.devices` in a `form`; reads go to `targets` as requests of `origin`, writes to `way`.
+
+    `clock` is that of `now` everywhere; `unix` makes a Unix time of its times.
+    """
+
+    def __init__(
+        self,
+        settings: PublisherSettings,
+        form: Form,
+        targets: Mapping[str, Target],
+        way: Way,
+        origin: Origin,
+        emit: Emit,
+        clock: Callable[[], float],
+        unix: Callable[[float], float],
+    ) -> None:
+        self.counts = Counts()
+        self.form = form
+        #: Whether the connection is to be given up and made anew.
+        self.must_leave = False
+        self._way = way
+        self._clock = clock
+        self._unix = unix
+        self._watches = {
+            device.name: Watch(device, settings.patience.get(device.name, 0.0)) for device in settings.devices
+        }
+        self.polls = Polls(settings.devices, targets, origin, emit, settings.source, clock())
+        self._is_connected = False
+        self._is_born = False
+        self._ready: deque[Message] = deque()
+        self._came_or_went: dict[str, None] = {}
+        self._changed: dict[str, None] = {}
+        self._in_progress = 0
+        self._done: OrderedDict[tuple[str, bytes], None] = OrderedDict()
+
+    @property
+    def watches(self) -> Mapping[str, Watch]:
+        """What is known of each device, by its name."""
+        return self._watches
+
+    @property
+    def has_messages(self) -> bool:
+        """Whether `take` has something to publish."""
+        return self._is_born and bool(self._ready or self._came_or_went or self._changed)
+
+    def deadline(self) -> float | None:
+        """When `tick` must be called."""
+        return self.polls.deadline()
+
+    def tick(self, now: float) -> None:
+        """Send the reads that are due."""
+        for answer in self.polls.tick(now):
+            self._heed(answer, now)
+
+    def answered(self, request: Request, response: bytes | None, now: float) -> None:
+        """A read is over."""
+        self._heed(self.polls.answered(request, response, now), now)
+
+    def will(self, now: float) -> Message:
+        """What the broker is to publish when the connection is lost. Begins a session."""
+        self.must_leave = False
+        return self.form.will(self._unix(now))
+
+    def connected(self, now: float) -> None:
+        """The connection stands, and the early subscriptions do: the birth is published as soon as it may be."""
+        self._is_connected = True
+        if not self.form.is_held:
+            self._be_born(now)
+
+    def disconnected(self) -> None:
+        """The connection is lost, and everything that was not published with it. The last readings are kept."""
+        self._is_connected = self._is_born = False
+        self._ready.clear()
+        self._came_or_went.clear()
+        self._changed.clear()
+
+    @property
+    def is_born(self) -> bool:
+        """Whether the birth was handed out in this connection, or is about to be."""
+        return self._is_born
+
+    def take(self, now: float) -> Sequence[Message]:
+        """The next messages to publish, in this order; none if there are none at present."""
+        if not self._is_born:
+            return ()
+        if self._ready:
+            messages: Sequence[Message] = (self._ready.popleft(),)
+        elif self._came_or_went:
+            messages = self._availability(_pop(self._came_or_went), now)
+        elif self._changed:
+            messages = self._values(_pop(self._changed), now)
+        else:
+            return ()
+        self.counts.messages += len(messages)
+        return messages
+
+    def received(self, delivery: Delivery, now: float) -> None:
+        """Do what a message from the broker asks for."""
+        refusal = self._refusal(delivery)
+        for wish in self.form.received(delivery):
+            if isinstance(wish, Command):
+                self._carry_out(wish, refusal, now)
+            elif isinstance(wish, Rebirth) and self._is_connected:
+                self._be_born(now)
+            elif isinstance(wish, Leave):
+                self.must_leave = True
+
+    def ended(self, now: float) -> Sequence[Message]:
+        """What to publish last."""
+        return self.form.ended(self._unix(now)) if self._is_born else ()
+
+    def _be_born(self, now: float) -> None:
+        self._is_born = True
+        self._came_or_went.clear()
+        self._changed.clear()
+        states = []
+        for watch in self._watches.values():
+            watch.forget()
+            state = watch.state(now)
+            watch.published(state.readings)
+            states.append(self._told(state))
+        self._ready = deque(self.form.born(states, self._unix(now)))
+
+    def _heed(self, answer: Answer, now: float) -> None:
+        name = answer.device.name
+        watch = self._watches[name]
+        if answer.answers is None:
+            return
+        has_turned = watch.answered(answer.values, now) if answer.answers else watch.failed()
+        if has_turned:
+            self._came_or_went[name] = None
+        if self._is_born and watch.changed:
+            self._changed[name] = None
+
+    def _availability(self, name: str, now: float) -> Sequence[Message]:
+        watch = self._watches[name]
+        state = watch.state(now)
+        self._changed.pop(name, None)
+        watch.published(state.readings)
+        return self.form.availability(self._told(state), self._unix(now))
+
+    def _values(self, name: str, now: float) -> Sequence[Message]:
+        watch = self._watches[name]
+        readings = watch.readings(now)
+        changed = watch.changed.intersection(readings)
+        watch.changed.clear()
+        if not changed:
+            return ()
+        watch.published({each: readings[each] for each in changed})
+        return self.form.values(watch.device, self._readings(readings), changed, self._unix(now))
+
+    def _told(self, state: DeviceState) -> DeviceState:
+        return replace(state, readings=self._readings(state.readings))
+
+    def _readings(self, readings: Readings) -> Readings:
+        """The same with Unix times."""
+        return {name: Reading(reading.value, self._unix(reading.at)) for name, reading in readings.items()}
+
+    def _refusal(self, delivery: Delivery) -> str:
+        """Why no command in this message may be carried out; empty if it may."""
+        if delivery.is_retained:
+            return "it is retained, so it may be old: send it without retain"
+        if delivery.is_duplicate:
+            return "it may have been delivered before"
+        if delivery.expiry is not None and delivery.expiry <= 0:
+            return "it has expired"
+        if delivery.correlation is None:
+            return ""
+        key = (delivery.topic, delivery.correlation)
+        if key in self._done:
+            return "one with this correlation was received before"
+        self._done[key] = None
+        if len(self._done) > MOST_REMEMBERED:
+            self._done.popitem(last=False)
+        return ""
+
+    def _carry_out(self, command: Command, refusal: str, now: float) -> None:
+        self.counts.commands += 1
+        refusal = command.refusal or refusal
+        if not refusal and self._in_progress >= MOST_COMMANDS:
+            refusal = f"{MOST_COMMANDS} others are not finished yet"
+        try:
+            pdu = b"" if refusal else _write_request(command)
+        except ValueError as wrong:
+            refusal = str(wrong)
+        if refusal:
+            self._refuse(command, refusal, now)
+            return
+        self._in_progress += 1
+        expiry = command.delivery.expiry
+        origin = _Writer(self, command, self._clock, None if expiry is None else now + expiry)
+        self._way.submit(Request(command.device.unit, pdu, origin, now), now)
+
+    def written(self, command: Command, request: Request, response: bytes | None) -> None:
+        """A command's request is over."""
+        now = self._clock()
+        self._in_progress -= 1
+        point = command.point.point
+        self.polls.read_soon(command.device.name, point.span, now)
+        if request.error is not None:
+            self._refuse(command, str(request.error) or request.error.result, now)
+        elif response is not None and response[0] & EXCEPTION_BIT:
+            self._refuse(command, f"the device answers: {exception_in_words(response[1])}", now)
+        else:
+            self._tell(command, None, now)
+
+    def _refuse(self, command: Command, why: str, now: float) -> None:
+        self.counts.refused += 1
+        self._tell(command, why, now)
+
+    def _tell(self, command: Command, error: str | None, now: float) -> None:
+        if self._is_born:
+            self._ready.extend(self.form.result(command, error, self._unix(now)))
+
+
+class _Writer:
+    """The Origin of a command's request, which is not sent after `until`."""
+
+    client = CLIENT
+    host = ""
+
+    def __init__(self, publisher: Publisher, command: Command, clock: Callable[[], float], until: float | None) -> None:
+        self._publisher = publisher
+        self._command = command
+        self._clock = clock
+        self._until = until
+
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - it has one
+        """Whether it may still be sent."""
+        return self._until is None or self._clock() < self._until
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response."""
+        self._publisher.written(self._command, request, pdu)
+
+
+def _write_request(command: Command) -> bytes:
+    """The request that writes the value. A unit without function 05 or 06 gets 15 or 16.
+
+    Raises:
+        ValueError: the point cannot hold it.
+    """
+    point, functions = command.point.point, command.device.functions
+    if point.area not in WRITERS:
+        raise ValueError(f"{point.area} cannot be written")
+    items = point.items(command.text)
+    single, several, most = WRITERS[point.area]
+    if point.count > min(most, command.device.limits.get(several, most)):
+        raise ValueError("it does not fit into one request")
+    multiple = functions is not None and single not in functions and several in functions
+    return write_request(point.area, point.address, items, multiple=multiple)
+
+
+def _pop(names: dict[str, None]) -> str:
+    name = next(iter(names))
+    del names[name]
+    return name
