@@ -1,0 +1,250 @@
+"""Sparkplug B 3.0: the gateway as an edge node, and its devices as the node's devices.
+
+Chapter numbers are those of the specification. A host that finds the values on a broker is told here what there is
+(birth), what changes (data), and when it ends (death). All of it has no clock; times are Unix times in seconds.
+"""
+
+import json
+from collections.abc import Collection, Iterable, Sequence
+from typing import Final
+
+from gateway.plant.messages import (
+    Command,
+    Delivery,
+    DeviceState,
+    Leave,
+    Message,
+    Readings,
+    Rebirth,
+    Received,
+)
+from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode, signed
+from gateway.profiles.point import Point
+from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.registers.items import has_bits
+
+_NAMESPACE: Final = "spBv1.0"
+_REBIRTH: Final = "Node Control/Rebirth"
+#: Birth and death of one session have the same number in this metric, and message numbers have as many values.
+_SESSION: Final = "bdSeq"
+_NUMBERS: Final = 256
+
+_TYPES: Final = {
+    "uint16": DataType.UINT16,
+    "int16": DataType.INT16,
+    "uint32": DataType.UINT32,
+    "int32": DataType.INT32,
+    "uint64": DataType.UINT64,
+    "int64": DataType.INT64,
+    "float32": DataType.FLOAT,
+    "float64": DataType.DOUBLE,
+    "string": DataType.STRING,
+}
+
+
+class Sparkplug:
+    """A form of messages: see `Form`. `node` is unique in its `group`.
+
+    With a `primary_host` nothing is published before that host says that it is online, and the session ends when it
+    goes offline.
+    """
+
+    #: Whether the broker is to publish the will at a proper end too, as 6.4.25 demands with MQTT 5.
+    leaves_with_will: Final = True
+
+    def __init__(self, group: str, node: str, primary_host: str | None = None) -> None:
+        self._group = group
+        self._node = node
+        self._host = None if primary_host is None else f"{_NAMESPACE}/STATE/{primary_host}"
+        self._host_seen = -1
+        self._host_is_online = primary_host is None
+        self._session = _NUMBERS - 1
+        self._sequence = 0
+        self._devices: dict[str, PublishedDevice] = {}
+        self._is_born = False
+        self._born: set[str] = set()
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the primary host is not there (5.4)."""
+        return not self._host_is_online
+
+    def will(self, at: float) -> Message:
+        """The death of the node; starts a new session."""
+        self._session = (self._session + 1) % _NUMBERS
+        self._host_is_online = self._host is None
+        self._is_born = False
+        self._born.clear()
+        return self._death(at)
+
+    def early_subscriptions(self) -> Sequence[str]:
+        """The state of the primary host, and commands for the node, which write nothing."""
+        return [*([] if self._host is None else [self._host]), self._topic("NCMD")]
+
+    def late_subscriptions(self) -> Sequence[str]:
+        """Commands for devices that have something to write."""
+        return [
+            self._topic("DCMD", device)
+            for device in self._devices.values()
+            if any(point.is_writable for point in device.points)
+        ]
+
+    def born(self, states: Sequence[DeviceState], at: float) -> Sequence[Message]:
+        """The birth of the node, and of each device that answers."""
+        self._sequence = 0
+        self._is_born = True
+        self._devices = {state.device.name: state.device for state in states}
+        self._born.clear()
+        metrics = (
+            Metric(_SESSION, self._session, DataType.INT64, at),
+            Metric(_REBIRTH, value=False, data_type=DataType.BOOLEAN, at=at),
+        )
+        node = self._message(self._topic("NBIRTH"), Payload(metrics, at, self._next()))
+        return [node, *(self._birth(state, at) for state in states if state.is_available)]
+
+    def values(
+        self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float
+    ) -> Sequence[Message]:
+        """New values of a device that is born."""
+        points = [point for point in device.points if point.name in changed and point.name in readings]
+        if device.name not in self._born or not points:
+            return []
+        metrics = _metrics(points, readings, at)
+        payload = encode(Payload(metrics, at, self._next()), with_types=False)
+        return [Message(self._topic("DDATA", device), payload, qos=0)]
+
+    def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
+        """A device is born, or dies."""
+        if state.is_available:
+            return [self._birth(state, at)]
+        if state.device.name not in self._born:
+            return []
+        self._born.discard(state.device.name)
+        return [self._message(self._topic("DDEATH", state.device), Payload((), at, self._next()))]
+
+    def received(self, delivery: Delivery) -> Sequence[Received]:
+        """The primary host comes or goes, somebody wants a new birth, or to write."""
+        if delivery.topic == self._host:
+            return self._host_tells(delivery.payload)
+        try:
+            metrics = decode(delivery.payload).metrics
+        except ValueError:
+            return []
+        if delivery.topic == self._topic("NCMD"):
+            is_wanted = any(metric.name == _REBIRTH and metric.value is True for metric in metrics)
+            return [Rebirth()] if is_wanted and not self.is_held else []
+        for device in self._devices.values():
+            if delivery.topic == self._topic("DCMD", device):
+                return list(_commands(device, metrics, delivery))
+        return []
+
+    def result(self, command: Command, error: str | None, at: float) -> Sequence[Message]:  # noqa: ARG002
+        """Nothing: a host sees by the next value whether its command was carried out."""
+        return []
+
+    def ended(self, at: float) -> Sequence[Message]:
+        """The death of the node, which the broker does not publish if the connection is closed properly."""
+        return [self._death(at)] if self._is_born else []
+
+    def _host_tells(self, payload: bytes) -> Sequence[Received]:
+        """What follows from a state of the primary host. Older states than the last one are ignored."""
+        state = _state(payload)
+        if state is None or state[1] < self._host_seen:
+            return []
+        was_online = self._host_is_online
+        self._host_is_online, self._host_seen = state
+        if self._host_is_online:
+            return [] if was_online else [Rebirth()]
+        return [Leave()] if was_online else []
+
+    def _birth(self, state: DeviceState, at: float) -> Message:
+        """The birth of a device: all of its metrics with their types, and values if they are known."""
+        self._born.add(state.device.name)
+        self._devices[state.device.name] = state.device
+        metrics = _metrics(state.device.points, state.readings, at)
+        return self._message(self._topic("DBIRTH", state.device), Payload(metrics, at, self._next()))
+
+    def _death(self, at: float) -> Message:
+        metric = Metric(_SESSION, self._session, DataType.INT64, at)
+        return Message(self._topic("NDEATH"), encode(Payload((metric,), at), with_types=True), qos=1)
+
+    def _next(self) -> int:
+        """The number of the next message."""
+        number = self._sequence
+        self._sequence = (number + 1) % _NUMBERS
+        return number
+
+    def _topic(self, kind: str, device: PublishedDevice | None = None) -> str:
+        node = f"{_NAMESPACE}/{self._group}/{kind}/{self._node}"
+        return node if device is None else f"{node}/{device.name}"
+
+    @staticmethod
+    def _message(topic: str, payload: Payload) -> Message:
+        return Message(topic, encode(payload, with_types=True), qos=0)
+
+
+def _commands(device: PublishedDevice, metrics: Iterable[Metric], delivery: Delivery) -> Iterable[Command]:
+    """What a host wants to write to a device. Metrics that the device does not have are ignored."""
+    for metric in metrics:
+        point = device.point(metric.name)
+        if point is not None:
+            yield Command(device, point, _text(point, metric), delivery, _refusal(point, metric, delivery))
+
+
+def _refusal(point: PublishedPoint, metric: Metric, delivery: Delivery) -> str:
+    """Why a command must not be carried out; empty if it may."""
+    if delivery.is_retained or delivery.is_duplicate:
+        return "the message is retained or repeated: it may be an old one"
+    if not point.is_writable:
+        return f"{point.name} must not be written"
+    if metric.value is None:
+        return "it has no value"
+    return ""
+
+
+def _text(point: PublishedPoint, metric: Metric) -> str:
+    """The value of a metric as a user would type it."""
+    value = metric.value
+    if isinstance(value, bool):
+        return str(int(value))
+    if isinstance(value, int):
+        return str(signed(value, metric.data_type or _type(point.point)))
+    return "" if value is None else str(value)
+
+
+def _metrics(points: Iterable[PublishedPoint], readings: Readings, at: float) -> tuple[Metric, ...]:
+    """The metrics of points, the oldest values first (6.4.6)."""
+    return tuple(sorted((_metric(point, readings, at) for point in points), key=lambda metric: metric.at or at))
+
+
+def _metric(published: PublishedPoint, readings: Readings, at: float) -> Metric:
+    """The metric of a point, with its last value if that is known."""
+    point, reading = published.point, readings.get(published.name)
+    if reading is None:
+        return Metric(point.name, None, _type(point), at, point.unit)
+    # A number without a label is text too, as the others of its point are.
+    value = str(reading.value) if point.labels else reading.value
+    return Metric(point.name, value, _type(point), reading.at, point.unit)
+
+
+def _type(point: Point) -> DataType:
+    """The type of the metric for a point. Labels are text, scaled numbers may have decimals."""
+    if point.labels:
+        return DataType.STRING
+    if has_bits(point.area):
+        return DataType.BOOLEAN
+    return DataType.DOUBLE if point.scale != 1 else _TYPES[point.type]
+
+
+def _state(payload: bytes) -> tuple[bool, int] | None:
+    """Whether a host is online, and since when (milliseconds); None if the payload does not tell (6.4.24)."""
+    try:
+        told = json.loads(payload)
+    except ValueError:
+        return None
+    if not isinstance(told, dict):
+        return None
+    is_online, timestamp = told.get("online"), told.get("timestamp")
+    if not isinstance(is_online, bool) or isinstance(timestamp, bool) or not isinstance(timestamp, int):
+        return None
+    return is_online, timestamp
