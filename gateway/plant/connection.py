@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from socket import socket as Socket  # noqa: N812 - a type here
 from typing import Any, Final, Literal
 
-from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
+from paho.mqtt.client import MQTT_CLEAN_START_FIRST_ONLY, Client, ConnectFlags, DisconnectFlags, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
@@ -133,7 +133,7 @@ class Connection:
         """Send a message. What is not sent at once is kept, up to `most_in_flight` messages."""
         properties = None
         if self.version == "5" and (message.expiry is not None or message.correlation is not None):
-            properties = Properties(PacketTypes.PUBLISH)
+            properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
             if message.expiry is not None:
                 properties.MessageExpiryInterval = max(1, round(message.expiry))
             if message.correlation is not None:
@@ -174,6 +174,7 @@ class Connection:
             reconnect_on_failure=False,
         )
         client.connect_timeout = STEP_TIME
+        client.max_inflight_messages_set(MOST_IN_FLIGHT)
         client.max_queued_messages_set(2 * MOST_IN_FLIGHT)
         client.will_set(will.topic, will.payload, will.qos, will.retain)
         if settings.user is not None:
@@ -197,8 +198,10 @@ class Connection:
 
     def _connect(self) -> None:
         """Connect; name servers and TLS may take their time."""
-        options = {"clean_start": True} if self.version == "5" else {}
-        self._client.connect(self._settings.host, self._settings.port, KEEP_ALIVE, **options)
+        settings, is_newest = self._settings, self.version == "5"
+        self._client.connect(
+            settings.host, settings.port, KEEP_ALIVE, clean_start=True if is_newest else MQTT_CLEAN_START_FIRST_ONLY
+        )
         if self._is_abandoned:
             sock = self._client.socket()
             if sock is not None:
@@ -210,9 +213,9 @@ class Connection:
         sock = self._client.socket()
         if sock is None:
             raise BrokerError("it has closed the connection")
-        self._client.on_socket_close = lambda _client, _data, closed: self._unwatch(closed)
-        self._client.on_socket_register_write = lambda *_: self._loop.add_writer(sock, self._writable)
-        self._client.on_socket_unregister_write = lambda *_: self._loop.remove_writer(sock)
+        self._client.on_socket_close = self._on_socket_close
+        self._client.on_socket_register_write = self._on_more_to_write
+        self._client.on_socket_unregister_write = self._on_all_written
         self._loop.add_reader(sock, self._readable)
         if self._client.want_write():
             self._loop.add_writer(sock, self._writable)
@@ -241,6 +244,15 @@ class Connection:
         self._client.loop_misc()
         self._timer = self._loop.call_later(1.0, self._tick)
 
+    def _on_more_to_write(self, _client: Client, _data: Any, sock: Any) -> None:
+        self._loop.add_writer(sock, self._writable)
+
+    def _on_all_written(self, _client: Client, _data: Any, sock: Any) -> None:
+        self._loop.remove_writer(sock)
+
+    def _on_socket_close(self, _client: Client, _data: Any, sock: Any) -> None:
+        self._unwatch(sock)
+
     def _fail(self, reason: str) -> None:
         if not self._accepted.done():
             self._accepted.set_exception(BrokerError(reason))
@@ -262,7 +274,6 @@ class Connection:
         else:
             wanted = getattr(properties, "ReceiveMaximum", MOST_IN_FLIGHT)
             self.most_in_flight = min(MOST_IN_FLIGHT, wanted)
-            self._client.max_inflight_messages_set(self.most_in_flight)
             self._accepted.set_result(None)
 
     def _on_disconnect(
@@ -296,7 +307,7 @@ class Connection:
         self._deliver(
             Delivery(
                 message.topic,
-                message.payload,
+                bytes(message.payload),
                 self._unix(),
                 is_retained=message.retain,
                 is_duplicate=message.dup,

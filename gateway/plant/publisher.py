@@ -7,7 +7,7 @@ handed to it. Without a connection it goes on reading, and keeps the last readin
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Protocol
 
 from gateway.events import Emit
 from gateway.modbus.codes import EXCEPTION_BIT
@@ -45,6 +45,13 @@ class Counts:
     refused: int = 0
 
 
+class Asker(Origin, Protocol):
+    """The Origin of reads. The responses to writes come to it too."""
+
+    def written(self, command: Command, request: Request, response: bytes | None) -> None:
+        """Take the response to the write that carries out a command."""
+
+
 class Publisher:
     """Publishes `settings.devices` in a `form`; reads go to `targets` as requests of `origin`, writes to `way`.
 
@@ -57,7 +64,7 @@ class Publisher:
         form: Form,
         targets: Mapping[str, Target],
         way: Way,
-        origin: Origin,
+        origin: Asker,
         emit: Emit,
         clock: Callable[[], float],
         unix: Callable[[float], float],
@@ -67,6 +74,7 @@ class Publisher:
         #: Whether the connection is to be given up and made anew.
         self.must_leave = False
         self._way = way
+        self._asker = origin
         self._clock = clock
         self._unix = unix
         self._watches = {
@@ -121,6 +129,11 @@ class Publisher:
         self._ready.clear()
         self._came_or_went.clear()
         self._changed.clear()
+
+    @property
+    def has_birth(self) -> bool:
+        """Whether a part of a birth, or a result, is still to be taken."""
+        return bool(self._ready)
 
     @property
     def is_born(self) -> bool:
@@ -236,12 +249,11 @@ class Publisher:
             return
         self._in_progress += 1
         expiry = command.delivery.expiry
-        origin = _Writer(self, command, self._clock, None if expiry is None else now + expiry)
+        origin = _Writer(self._asker, command, self._clock, None if expiry is None else now + expiry)
         self._way.submit(Request(command.device.unit, pdu, origin, now), now)
 
-    def written(self, command: Command, request: Request, response: bytes | None) -> None:
+    def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
         """A command's request is over."""
-        now = self._clock()
         self._in_progress -= 1
         point = command.point.point
         self.polls.read_soon(command.device.name, point.span, now)
@@ -267,8 +279,8 @@ class _Writer:
     client = CLIENT
     host = ""
 
-    def __init__(self, publisher: Publisher, command: Command, clock: Callable[[], float], until: float | None) -> None:
-        self._publisher = publisher
+    def __init__(self, asker: Asker, command: Command, clock: Callable[[], float], until: float | None) -> None:
+        self._asker = asker
         self._command = command
         self._clock = clock
         self._until = until
@@ -279,7 +291,7 @@ class _Writer:
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response."""
-        self._publisher.written(self._command, request, pdu)
+        self._asker.written(self._command, request, pdu)
 
 
 def _write_request(command: Command) -> bytes:

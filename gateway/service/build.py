@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
-from gateway.config.reserved import CONTROL, WEB
+from gateway.config.reserved import CONTROL, MQTT, WEB
 from gateway.devices.device import Device
 from gateway.events import Emit
 from gateway.images.image import Image, ImageSettings
@@ -69,6 +69,8 @@ class Gateway:
     control: Router
     #: The way of requests over HTTP: it too has all rights until a row names it. What a user may is seen to before.
     web: Router
+    #: The way of what a broker delivers: it has all rights until a row names it. What may be written is seen to before.
+    mqtt: Router
     ways: tuple[Way, ...]
     ring: Ring
     plan: Plan
@@ -147,14 +149,16 @@ def build(
     }
     control = running.control if running else Router(EntryPoint(CONTROL, "local"), loop.time, emit, ring=ring)
     web = running.web if running else Router(EntryPoint(WEB, "local"), loop.time, emit, ring=ring)
+    mqtt = running.mqtt if running else Router(EntryPoint(MQTT, "local"), loop.time, emit, ring=ring)
     ways = (
+        Way(mqtt, everyone.routes, everyone.known_as),
         Way(control, everyone.routes, everyone.known_as),
         Way(web, everyone.routes, everyone.known_as),
         *(_way(one, alone[one.settings.line] if one.settings.line else everyone, ring) for one in listeners),
         *(Way(one.router, _served(everyone, one.plan, ring), everyone.known_as) for one in servers),
     )
     return Gateway(
-        listeners, lines, servers, upstreams, images, mirrors, on_lines, control, web, ways, ring, plan, contexts
+        listeners, lines, servers, upstreams, images, mirrors, on_lines, control, web, mqtt, ways, ring, plan, contexts
     )
 
 

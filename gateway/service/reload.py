@@ -138,7 +138,8 @@ class Reloader:
         old, new = self._running.gateway.plan, loaded.plan
         try:
             async with asyncio.timeout(LOADING_TIME):
-                secured = (*new.secured, *(new.web.secured if new.web else ()))
+                besides = (new.web, new.mqtt)
+                secured = (*new.secured, *(one for each in besides if each for one in each.secured))
                 certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, secured)
                 await loop.run_in_executor(ThreadPerCall("read state"), self._prepare, new)
             defect = await self._switch(self._rebuild(new, self._running.gateway), certificates)
@@ -219,6 +220,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
         **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
         "access": plan.access,
         "trace": plan.ring,
+        **({} if plan.mqtt is None else {"mqtt": plan.mqtt}),
     }
 
 

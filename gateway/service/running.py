@@ -15,6 +15,7 @@ from gateway.ports.reconnector import Reconnector
 from gateway.service.build import Driver, Gateway, Listener, Part
 from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
+from gateway.service.plant import Publishing
 from gateway.service.recent import Recent
 from gateway.service.self_state import show_itself
 
@@ -50,6 +51,7 @@ class Running:
         #: Whether the config was accepted when it was last read.
         self.reload_succeeded = True
         self.recent = Recent(gateway, asyncio.get_running_loop().time())
+        self.publishing = Publishing(emit, gateway.contexts)
         #: Held by who looks for devices: two at once would be in each other's way.
         self.examining = asyncio.Lock()
         self._sockets = sockets or OpenSockets()
@@ -200,6 +202,7 @@ class Running:
                     group.create_task(self._start_after(before, part), name=f"start:{part.name}")
             for mirror in new.mirrors:
                 mirror.start()
+            await self.publishing.adopt(new)
 
     def renew_certificates(self) -> None:
         """After a reload: clients that may not be trusted any more must show their certificates again."""

@@ -1,0 +1,194 @@
+"""Keeps a connection to the broker, and publishes there what the publisher has."""
+
+import asyncio
+import random
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from gateway.errors import BrokerError, TlsError
+from gateway.events import BrokerLost, BrokerRefused, BrokerUp, Emit, PartFailed
+from gateway.plant.connection import VERSIONS, BrokerSettings, Connection, Version, WrongVersionError
+from gateway.plant.driver import PublisherDriver
+from gateway.plant.messages import Message
+from gateway.ports.threads import ThreadPerCall
+
+#: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
+FIRST_PAUSE: Final = 1.0
+LONGEST_PAUSE: Final = 30.0
+#: How long the last messages may take at a stop, in seconds.
+FAREWELL: Final = 1.0
+#: So many messages are published before lines and clients have their turn.
+_SLICE: Final = 10
+
+
+class Broker:
+    """The broker with this `name`. `settings` reads how to reach it, and may block.
+
+    `leaves_with_will`: the broker publishes the will also when the gateway leaves in an orderly way.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: Callable[[], BrokerSettings],
+        driver: PublisherDriver,
+        emit: Emit,
+        unix: Callable[[], float],
+        *,
+        leaves_with_will: bool = False,
+    ) -> None:
+        self.name = name
+        #: Why nothing is published; empty if it is.
+        self.reason = "not tried yet"
+        self.version: Version = VERSIONS[0]
+        self.reconnects = 0
+        #: Messages that the broker has confirmed, and those that it has refused.
+        self.confirmed = 0
+        self.refused = 0
+        self._settings = settings
+        self._driver = driver
+        self._emit = emit
+        self._unix = unix
+        self._leaves_with_will = leaves_with_will
+        self._pause = FIRST_PAUSE
+        self._is_stopping = False
+        self._told = ""
+        self._refusal = ""
+
+    async def run(self) -> None:
+        """Connect, publish, connect again, until `stop`."""
+        while not self._is_stopping:
+            try:
+                await self._serve()
+            except WrongVersionError as error:
+                self._lost(str(error))
+                self.version = VERSIONS[1 - VERSIONS.index(self.version)]
+            except (BrokerError, TlsError) as error:
+                self._lost(str(error))
+            except Exception as error:  # noqa: BLE001 - an error boundary: all other parts go on
+                self._emit(PartFailed.of("broker", error))
+                self._lost("a defect in the gateway")
+            if not self._is_stopping:
+                await asyncio.sleep(self._pause * random.uniform(0.8, 1.2))  # noqa: S311 - no secret
+                self._pause = min(2 * self._pause, LONGEST_PAUSE)
+
+    def stop(self) -> None:
+        """Say good-bye and end."""
+        self._is_stopping = True
+        self._driver.wake.set()
+
+    async def _serve(self) -> None:
+        """One connection, until it is lost or to be left.
+
+        Raises:
+            BrokerError: it cannot be made, or is lost.
+            TlsError: a file cannot be used.
+        """
+        driver, publisher, form = self._driver, self._driver.publisher, self._driver.publisher.form
+        loop = asyncio.get_running_loop()
+        settings = await loop.run_in_executor(ThreadPerCall("read password"), self._settings)
+        self._refusal = ""
+        connection = Connection(
+            settings,
+            self.version,
+            publisher.will(driver.now()),
+            deliver=driver.received,
+            confirmed=self._has_confirmed,
+            unix=self._unix,
+        )
+        connection.lost.add_done_callback(lambda _: driver.wake.set())
+        try:
+            await connection.open()
+            await connection.subscribe(form.early_subscriptions())
+            publisher.connected(driver.now())
+            await self._until(connection, lambda: publisher.is_born)
+            await self._publish(connection, lambda: publisher.has_birth)
+            await self._until(connection, lambda: connection.in_flight == 0)
+            await connection.subscribe(form.late_subscriptions())
+            self._up()
+            while not (self._is_stopping or publisher.must_leave):
+                await self._publish(connection, lambda: True)
+                await self._wait(connection)
+            await self._leave(connection, publisher.ended(driver.now()))
+        finally:
+            publisher.disconnected()
+            connection.close()
+
+    async def _publish(self, connection: Connection, goes_on: Callable[[], bool]) -> None:
+        """Publish what there is, as long as it `goes_on`."""
+        sent = 0
+        while goes_on():
+            if connection.in_flight >= connection.most_in_flight:
+                await self._wait(connection)
+                continue
+            messages = self._driver.take()
+            if not messages:
+                if not self._driver.publisher.has_messages:
+                    return
+                continue
+            for message in messages:
+                connection.publish(message)
+            sent += len(messages)
+            if sent >= _SLICE:
+                sent = 0
+                await asyncio.sleep(0)
+            self._raise_if_lost(connection)
+
+    async def _until(self, connection: Connection, is_so: Callable[[], bool]) -> None:
+        while not is_so() and not self._is_stopping:
+            await self._wait(connection)
+
+    async def _wait(self, connection: Connection) -> None:
+        """Wait until something happens.
+
+        Raises:
+            BrokerError: the connection is lost.
+        """
+        await self._driver.wake.wait()
+        self._driver.wake.clear()
+        self._raise_if_lost(connection)
+
+    def _raise_if_lost(self, connection: Connection) -> None:
+        if connection.lost.done():
+            raise BrokerError(connection.lost.result())
+
+    async def _leave(self, connection: Connection, messages: Sequence[Message]) -> None:
+        """Publish the last messages, and log out."""
+        try:
+            async with asyncio.timeout(FAREWELL):
+                for message in messages:
+                    connection.publish(message)
+                while connection.in_flight:
+                    await self._wait(connection)
+                connection.end(with_will=self._leaves_with_will)
+                await asyncio.shield(connection.lost)
+        except TimeoutError:
+            pass
+        if not self._is_stopping:
+            self._pause = FIRST_PAUSE
+            self.reason = "it is to be connected anew"
+
+    def _has_confirmed(self, refusal: str) -> None:
+        if refusal:
+            self.refused += 1
+            if refusal != self._refusal:
+                self._refusal = refusal
+                self._emit(BrokerRefused(self.name, refusal))
+        else:
+            self.confirmed += 1
+        self._driver.wake.set()
+
+    def _up(self) -> None:
+        if self._is_stopping:
+            return
+        self.reason = self._told = ""
+        self._pause = FIRST_PAUSE
+        self._emit(BrokerUp(self.name, self.version))
+
+    def _lost(self, reason: str) -> None:
+        """It is told once, and again when the reason is another one."""
+        self.reconnects += 1
+        self.reason = reason
+        if reason != self._told and not self._is_stopping:
+            self._told = reason
+            self._emit(BrokerLost(self.name, reason))

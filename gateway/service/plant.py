@@ -1,0 +1,187 @@
+"""`[mqtt]`: what is published, and the connection to the broker. Its library is loaded only if configured."""
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Final
+
+from gateway import events
+from gateway.config.publishing import MqttPlan
+from gateway.errors import BrokerError
+from gateway.plant.driver import PublisherDriver
+from gateway.plant.messages import Form
+from gateway.plant.plain import PlainForm
+from gateway.plant.polls import Target
+from gateway.plant.publisher import PublisherSettings
+from gateway.request import Request
+from gateway.request import Target as Destination
+from gateway.service.build import Gateway
+from gateway.service.parts import GatewayLine, GatewayUpstream
+from gateway.tls.contexts import load
+from gateway.tls.files import path_of, refuse_if_exposed
+from gateway.tls.secret_file import SecretFile
+from gateway.tls.store import TlsStore
+
+#: The package's extra with the library.
+_MISSING: Final = "{} is not installed: pip install 'mbgw[mqtt]'"
+#: How long the last messages may take at a stop, in seconds.
+_FAREWELL: Final = 1.2
+_LONGEST_PASSWORD: Final = 1024
+
+
+class Publishing:
+    """Publishes what the plan of a gateway says, as long as it says so. `unix` is the time of the day."""
+
+    def __init__(self, emit: events.Emit, contexts: TlsStore, unix: Callable[[], float] = time.time) -> None:
+        self._emit = emit
+        self._contexts = contexts
+        self._unix = unix
+        #: What publishes; None without [mqtt].
+        self.part: _Part | None = None
+
+    async def adopt(self, gateway: Gateway) -> None:
+        """Publish what this gateway's plan says from now on. Without a change the connection is kept."""
+        plan, part = gateway.plan.mqtt, self.part
+        if part is not None and part.means(plan, gateway):
+            return
+        await self.stop()
+        if plan is not None:
+            self.part = _Part(plan, gateway, self._emit, self._contexts, self._unix)
+
+    async def stop(self) -> None:
+        """Publish nothing any more."""
+        part, self.part = self.part, None
+        if part is not None:
+            await part.stop()
+
+
+class _Part:
+    """What one plan needs: the devices of a gateway, and the task that keeps the connection."""
+
+    def __init__(
+        self, plan: MqttPlan, gateway: Gateway, emit: events.Emit, contexts: TlsStore, unix: Callable[[], float]
+    ) -> None:
+        self.plan = plan
+        self._destinations = _destinations(plan, gateway)
+        targets = {name: _as_target(each) for name, each in self._destinations.items()}
+        owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+        patience = {unit: wait for owner in owners for unit, wait in owner.longest_wait.items()}
+        settings = PublisherSettings(
+            plan.devices, {each.name: patience.get(each.unit, 0.0) for each in plan.devices}, plan.source
+        )
+        self.driver = PublisherDriver(settings, _form(plan), targets, gateway.mqtt, emit, unix)
+        self.driver.start()
+        #: What keeps the connection; None if it cannot, because its library is missing.
+        self.broker: Any = None
+        self.reason = ""
+        try:
+            module = import_module("gateway.plant.broker")
+        except ModuleNotFoundError as error:
+            self.reason = _MISSING.format(error.name)
+            emit(events.BrokerLost(str(plan.broker), self.reason))
+            return
+        self.broker = module.Broker(
+            str(plan.broker),
+            _Access(plan, contexts, asyncio.get_running_loop()).settings,
+            self.driver,
+            emit,
+            unix,
+            leaves_with_will=plan.sparkplug is not None,
+        )
+        self._task = asyncio.create_task(self.broker.run(), name="broker")
+
+    def means(self, plan: MqttPlan | None, gateway: Gateway) -> bool:
+        """Whether it does what this plan asks for, with the devices of this gateway."""
+        if plan != self.plan:
+            return False
+        new = _destinations(self.plan, gateway)
+        return all(new[name] is each for name, each in self._destinations.items())
+
+    async def stop(self) -> None:
+        """Say good-bye, and end."""
+        self.driver.close()
+        if self.broker is None:
+            return
+        self.broker.stop()
+        if self.broker.reason == "":
+            with suppress(TimeoutError):
+                async with asyncio.timeout(_FAREWELL):
+                    await asyncio.shield(self._task)
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Access:
+    """How the broker is reached. Files are read for each connection, so that new ones count at once."""
+
+    plan: MqttPlan
+    contexts: TlsStore
+    loop: asyncio.AbstractEventLoop
+
+    def settings(self) -> Any:
+        """Read the files. Blocks.
+
+        Raises:
+            BrokerError: the password cannot be read.
+            TlsError: a certificate cannot be used.
+        """
+        plan, context = self.plan, None
+        for secured in plan.secured:
+            loaded = load(secured.settings)
+            self.loop.call_soon_threadsafe(self.contexts.add, {secured: loaded})
+            context = loaded.context
+        address = plan.broker.address
+        return import_module("gateway.plant.connection").BrokerSettings(
+            host=address.host,
+            port=address.port,
+            path=plan.broker.path,
+            client=f"mbgw-{plan.site}",
+            user=plan.user,
+            password=None if plan.password is None else _password(plan.password),
+            context=context,
+            server_name="" if plan.tls is None else plan.tls.server_name,
+        )
+
+
+class _Unhurried:
+    """An image or a mirror as a target of reads: it answers at once, and never backs off."""
+
+    def __init__(self, destination: Destination) -> None:
+        self._destination = destination
+
+    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - nobody waits
+        """See Target."""
+        self._destination.submit(request, now)
+
+    def is_resting(self, now: float) -> bool:  # noqa: ARG002 - at any time
+        """See Target."""
+        return False
+
+
+def _destinations(plan: MqttPlan, gateway: Gateway) -> Mapping[str, Destination]:
+    """What answers for each published device."""
+    return {device.name: gateway.mqtt.routes[device.unit] for device in plan.devices}
+
+
+def _as_target(destination: Any) -> Target:
+    return destination if hasattr(destination, "is_resting") else _Unhurried(destination)
+
+
+def _form(plan: MqttPlan) -> Form:
+    return PlainForm(plan.site, plan.devices)
+
+
+def _password(file: SecretFile) -> str:
+    """Read a password: the first line of its file."""
+    try:
+        path = path_of(file)
+        if not file.is_credential:
+            refuse_if_exposed(path)
+        with path.open(encoding="utf-8", errors="replace") as stream:
+            return stream.readline(_LONGEST_PASSWORD).rstrip("\r\n")
+    except OSError as error:
+        raise BrokerError(f"{error.filename or file.name}: {error.strerror or error}") from error
