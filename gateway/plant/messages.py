@@ -106,6 +106,10 @@ class Form(Protocol):
     def is_held(self) -> bool:
         """Whether nothing may be published yet; `received` returns a Rebirth when that ends."""
 
+    @property
+    def leaves_with_will(self) -> bool:
+        """Whether the broker is to publish the will at a proper end too, which it does with MQTT 5."""
+
     def will(self, at: float) -> Message:
         """What the broker publishes when the connection is lost. Starts a new session."""
 

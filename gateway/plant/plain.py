@@ -24,6 +24,7 @@ class PlainForm:
     """
 
     is_held = False
+    leaves_with_will = False
 
     def __init__(self, site: str, devices: Sequence[PublishedDevice], announcements: Sequence[Message] = ()) -> None:
         self._topics = Topics(site)

@@ -9,13 +9,16 @@ from importlib import import_module
 from typing import Any, Final
 
 from gateway import events
-from gateway.config.publishing import MqttPlan
+from gateway.config.plan import MqttPlan
 from gateway.errors import BrokerError
+from gateway.plant.discovery import Discovery
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Form
 from gateway.plant.plain import PlainForm
 from gateway.plant.polls import Target
 from gateway.plant.publisher import PublisherSettings
+from gateway.plant.sparkplug import Sparkplug
+from gateway.plant.topics import Topics
 from gateway.request import Request
 from gateway.request import Target as Destination
 from gateway.service.build import Gateway
@@ -89,7 +92,7 @@ class _Part:
             self.driver,
             emit,
             unix,
-            leaves_with_will=plan.sparkplug is not None,
+            leaves_with_will=self.driver.publisher.form.leaves_with_will,
         )
         self._task = asyncio.create_task(self.broker.run(), name="broker")
 
@@ -172,7 +175,13 @@ def _as_target(destination: Any) -> Target:
 
 
 def _form(plan: MqttPlan) -> Form:
-    return PlainForm(plan.site, plan.devices)
+    if plan.sparkplug is not None:
+        names = plan.sparkplug
+        return Sparkplug(names.group, names.node or plan.site, names.primary_host or None)
+    if plan.home_assistant is None:
+        return PlainForm(plan.site, plan.devices)
+    announcements = Discovery(Topics(plan.site), plan.home_assistant).messages(plan.devices, {})
+    return PlainForm(plan.site, plan.devices, announcements)
 
 
 def _password(file: SecretFile) -> str:
