@@ -2,19 +2,17 @@
 
 import asyncio
 import logging
-from collections import defaultdict
-from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import Final, cast
-from weakref import WeakSet
 
 from aiohttp import web
 
-from gateway.listeners.origin import Origins
 from gateway.web.answers import Answers
 from gateway.web.api import Api
 from gateway.web.assets import Assets
+from gateway.web.connections import Connect, Connections, listen
 from gateway.web.guard import Guard, Need
 from gateway.web.pages.clients import ClientsPage
 from gateway.web.pages.config import ConfigPage
@@ -36,16 +34,9 @@ from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
 from gateway.web.user_table import UserTable
 
-#: Connections at a time. For a new one, an address that has more than so many loses its oldest; otherwise it is closed
-#: itself at once. Browsers open six.
-MOST_CONNECTIONS: Final = 128
-MOST_OF_ONE_ADDRESS: Final = 8
 #: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
 IDLE: Final = 75.0
 _SHUTDOWN: Final = 1.0
-#: How long a connection may take for its first request, and for its TLS handshake, in seconds.
-FIRST_REQUEST_WITHIN: Final = 20.0
-_HANDSHAKE: Final = 5.0
 #: The largest request body, in bytes: 1968 coils as JSON.
 _LARGEST_BODY: Final = 32 * 1024
 
@@ -65,28 +56,26 @@ async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str
         OSError: the address or the file with the users cannot be used.
         UsersError: a line of that file is none of a user.
     """
-    tls = settings.tls
-    async with serving(settings, answers) as connected:
-        server = await asyncio.get_running_loop().create_server(
-            connected,
-            settings.host,
-            settings.port,
-            ssl=tls,
-            ssl_handshake_timeout=None if tls is None else _HANDSHAKE,
-        )
+    async with serving(settings, answers) as connect:
+        server = await listen(settings.host, settings.port, partial(connect, settings.tls))
         host, port = server.sockets[0].getsockname()[:2]
         try:
-            yield f"http{'' if tls is None else 's'}://{f'[{host}]' if ':' in host else host}:{port}"
+            yield f"http{'s' if settings.is_encrypted else ''}://{f'[{host}]' if ':' in host else host}:{port}"
         finally:
             server.close()
 
 
 @asynccontextmanager
-async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Callable[[], asyncio.Protocol]]:
-    """In its context connections are served; what makes the protocol of each of them."""
+async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Connect]:
+    """In its context connections are served; what makes the protocol of each, with or without TLS."""
     table = UserTable(settings.users, answers.users_rejected)
     async with table.kept_up_to_date():
-        streams, connections = Streams(), _Connections()
+        streams = Streams()
+
+        def serve() -> asyncio.Protocol:
+            return cast("web.Server", runner.server)()
+
+        connections = Connections(serve)
         runner = web.AppRunner(
             _application(settings, answers, table, streams, connections),
             access_log=None,
@@ -97,14 +86,15 @@ async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Call
         )
         await runner.setup()
         try:
-            yield connections.bounded(runner)
+            yield connections.connected
         finally:
+            connections.close()
             streams.end()
             await runner.cleanup()
 
 
 def _application(
-    settings: WebSettings, answers: Answers, table: UserTable, streams: Streams, connections: "_Connections"
+    settings: WebSettings, answers: Answers, table: UserTable, streams: Streams, connections: Connections
 ) -> web.Application:
     sessions = Sessions()
     guard = Guard(settings, table, sessions)
@@ -179,55 +169,3 @@ def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:
 
 async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
     response.headers.update(HEADERS)
-
-
-class _TooMany(asyncio.Protocol):
-    """A connection for which there is no room."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        cast("asyncio.Transport", transport).abort()
-
-
-class _Connections:
-    """The connections: a bounded number, and each of them asks something soon."""
-
-    def __init__(self) -> None:
-        self._served: WeakSet[asyncio.BaseTransport] = WeakSet()
-        self._origins = Origins()
-
-    def bounded(self, runner: web.AppRunner) -> Callable[[], asyncio.Protocol]:
-        """Makes the protocols of new connections."""
-        server = cast("web.Server", runner.server)
-        loop = asyncio.get_running_loop()
-
-        def connected() -> asyncio.Protocol:
-            if len(server.connections) >= MOST_CONNECTIONS and not self._make_room(server.connections, loop.time()):
-                return _TooMany()
-            protocol = server()
-            loop.call_later(FIRST_REQUEST_WITHIN, partial(self._close_if_silent, protocol))
-            return protocol
-
-        return connected
-
-    @web.middleware
-    async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Notes who has asked something."""
-        if request.transport is not None:
-            self._served.add(request.transport)
-        return await handler(request)
-
-    def _make_room(self, connections: Iterable[web.RequestHandler], now: float) -> bool:
-        """Close the oldest connection of the address that has most of them; False if all have few."""
-        by_origin: defaultdict[str, list[asyncio.Transport]] = defaultdict(list)
-        for each in connections:
-            if each.transport is not None and not each.transport.is_closing():
-                host, *_ = each.transport.get_extra_info("peername") or ("",)
-                by_origin[self._origins.of(host.partition("%")[0], now)].append(each.transport)
-        most = max(by_origin.values(), key=len, default=[])
-        if len(most) > MOST_OF_ONE_ADDRESS:
-            most[0].abort()
-        return len(most) > MOST_OF_ONE_ADDRESS
-
-    def _close_if_silent(self, protocol: web.RequestHandler) -> None:
-        if protocol.transport is not None and protocol.transport not in self._served:
-            protocol.transport.abort()

@@ -68,6 +68,9 @@ class Wire(asyncio.Transport):
     def writelines(self, chunks: Any) -> None:
         self.write(b"".join(chunks))
 
+    def set_protocol(self, protocol: asyncio.BaseProtocol) -> None:
+        self.protocol = protocol
+
     def is_closing(self) -> bool:
         return self.closed.is_set()
 
@@ -109,7 +112,7 @@ class Browser:
         room: int | None = None,
     ) -> Wire:
         """Ask for a page and leave the connection open."""
-        wire = Wire(self._connect(), self._host, room)
+        wire = Wire(self._connect(None), self._host, room)
         length = {"Content-Length": str(len(body))} if body else {}
         head = self._head(method, path, {**length, **(headers or {})})
         wire.protocol.data_received(head.encode(errors="surrogateescape") + b"\r\n" + body)

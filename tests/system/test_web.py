@@ -13,7 +13,7 @@ from urllib.request import Request, urlopen
 
 import pytest
 
-from gateway.web.server import MOST_CONNECTIONS
+from gateway.web.connections import MOST_CONNECTIONS
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort

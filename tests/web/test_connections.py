@@ -2,8 +2,8 @@
 
 import asyncio
 
-from gateway.web.server import MOST_CONNECTIONS, MOST_OF_ONE_ADDRESS
-from kit.browser import web_bench
+from gateway.web.connections import FIRST_REQUEST_WITHIN, MOST_CONNECTIONS, MOST_OF_ONE_ADDRESS
+from kit.browser import Wire, web_bench
 
 CONFIG = """
 [[image]]
@@ -44,3 +44,25 @@ async def test_many_at_once_close_as_many(tmp_path):
         await asyncio.sleep(1)
         assert all(wire.received for wire in new)
         assert sum(wire.is_closing() for wire in wires) == 5
+
+
+async def test_who_asks_nothing_is_closed(tmp_path):
+    async with web_bench(CONFIG, tmp_path) as bench:
+        asked = bench.browser().open(HEALTH)
+        silent = [Wire(bench.connect(None), "10.0.0.7") for _ in range(2)]
+        await asyncio.sleep(FIRST_REQUEST_WITHIN - 1)
+        later = Wire(bench.connect(None), "10.0.0.7")
+        assert not any(wire.is_closing() for wire in (asked, *silent))
+        await asyncio.sleep(2)
+        assert [wire.is_closing() for wire in (asked, *silent, later)] == [False, True, True, False]
+        await asyncio.sleep(FIRST_REQUEST_WITHIN - 1)
+        assert [wire.is_closing() for wire in (asked, later)] == [False, True]
+
+
+async def test_connections_that_have_gone_leave_no_timer_behind(tmp_path):
+    async with web_bench(CONFIG, tmp_path) as bench:
+        await bench.browser().get(HEALTH)
+        timers = len(asyncio.get_running_loop()._scheduled)
+        for _ in range(200):
+            await bench.browser().get(HEALTH)
+        assert len(asyncio.get_running_loop()._scheduled) - timers < 50

@@ -1,0 +1,180 @@
+"""The connections to the page: a bounded number, shared fairly by address, and none that costs anything for long.
+
+A connection counts from when the system has accepted it, with or without TLS: a client that does not finish its
+handshake takes a place like any other.
+"""
+
+import asyncio
+import ssl
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Final, cast
+from weakref import WeakSet
+
+from aiohttp import web
+
+from gateway.listeners.origin import Origins
+from gateway.ports.keepalive import notice_vanished_peers
+from gateway.web.problems import Handler
+
+#: Connections at a time. For a new one, an address that has more than so many loses its oldest; otherwise it is closed
+#: itself at once. Browsers open six.
+MOST_CONNECTIONS: Final = 128
+MOST_OF_ONE_ADDRESS: Final = 8
+#: How long a connection may take for its first request, and for its TLS handshake, in seconds.
+FIRST_REQUEST_WITHIN: Final = 20.0
+HANDSHAKE_WITHIN: Final = 5.0
+#: How long a client may take nothing of what is sent to it, in seconds.
+UNREAD_FOR: Final = 20
+#: A client that is silent for so long is asked whether it is still there, so often and so many times.
+_SILENT_FOR: Final = 60
+_ASKED_EVERY: Final = 10
+_ASKED_TIMES: Final = 3
+
+#: Makes the protocol of a new connection; with a context for TLS it is served after the handshake.
+Connect = Callable[[ssl.SSLContext | None], asyncio.Protocol]
+
+
+async def listen(host: str, port: int, connected: Callable[[], asyncio.Protocol]) -> asyncio.Server:
+    """A server whose clients the system disconnects when they read nothing, or are gone.
+
+    Raises:
+        OSError: the address cannot be used.
+    """
+    server = await asyncio.get_running_loop().create_server(connected, host, port, start_serving=False)
+    for sock in server.sockets:  # connections inherit it
+        notice_vanished_peers(
+            sock, idle=_SILENT_FOR, interval=_ASKED_EVERY, probes=_ASKED_TIMES, user_timeout=UNREAD_FOR * 1000
+        )
+    await server.start_serving()
+    return server
+
+
+class Connections:
+    """What clients have opened; `serve` makes the protocol that serves one of them."""
+
+    def __init__(self, serve: Callable[[], asyncio.Protocol]) -> None:
+        self._serve = serve
+        #: What is open, the oldest first.
+        self._open: list[_Connection] = []
+        #: Those that have asked something; with TLS what lies above the connection.
+        self._served: WeakSet[asyncio.BaseTransport] = WeakSet()
+        self._origins = Origins()
+        self._handshakes: set[asyncio.Task[None]] = set()
+        self._look_again: asyncio.TimerHandle | None = None
+
+    def connected(self, tls: ssl.SSLContext | None = None) -> asyncio.Protocol:
+        """The protocol of a new connection; with `tls` it is served after the handshake."""
+        return _Connection(self, tls)
+
+    @web.middleware
+    async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Notes who has asked something."""
+        if request.transport is not None:
+            self._served.add(request.transport)
+        return await handler(request)
+
+    def begin(self, new: "_Connection") -> None:
+        """Serve a new connection, or close it if there is no room."""
+        now = asyncio.get_running_loop().time()
+        self._open = [each for each in self._open if each.is_open]
+        if len(self._open) >= MOST_CONNECTIONS and not self._make_room(now):
+            new.close()
+            return
+        self._open.append(new)
+        new.closes_at = now + FIRST_REQUEST_WITHIN
+        if self._look_again is None:
+            self._look_again = asyncio.get_running_loop().call_at(new.closes_at, self._close_silent)
+        if new.tls is None:
+            new.hand_over(new.transport, self._serve())
+        else:
+            new.transport.pause_reading()  # until TLS is there to read
+            task = asyncio.create_task(self._shake_hands(new, new.tls), name="web handshake")
+            self._handshakes.add(task)
+            task.add_done_callback(self._handshakes.discard)
+
+    def close(self) -> None:
+        """End the handshakes; connections that are served, the server ends."""
+        for task in self._handshakes:
+            task.cancel()
+        if self._look_again is not None:
+            self._look_again.cancel()
+
+    async def _shake_hands(self, new: "_Connection", tls: ssl.SSLContext) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            secured = await loop.start_tls(
+                new.transport, new, tls, server_side=True, ssl_handshake_timeout=HANDSHAKE_WITHIN
+            )
+        except OSError:  # of TLS, too
+            new.close()
+            return
+        if secured is not None:  # it can be gone with the last byte of its handshake
+            new.hand_over(secured, self._serve())
+
+    def _make_room(self, now: float) -> bool:
+        """Close the oldest connection of the address that has most of them; False if all have few."""
+        by_origin: defaultdict[str, list[_Connection]] = defaultdict(list)
+        for each in self._open:
+            if not each.transport.is_closing():
+                by_origin[self._origins.of(each.host, now)].append(each)
+        most = max(by_origin.values(), key=len, default=[])
+        if len(most) > MOST_OF_ONE_ADDRESS:
+            most[0].close()
+        return len(most) > MOST_OF_ONE_ADDRESS
+
+    def _close_silent(self) -> None:
+        """Close those that have not asked anything in time, and look again when the next one has to."""
+        loop = asyncio.get_running_loop()
+        self._look_again = None
+        for each in self._open:
+            if not each.is_open or each.application in self._served:
+                continue
+            if each.closes_at > loop.time():
+                self._look_again = loop.call_at(each.closes_at, self._close_silent)
+                return
+            each.close()
+
+
+class _Connection(asyncio.Protocol):
+    """A connection until it is served. What comes meanwhile is kept: with TLS that is one read at most."""
+
+    transport: asyncio.Transport
+
+    def __init__(self, connections: Connections, tls: ssl.SSLContext | None) -> None:
+        self.tls = tls
+        self.closes_at = 0.0
+        self.host = ""
+        self.application: asyncio.Transport | None = None
+        self._connections = connections
+        self._received = b""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the system still has it: what is closed may wait for its client to take the rest."""
+        sock = self.transport.get_extra_info("socket")
+        return not self.transport.is_closing() if sock is None else sock.fileno() >= 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take a place."""
+        self.transport = cast("asyncio.Transport", transport)
+        host, *_ = transport.get_extra_info("peername") or ("",)
+        self.host = host.partition("%")[0]
+        self._connections.begin(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Keep what comes before it is served."""
+        self._received += data
+
+    def hand_over(self, transport: asyncio.Transport, protocol: asyncio.Protocol) -> None:
+        """Let a protocol go on with it."""
+        self.application = transport
+        transport.set_protocol(protocol)
+        protocol.connection_made(transport)
+        if self._received:
+            protocol.data_received(self._received)
+            self._received = b""
+
+    def close(self) -> None:
+        """Close it at once."""
+        self.transport.abort()

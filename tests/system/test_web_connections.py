@@ -1,0 +1,113 @@
+"""Connections to the web page on real sockets: clients that do not read, and handshakes that do not end."""
+
+import asyncio
+import socket
+import ssl
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from gateway.web import connections
+from gateway.web.connections import MOST_CONNECTIONS, listen
+from kit.browser import WebBench, web_bench
+from kit.pki import pki
+from kit.process import PATIENCE
+
+CONFIG = """
+[[image]]
+unit = 200
+holding = 20
+"""
+ASK = b"GET %s HTTP/1.1\r\nHost: localhost\r\n\r\n"
+LOCALHOST, OTHER = "127.0.0.1", "127.0.0.66"
+
+
+@pytest.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[WebBench]:
+    async with web_bench(CONFIG, tmp_path) as bench:
+        yield bench
+
+
+@pytest.fixture
+def opened() -> Iterator[ExitStack]:
+    """What is closed at the end."""
+    with ExitStack() as stack:
+        yield stack
+
+
+def number(bench: WebBench) -> int:
+    """How many connections the server has."""
+    return sum(each.is_open for each in bench.connect.__self__._open)
+
+
+async def until_none(bench: WebBench) -> None:
+    while number(bench):  # noqa: ASYNC110 - the server tells nobody
+        await asyncio.sleep(0.05)
+
+
+def server_tls() -> ssl.SSLContext:
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    tls.load_cert_chain(pki() / "server.crt", pki() / "server.key")
+    return tls
+
+
+async def open_connection(
+    port: int, host: str = LOCALHOST, *, is_secure: bool = False
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    tls = ssl.create_default_context(cafile=str(pki() / "ca.crt")) if is_secure else None
+    sock = socket.socket()
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    sock.setblocking(False)
+    sock.bind((host, 0))
+    await asyncio.get_running_loop().sock_connect(sock, (LOCALHOST, port))
+    name = "localhost" if is_secure else None
+    return await asyncio.open_connection(sock=sock, ssl=tls, server_hostname=name, limit=1024)
+
+
+@pytest.mark.parametrize("is_secure", [False, True])
+async def test_a_response_that_nobody_reads_ends_its_connection(
+    bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack, is_secure: bool
+) -> None:
+    monkeypatch.setattr(connections, "UNREAD_FOR", 1)
+    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls() if is_secure else None))
+    opened.callback(server.close)
+    async with asyncio.timeout(PATIENCE):
+        _, writer = await open_connection(server.sockets[0].getsockname()[1], is_secure=is_secure)
+        opened.callback(writer.close)
+        assert number(bench) == 1
+        writer.transport.pause_reading()
+        writer.write(ASK % b"/api/v1/openapi.json" * 200)
+        await until_none(bench)
+
+
+async def test_handshakes_count_and_one_address_does_not_keep_others_out_with_them(
+    bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack
+) -> None:
+    monkeypatch.setattr(connections, "HANDSHAKE_WITHIN", PATIENCE)
+    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(server.close)
+    address = server.sockets[0].getsockname()
+    async with asyncio.timeout(PATIENCE):
+        for _ in range(MOST_CONNECTIONS + 10):
+            _, silent = await open_connection(address[1], OTHER)
+            opened.callback(silent.close)
+        reader, writer = await open_connection(address[1], is_secure=True)
+        opened.callback(writer.close)
+        writer.write(ASK % b"/healthz")
+        assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
+        assert number(bench) == MOST_CONNECTIONS
+
+
+async def test_a_handshake_that_fails_leaves_nothing_behind(bench: WebBench, opened: ExitStack) -> None:
+    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(server.close)
+    async with asyncio.timeout(PATIENCE):
+        reader, writer = await open_connection(server.sockets[0].getsockname()[1])
+        opened.callback(writer.close)
+        writer.write(ASK % b"/healthz")
+        assert not (await reader.read()).startswith(b"HTTP")
+        await until_none(bench)
+        assert not bench.connect.__self__._handshakes
