@@ -157,34 +157,39 @@ def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Recor
         number = begin
 
 
-async def capture(gateway: Gateway, question: Question, host: str) -> AsyncIterator[bytes]:
-    """A capture file of what the ring has of the last `seconds`, part by part.
+async def capture(gateway_now: Callable[[], Gateway], question: Question, host: str) -> AsyncIterator[bytes]:
+    """A capture file of what the ring has of the last `seconds`, part by part: each with the rights of its moment.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    loop = asyncio.get_running_loop()
+    loop, gateway = asyncio.get_running_loop(), gateway_now()
     told = lines(gateway)
     modes = {line["name"]: line["mode"] for line in told}
     descriptions = {line["name"]: description(line) for line in told}
-    writer, may_see = Writer(f"modbus-gateway {__version__}"), what_is_seen(gateway, host)
-    chosen = _choices(question)
+    writer, chosen = Writer(f"modbus-gateway {__version__}"), _choices(question)
 
-    def tell(record: Record, clock: Clock, names: UnitNames) -> Fact | None:
-        return fact(record, clock, names) if may_see(record) else None
+    def fetch(place: Question) -> dict[str, Any]:
+        gateway = gateway_now()
+        may_see = what_is_seen(gateway, host)
+
+        def tell(record: Record, clock: Clock, names: UnitNames) -> Fact | None:
+            return fact(record, clock, names) if may_see(record) else None
+
+        return page(gateway, {**chosen, **place}, _clock(), tell)
 
     def written(facts: Sequence[Fact | None]) -> bytes:
         frames = (packet for each in facts if each is not None for packet in packets(each, modes))
         return b"".join(writer.interface(each.line, descriptions[each.line]) + writer.packet(each) for each in frames)
 
     end = gateway.ring.added
-    found = page(gateway, {**chosen, "since": question.get("seconds", 0)}, _clock(), tell)
+    found = fetch({"since": question.get("seconds", 0)})
     yield writer.head()
     while True:
         yield await loop.run_in_executor(ThreadPerCall("web capture"), written, found["facts"])
         if found["next"] >= end:
             return
-        found = page(gateway, {**chosen, "after": found["next"]}, _clock(), tell)
+        found = fetch({"after": found["next"]})
 
 
 def _choices(question: Question) -> Question:

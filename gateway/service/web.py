@@ -247,7 +247,7 @@ class _Answers:
         return await latest(self._running.gateway, asdict(which), host, most)
 
     def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
-        return capture(self._running.gateway, asdict(which), host)
+        return capture(lambda: self._running.gateway, asdict(which), host)
 
     def rights(self) -> Sequence[RightsRow]:
         return rights_in_words(self._running.gateway)

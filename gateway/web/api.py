@@ -234,13 +234,14 @@ class Api:
     async def events(self, request: web.Request) -> web.StreamResponse:
         """The gateway's events as they come."""
         with self._answers.events() as source:
-            return await self._streams.serve(request, source, partial(self._guard.is_valid, request[VISITOR]))
+            visitor = request[VISITOR]
+            return await self._streams.serve(request, source, visitor, partial(self._guard.is_valid, visitor))
 
     async def trace(self, request: web.Request) -> web.StreamResponse:
         """What happens on the lines, as it happens."""
         visitor = request[VISITOR]
         source = self._answers.trace(which(request.query, usual=0, others=("per_second",)), visitor.host)
-        return await self._streams.serve(request, source, partial(self._guard.is_valid, visitor))
+        return await self._streams.serve(request, source, visitor, partial(self._guard.is_valid, visitor))
 
     async def capture(self, request: web.Request) -> web.StreamResponse:
         """What has happened, as a file for Wireshark."""

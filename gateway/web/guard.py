@@ -36,7 +36,10 @@ _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 _CHOICES: Final = ("lang", "theme")
 _FORM: Final = "application/x-www-form-urlencoded"
 #: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
-_OF_PROXIES: Final = ("X-Forwarded-For", "X-Forwarded-User", "X-Real-IP", "Forwarded")
+_OF_PROXIES: Final = (
+    *("X-Forwarded-For", "X-Forwarded-User", "X-Forwarded-Host", "X-Forwarded-Proto"),
+    *("X-Real-IP", "Forwarded", "Via"),
+)
 
 
 @dataclass(frozen=True, slots=True)

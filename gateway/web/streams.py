@@ -7,17 +7,22 @@ some seconds. Its browser connects again by itself.
 import asyncio
 import socket
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Final
 
 from aiohttp import web
 
+from gateway.listeners.origin import Origins
 from gateway.web.answers import EventSource
+from gateway.web.guard import Visitor
 from gateway.web.problems import ProblemError
 
-#: Readers at a time; fewer than connections, so that all else finds room.
+#: Readers at a time; fewer than connections, so that all else finds room. For a new one, a user at an address with more
+#: than so many loses the oldest.
 MOST_READERS: Final = 64
+MOST_OF_ONE: Final = 8
 #: How long a reader may take nothing, and how often there is a sign of life, in seconds.
 WRITE_TIME: Final = 10.0
 HEARTBEAT: Final = 15.0
@@ -27,32 +32,37 @@ _OWN_BUFFER: Final = 64 * 1024
 
 _HEADERS: Final = {"Content-Type": "text/event-stream", "Cache-Control": "no-store", "X-Accel-Buffering": "no"}
 
+_Reader = tuple[str, str]
+
 
 class Streams:
     """The streams that are open."""
 
     def __init__(self) -> None:
-        self._tasks: set[asyncio.Task[None]] = set()
+        #: Who reads: user and address. The oldest first.
+        self._readers: dict[asyncio.Task[None], _Reader] = {}
+        self._origins = Origins()
 
     def __len__(self) -> int:
-        return len(self._tasks)
+        return len(self._readers)
 
     async def serve(
-        self, request: web.Request, source: EventSource, is_valid: Callable[[], bool]
+        self, request: web.Request, source: EventSource, visitor: Visitor, is_valid: Callable[[], bool]
     ) -> web.StreamResponse:
         """Send events until the reader leaves, is lost, is not `is_valid` any more, or all streams end.
 
         Raises:
             ProblemError: there are too many readers.
         """
-        if len(self._tasks) >= MOST_READERS:
+        reader = visitor.user, self._origins.of(visitor.host, asyncio.get_running_loop().time())
+        if len(self._readers) >= MOST_READERS and not self._make_room(reader):
             raise ProblemError(503, f"{MOST_READERS} others read already", {"Retry-After": "30"})
         response = web.StreamResponse(headers=_HEADERS)
         await response.prepare(request)
         bound_buffers(request.transport)
         task = asyncio.create_task(_send(response, source, is_valid), name="web events")
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._readers[task] = reader
+        task.add_done_callback(lambda task: self._readers.pop(task, None))
         try:
             await asyncio.wait({task})
         finally:
@@ -65,8 +75,17 @@ class Streams:
 
     def end(self) -> None:
         """End all of them."""
-        for task in self._tasks:
+        for task in self._readers:
             task.cancel()
+
+    def _make_room(self, new: _Reader) -> bool:
+        """End the oldest stream of who has most of them; False if all have few, or `new` is who has most."""
+        most, number = Counter(self._readers.values()).most_common(1)[0]
+        if number <= MOST_OF_ONE or new == most:
+            return False
+        oldest = next(task for task, reader in self._readers.items() if reader == most)
+        del self._readers[oldest]
+        return oldest.cancel()
 
 
 async def _send(response: web.StreamResponse, source: EventSource, is_valid: Callable[[], bool]) -> None:

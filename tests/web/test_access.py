@@ -61,7 +61,13 @@ async def test_no_login_leads_elsewhere(bench, target):
     assert page.headers["Location"] == "/"
 
 
-@pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Forwarded-User"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        *("X-Forwarded-For", "X-Forwarded-User", "X-Forwarded-Host", "X-Forwarded-Proto"),
+        *("X-Real-IP", "Forwarded", "Via"),
+    ],
+)
 async def test_who_comes_through_a_proxy_is_not_this_machine(bench, header):
     assert (await bench.browser().get("/api/v1/status", **{header: "10.0.0.9"})).status == 401
 

@@ -108,6 +108,24 @@ async def test_of_many_events_in_a_second_the_first_are_told_and_the_others_coun
     assert count == 30
 
 
+async def test_one_reader_does_not_take_all_places(bench):
+    vera = bench.browser("10.0.0.66")
+    await vera.log_in("vera")
+    wires = []
+    for _ in range(MOST_READERS):  # of 128 connections, she may have as many
+        wires.append(vera.open(EVENTS))
+        await asyncio.sleep(0.1)
+    anna = bench.browser("10.0.0.66")
+    await anna.log_in("anna")
+    for browser in (anna, bench.browser()):
+        wire = browser.open(EVENTS)
+        await asyncio.sleep(1)
+        assert b"200 OK" in wire.received
+    assert [wire.closed.is_set() for wire in wires[:3]] == [True, True, False]
+    assert (await vera.get(EVENTS)).status == 503  # and so her pages do not push out one another
+    assert not wires[2].closed.is_set()
+
+
 async def test_readers_have_a_bound_and_leave_their_places(bench):
     wires = [bench.browser().open(EVENTS) for _ in range(MOST_READERS)]
     await asyncio.sleep(1)

@@ -8,7 +8,9 @@ from struct import unpack_from
 import pytest
 
 from gateway.request import Request
+from gateway.routing.access import NOTHING, Rights, Row
 from gateway.service.operator import Question, ask
+from gateway.service.trace_reader import capture
 from gateway.trace.records import Answered, PortChanged
 from gateway.web.downloads import MOST_DOWNLOADS
 from gateway.web.streams import WRITE_TIME
@@ -255,6 +257,19 @@ async def test_a_capture_file_has_all_records_however_many_there_are(asked):
         ring.add(PortChanged(now(), "hall", ""))
     await asked.browser().get("/api/v1/units/46/holding/0-1")
     assert len(packets(await download(asked, f"{CAPTURE}?seconds=60"))) == 8
+
+
+async def test_a_file_has_nothing_more_from_when_the_right_was_taken_away(asked):
+    ring, now = asked.running.gateway.ring, asyncio.get_running_loop().time
+    for _ in range(1000):
+        ring.add(PortChanged(now(), "hall", ""))
+    await asked.browser().get("/api/v1/units/46/holding/0-1")
+    web = asked.running.gateway.web
+    parts = capture(lambda: asked.running.gateway, {"seconds": 60}, "127.0.0.1")
+    first = b"\r\n\r\n" + await anext(parts) + await anext(parts)
+    web.rights = Rights([Row(NOTHING, listeners=frozenset({"web"}))], web.entry)
+    whole = first + b"".join([part async for part in parts])
+    assert (len(packets(first)), len(packets(whole))) == (6, 6)
 
 
 async def test_who_does_not_read_a_file_is_dropped_and_leaves_its_place(asked):

@@ -6,6 +6,7 @@ import re
 import pytest
 
 from gateway.modbus.checks import with_crc
+from gateway.routing.access import READING, Rights, Row
 from gateway.web.answers import Answer
 from gateway.web.pages.questions import KEPT, MOST, PATIENCE
 from gateway.web.problems import complaint
@@ -241,11 +242,21 @@ async def test_rows_of_access_decide_what_there_are_forms_for(tmp_path, device):
         page = (await anna.get(UNIT)).text
         assert '<option value="coils">' in page
         assert "New value of speed" not in page
-        question = await asked(anna, point="speed", value="1")
-        await anna.post(question)
-        assert "exception 01, illegal function" in (await anna.get(question)).text
-        assert written(device) == []
-        assert [event.result for event in bench.events("write_audit")] == ["denied"]
+        refused = await anna.post(f"{UNIT}/writes", {"point": "speed", "value": "1"})
+        assert (refused.status, refused.json["exception"]) == (403, 1)
+        assert "[[access]] does not let web:anna@127.0.0.1 write holding" in refused.problem
+        assert device.heard == []
+
+
+async def test_a_right_that_was_lost_since_the_question_writes_nothing(anna, bench, device):
+    question = await asked(anna, point="speed", value="1")
+    bench.running.gateway.web.rights = Rights(
+        [Row(READING, listeners=frozenset({"web"}))], bench.running.gateway.web.entry
+    )
+    await anna.post(question)
+    assert "exception 01, illegal function" in (await anna.get(question)).text
+    assert written(device) == []
+    assert [event.result for event in bench.events("write_audit")] == ["denied"]
 
 
 async def test_a_forged_token_writes_nothing(anna, device):

@@ -107,6 +107,8 @@ class WritePages:
         form = {name: str(text) for name, text in (await request.post()).items()}
         points, values = _wanted(unit, form)
         readings, pdu = prepared(unit, points, values)
+        if not self._answers.may(unit.unit, pdu[0], visitor.host):
+            raise ProblemError(403, f"[[access]] does not let {visitor.client} write {points[0].area}", exception=1)
         target = self._answers.target(unit.unit)
         before, why = await self._read(unit, [each.point for each in readings], self._ask(unit, request))
         wanted = [replace(each, before=items) for each, items in zip(readings, before, strict=True)]
