@@ -50,8 +50,8 @@ async def test_what_was_measured_is_shown_at_once_and_nothing_is_sent_for_it(ben
     before = bench.running.gateway.ring.added
     shown = await rows(bench.browser())
     assert bench.running.gateway.ring.added == before
-    assert any(row.startswith("fix | port of hall | /dev/hall does not exist plug the adapter in") for row in shown)
-    assert any(row.startswith("fix | unit 47, <oven> | does not answer") for row in shown)
+    assert any(row.startswith("to fix | port of hall | /dev/hall does not exist plug the adapter in") for row in shown)
+    assert any(row.startswith("to fix | unit 47, <oven> | does not answer") for row in shown)
     assert "note | hall | not asked yet: 1 of 2 units" in shown
 
 

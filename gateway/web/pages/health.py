@@ -5,7 +5,7 @@ from datetime import datetime
 
 from aiohttp import web
 
-from gateway.web.answers import Answers, Report
+from gateway.web.answers import Answers, Finding, Report
 from gateway.web.guard import VISITOR, Need
 from gateway.web.problems import Handler
 from gateway.web.renderer import Renderer
@@ -45,6 +45,7 @@ class HealthPage:
             is_running=doctor.is_running,
             why_not=why_not,
             counted=counted,
+            ranked=ranked,
             clock=_clock,
         )
 
@@ -53,6 +54,16 @@ def counted(report: Report) -> dict[str, int]:
     """How many findings there are of each level, the worst first."""
     levels = [finding.level for _, findings in report.groups for finding in findings]
     return {level: levels.count(level) for level in ("fix", "note", "ok")}
+
+
+def ranked(report: Report) -> list[tuple[str, Sequence[Finding]]]:
+    """The findings by line, what must be fixed first."""
+    groups = [(name, sorted(found, key=_rank)) for name, found in report.groups if found]
+    return sorted(groups, key=lambda group: _rank(group[1][0]))
+
+
+def _rank(finding: Finding) -> int:
+    return ("fix", "note", "ok").index(finding.level)
 
 
 def _clock(time: float) -> str:

@@ -12,8 +12,7 @@ const BEHIND = 0.4; // seconds: what is shown at the right edge has been told by
 const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60]; // seconds
 const ROWS = 20; // of the table
 const NARROW = 640; // pixels: less is a telephone
-const COLOURS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#9a6324"]; // after Okabe and Ito: told apart without red and green
-const PATTERNS = 4; // of 6 colours: 12 units differ, neighbours in both
+const PATTERNS = 4; // of the 6 colours in page.css and dark.css, after Okabe and Ito: 12 units differ, neighbours in both
 const LANES = {
   full: { height: 224, left: 76, wait: [6, 40], middle: 116, half: 56, axis: 188 },
   compact: { height: 62, left: 0, wait: [2, 12], middle: 36, half: 22, axis: 0 },
@@ -286,7 +285,7 @@ class Strip {
     pen.textAlign = "right";
     pen.textBaseline = "middle";
     const at = lanes.left - 10;
-    pen.fillText(TEXTS.lanes.wait, at, (lanes.wait[0] + lanes.wait[1]) / 2);
+    if (!this.isAsked) pen.fillText(TEXTS.lanes.wait, at, (lanes.wait[0] + lanes.wait[1]) / 2);
     pen.fillText(TEXTS.lanes.request, at, lanes.middle - lanes.half / 2);
     pen.fillText(TEXTS.lanes.response, at, lanes.middle + lanes.half / 2);
   }
@@ -442,7 +441,7 @@ class Strip {
 
   ink(unit) {
     const at = Math.max(0, this.order.indexOf(unit));
-    const colour = COLOURS[at % COLOURS.length];
+    const colour = theme.units[at % theme.units.length];
     return { colour, fill: patternOf(at % PATTERNS, colour), tint: colour + "66", soft: colour + "aa" };
   }
 
@@ -502,6 +501,8 @@ class Strip {
     const key = this.order.map((unit) => `${unit}${this.names.get(unit) ?? ""}`).join() + theme.ground;
     if (key === this.legendKey) return;
     this.legendKey = key;
+    this.detail.replaceChildren();
+    this.showDetail();
     const units = this.order.map((unit) => entry(named(unit, this.names.get(unit)), (pen) => {
       pen.fillStyle = this.ink(unit).fill;
       pen.fillRect(0, 0, 18, 12);
@@ -510,12 +511,42 @@ class Strip {
     this.legend.replaceChildren(...units, ...marks.map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
   }
 
+  /** How a transaction is drawn, with the names of its parts. */
+  sample() {
+    const made = element("canvas", "sample"), ratio = devicePixelRatio || 1, pen = made.getContext("2d");
+    [made.width, made.height] = [470 * ratio, 76 * ratio];
+    made.setAttribute("aria-hidden", "true");
+    if (!theme.units) return made; // it is drawn again when there are colours
+    pen.scale(ratio, ratio);
+    const ink = this.ink(this.order[0]), think = (this.isAsked ? TEXTS.shareAsked : TEXTS.share).think;
+    const part = (x, y, width, height, fill) => ((pen.fillStyle = fill), pen.fillRect(x, y, width, height));
+    part(0, 16, 470, 60, theme.lane);
+    if (!this.isAsked) part(10, 5, 90, 5, ink.soft);
+    part(100, 16, 90, 30, ink.fill);
+    part(190, 43, 160, 6, ink.tint);
+    part(350, 46, 90, 30, ink.fill);
+    pen.font = "12px system-ui, sans-serif";
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    const text = (words, x, y, isOnBlock) => {
+      const width = pen.measureText(words).width + 10;
+      if (isOnBlock) part(x - width / 2, y - 9, width, 18, theme.ground);
+      pen.fillStyle = theme.ink;
+      pen.fillText(words, x, y + 0.5);
+    };
+    if (!this.isAsked) text(TEXTS.lanes.wait, 55, 28);
+    text(TEXTS.lanes.request, 145, 31, true);
+    text(think, 270, 31);
+    text(TEXTS.lanes.response, 395, 61, true);
+    return made;
+  }
+
   showDetail() {
     if (!this.isFull) return;
     const item = this.pinned ?? this.pointed;
     if (item === this.detailed && this.detail.hasChildNodes()) return;
     this.detailed = item;
-    if (!item) return this.detail.replaceChildren(element("p", "hint", TEXTS.hint));
+    if (!item) return this.detail.replaceChildren(element("p", "hint", TEXTS.hint), this.sample(), element("p", "quiet keys", TEXTS.keys));
     const index = this.items.indexOf(item), before = this.items[index - 1];
     this.detail.replaceChildren(...detailOf(item, this.line, before ? item.begin - before.end : undefined));
   }
@@ -553,7 +584,7 @@ const patterns = new Map();
 function readTheme() {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue("--" + name).trim();
-  theme = { ground: colour("ground"), ink: colour("ink"), quiet: colour("quiet"), bad: colour("bad"), warn: colour("warn"), good: colour("good"), grid: colour("grid"), lane: colour("lane"), middle: colour("middle"), foreign: colour("foreign") };
+  theme = { ground: colour("ground"), ink: colour("ink"), quiet: colour("quiet"), bad: colour("bad"), warn: colour("warn"), good: colour("good"), grid: colour("grid"), lane: colour("lane"), middle: colour("middle"), foreign: colour("foreign"), units: colour("units").split(" ") };
   patterns.clear();
   theme.lost = patternOf("lost", theme.bad);
   theme.unknown = patternOf("lost", theme.quiet);
