@@ -15,6 +15,12 @@ from gateway.tls.reasons import explain
 #: How much a client may send before its handshake is done: a chain of long certificates.
 MOST_HANDSHAKE_BYTES: Final = 64 * 1024
 
+#: How many bytes a client may send beside its data, and how many more for each byte of that: a record adds 30 at most.
+#: Others are for TLS itself: after a thousand changes of its keys, say, a client would only keep us busy.
+MOST_BESIDE_DATA: Final = 32 * 1024
+BESIDE_EACH_BYTE: Final = 32
+TOO_MUCH_BESIDE_DATA: Final = "it sends hardly anything but messages of TLS itself"
+
 #: Encrypted bytes are received into this, and taken out at once: one for all connections.
 _BUFFER: Final = memoryview(bytearray(16 * 1024))
 
@@ -43,6 +49,9 @@ class Application(Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """See asyncio.BaseProtocol."""
 
+    def reject(self, reason: str) -> None:
+        """Close because of what the client did."""
+
 
 class HandshakeOwner(Protocol):
     """Who sees to the handshakes of connections."""
@@ -68,6 +77,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._transport: asyncio.Transport
         self._application: Application | None = None
         self._handshake_bytes = 0
+        #: How many more bytes there may be beside data.
+        self._spare = MOST_BESIDE_DATA
         #: Nothing else may touch what a step in a thread is using.
         self._is_stepping = False
         self._is_blocked = False
@@ -140,6 +151,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """Encrypted bytes have arrived."""
         self._incoming.write(_BUFFER[:nbytes])
         if self._application is not None:
+            self._spare -= nbytes
             self._deliver()
             return
         self._handshake_bytes += nbytes
@@ -249,6 +261,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             try:
                 count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
             except ssl.SSLWantReadError:
+                if self._spare < 0:
+                    application.reject(TOO_MUCH_BESIDE_DATA)
                 break
             except ssl.SSLError:
                 self.abort()
@@ -256,6 +270,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             if count == 0:
                 self._end()
                 break
+            self._spare = min(self._spare + count * (1 + BESIDE_EACH_BYTE), MOST_BESIDE_DATA)
             application.buffer_updated(count)
         self._send()
 

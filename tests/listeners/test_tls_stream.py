@@ -108,9 +108,11 @@ class Slow:
 class Peer:
     """A client in memory."""
 
-    def __init__(self) -> None:
+    def __init__(self, version: ssl.TLSVersion) -> None:
         self.incoming, self.outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
-        self.tls = client_context(OPERATOR).wrap_bio(self.incoming, self.outgoing, server_hostname="localhost")
+        context = client_context(OPERATOR)
+        context.maximum_version = version
+        self.tls = context.wrap_bio(self.incoming, self.outgoing, server_hostname="localhost")
 
     def goes_on(self) -> None:
         try:
@@ -150,10 +152,10 @@ class Handshaker:
         raise AssertionError(reason)
 
 
-def connected(target: Slow) -> tuple[Peer, TlsStream, Network]:
+def connected(target: Slow, version: ssl.TLSVersion = ssl.TLSVersion.TLSv1_3) -> tuple[Peer, TlsStream, Network]:
     now = asyncio.get_running_loop().time
     listener = Listener()
-    peer, network = Peer(), Network()
+    peer, network = Peer(version), Network()
     owner = Handshaker(lambda stream: stream.begin(SecuredConnection(listener, "10.0.0.1", "10.0.0.1:1", now, target)))
     stream = TlsStream(context(), owner)
     stream.connection_made(network)
@@ -179,6 +181,23 @@ def test_a_buffer_full_of_requests_is_not_taken_for_the_end() -> None:
             await asyncio.sleep(0)
             assert target.waiting[0].transaction == number
             assert target.waiting[0].origin.wants(Request(1, WRITE, target.waiting[0].origin, 0.0))
+            target.answer_first()
+        assert not network.is_over
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_a_client_may_send_each_byte_in_a_record_of_its_own(version: ssl.TLSVersion) -> None:
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target, version)
+        assert peer.tls.version() == version.name.replace("_", ".")
+        for number in range(500):
+            for byte in encode(number, 1, READ):
+                peer.tls.write(bytes((byte,)))
+            arrive(stream, peer.outgoing.read())
+            assert target.waiting[0].transaction == number
             target.answer_first()
         assert not network.is_over
 

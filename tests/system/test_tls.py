@@ -19,12 +19,14 @@ from pymodbus.client import ModbusTlsClient
 
 from gateway.errors import PortError
 from gateway.listeners.tls import OUTLIVED
+from gateway.listeners.tls_stream import TOO_MUCH_BESIDE_DATA
 from gateway.modbus.mbap import encode
 from gateway.ports.port import TcpSettings
 from gateway.ports.tcp import open_tcp
 from gateway.tls.contexts import load
 from gateway.tls.secret_file import SecretFile
 from gateway.tls.settings import ClientTls
+from kit.key_updater import key_updater
 from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, openssl, pki, signed
 from kit.process import COMMAND, PATIENCE, GatewayProcess, command
 
@@ -301,6 +303,20 @@ def test_renegotiation_is_refused(gateway: GatewayProcess) -> None:
                 break
         client.kill()
     assert "no renegotiation" in said
+
+
+def test_who_only_changes_keys_is_disconnected(tmp_path: Path) -> None:
+    """Each KeyUpdate costs the gateway more than the client, in the event loop."""
+    with GatewayProcess(tmp_path, listener() + IMAGE) as gateway, key_updater(gateway.port, OPERATOR) as updater:
+        for _ in range(50):  # now and then is fine
+            assert updater.update(5)
+            updater.send(encode(1, 200, READ))
+            assert updater.receive()[7:].hex() == "03020000"
+        sent = 0
+        while updater.update(1):
+            sent += 1
+            assert sent < 100_000
+        assert reason(gateway) == TOO_MUCH_BESIDE_DATA
 
 
 def test_pymodbus_is_a_client(gateway: GatewayProcess) -> None:
