@@ -258,7 +258,6 @@ class SecuredConnection(TcpConnection):
 
     #: Until when the client's certificate is valid, in seconds since 1970.
     valid_until = inf
-    role: str
 
     def check_client(self, now: float, idle: float) -> None:
         """See TcpConnection; also close, once requests in progress are answered, when the certificate has expired."""
