@@ -6,11 +6,14 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from queue import Empty, Queue
+from tempfile import TemporaryFile
 from typing import Any, Self
+
+from kit.prepared import Preparation, PreparedProcess
 
 #: How long a process may take for anything, in seconds. Real machines are slow at times.
 PATIENCE = 60.0
@@ -18,25 +21,72 @@ PATIENCE = 60.0
 COMMAND = [sys.executable, "-P", "-m", "gateway.cli.main"]
 
 
+#: What starts processes quickly, if the tests have one; COMMAND does otherwise.
+preparations: list[Preparation] = []
+
+
+@contextmanager
+def prepared() -> Iterator[None]:
+    """In its context a gateway and a command that is run to its end are forked off one that has imported everything."""
+    with Preparation() as preparation:
+        preparations.append(preparation)
+        try:
+            yield
+        finally:
+            preparations.remove(preparation)
+
+
+@contextmanager
+def started_anew() -> Iterator[None]:
+    """In its context each process is started by the system, for tests of what comes before the command."""
+    kept = [*preparations]
+    preparations.clear()
+    try:
+        yield
+    finally:
+        preparations.extend(kept)
+
+
 def command(*words: str) -> subprocess.CompletedProcess[str]:
     """Run `modbus-gateway WORDS` to its end."""
-    return subprocess.run([*COMMAND, *words], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    if not preparations:
+        return subprocess.run([*COMMAND, *words], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    with TemporaryFile() as out, TemporaryFile() as err:
+        process = preparations[-1].start(words, stdout=out.fileno(), stderr=err.fileno())
+        try:
+            code = process.wait(PATIENCE)
+        finally:
+            process.kill()
+        said = [os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode() for file in (out, err)]
+    return subprocess.CompletedProcess([*COMMAND, *words], code, *said)
+
+
+def started(
+    words: Sequence[str | Path], env: Mapping[str, str] | None = None, *, stdout: int = 1, stderr: int = 2
+) -> subprocess.Popen[bytes] | PreparedProcess:
+    """`modbus-gateway WORDS`, which writes to these descriptors."""
+    if preparations:
+        return preparations[-1].start([*map(str, words)], env, stdout=stdout, stderr=stderr)
+    return subprocess.Popen([*COMMAND, *words], stdout=stdout, stderr=stderr, env=env)
 
 
 @contextmanager
 def simulated(port: Path, *words: str) -> Iterator[None]:
     """`modbus-gateway simulate` on a port; it takes the port away in the end, as in system.test_simulate."""
-    with subprocess.Popen([*COMMAND, "simulate", *words, "--port", str(port)], stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline()
+    said, its_output = os.pipe()
+    try:
+        process = started(["simulate", *words, "--port", port], stdout=its_output)
+    finally:
+        os.close(its_output)
+    with os.fdopen(said) as output:
         try:
+            assert output.readline()
             yield
-        finally:
             process.terminate()
-            try:
-                process.wait(PATIENCE)
-            finally:
-                process.kill()
+            process.wait(PATIENCE)
+        finally:
+            process.kill()
+            process.wait()
 
 
 class GatewayProcess:
@@ -55,8 +105,12 @@ class GatewayProcess:
     def __enter__(self) -> Self:
         folder = str(self.config.parent)  # for a control socket and a state that no other gateway has
         own = {"STATE_DIRECTORY": folder, **os.environ, "RUNTIME_DIRECTORY": folder}
-        run = [*COMMAND, "run", str(self.config)]
-        self._process = subprocess.Popen(run, stderr=subprocess.PIPE, text=True, env=own)
+        log, its_log = os.pipe()
+        try:
+            self._process = started(["run", self.config], own, stderr=its_log)
+        finally:
+            os.close(its_log)
+        self._log = os.fdopen(log)
         self._reader = threading.Thread(target=self._read_log, name="gateway's log")
         self._reader.start()
         ready = self.wait_for("ready")
@@ -68,7 +122,7 @@ class GatewayProcess:
         self._process.kill()
         self._process.wait()
         self._reader.join()
-        self._process.stderr.close()
+        self._log.close()
 
     @property
     def pid(self) -> int:
@@ -111,7 +165,7 @@ class GatewayProcess:
         return code
 
     def _read_log(self) -> None:
-        for line in self._process.stderr:
+        for line in self._log:
             try:
                 event = json.loads(line)
             except ValueError:

@@ -6,6 +6,8 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
+from kit.process import prepared
+
 #: Those that a demo takes if nobody listens there: of its clients, its page, its secured clients.
 DEMO_PORTS = (5020, 8502, 8802)
 
@@ -20,4 +22,11 @@ def _no_two_demos_want_one_port() -> Iterator[None]:
             with suppress(OSError):  # somebody else does
                 door.bind(("127.0.0.1", number))
                 door.listen()
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _processes_are_prepared() -> Iterator[None]:
+    """Hundreds start."""
+    with prepared():
         yield

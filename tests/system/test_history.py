@@ -18,7 +18,7 @@ import pytest
 from gateway.modbus import mbap
 from gateway.service.history import FILE_NAME
 from kit import process
-from kit.process import PATIENCE, GatewayProcess
+from kit.process import PATIENCE, GatewayProcess, started_anew
 
 CONFIG = """
 [[listen]]
@@ -71,16 +71,22 @@ class Gateway(GatewayProcess):
 
 
 @pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder = tmp_path / "state"
     monkeypatch.setenv("STATE_DIRECTORY", str(folder))
     monkeypatch.setattr(process, "COMMAND", [sys.executable, "-P", "-c", QUICK])
-    return folder
+    with started_anew():
+        yield folder
 
 
 def log_of(state: Path) -> Path:
     """Where the database writes first: at each look something has changed."""
     return state / f"{FILE_NAME}-wal"
+
+
+def has_begun(state: Path) -> bool:
+    """Whether anything was written; a gateway that ends before that keeps nothing."""
+    return log_of(state).exists() and b'{"lines":{"hall":' in log_of(state).read_bytes()
 
 
 def until(is_so: Callable[[], bool]) -> None:
@@ -95,6 +101,7 @@ def test_what_was_written_outlives_the_process(tmp_path: Path, state: Path, end:
     for runs in range(3):
         with Gateway(tmp_path) as gateway:
             until(lambda gateway=gateway, runs=runs: gateway.not_sent == 5 * runs)
+            until(lambda: has_begun(state))
             gateway.ask(5)
             if end is signal.SIGKILL:
                 until(lambda gateway=gateway, runs=runs: gateway.not_sent == 5 * runs + 5)
@@ -110,6 +117,7 @@ def test_a_torn_file_is_set_aside_and_the_pages_go_on(tmp_path: Path, state: Pat
     with Gateway(tmp_path) as gateway:
         gateway.ask(5)
         until(lambda: gateway.not_sent == 5)
+        until(lambda: has_begun(state))
         gateway.stop()
     file = state / FILE_NAME
     file.write_bytes(file.read_bytes()[:5000])
@@ -118,6 +126,7 @@ def test_a_torn_file_is_set_aside_and_the_pages_go_on(tmp_path: Path, state: Pat
         gateway.ask(3)
         until(lambda: gateway.not_sent >= 3)
         assert "silo" in gateway.get("/")
+        until(lambda: has_begun(state))
         gateway.stop()
     assert len([path for path in state.iterdir() if path.name.startswith(FILE_NAME + ".")]) == 1
     with Gateway(tmp_path) as gateway:

@@ -5,14 +5,14 @@ import resource
 import signal
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
 
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.process import PATIENCE, GatewayProcess, command
+from kit.process import PATIENCE, GatewayProcess, command, started_anew
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
@@ -26,6 +26,12 @@ port = "{port}"
 timeout = "20 s"
 """
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
+
+
+@pytest.fixture(autouse=True)
+def _as_an_operator_does() -> Iterator[None]:
+    with started_anew():
+        yield
 
 
 @pytest.fixture

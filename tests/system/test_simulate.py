@@ -27,7 +27,7 @@ from gateway.simulator.line import SimulatedLine
 from gateway.simulator.panel import Panel
 from gateway.simulator.port import VirtualPort
 from gateway.simulator.weigher import Weigher
-from kit.process import COMMAND, PATIENCE
+from kit.process import COMMAND, PATIENCE, started
 
 READ_WEIGHT, WEIGHT = bytes.fromhex("01 03 00 00 00 02 C4 0B"), bytes.fromhex("01 03 04 45 9C 3D 51 FE 7D")
 ASK_ADDRESS, ADDRESS_1 = bytes.fromhex("00 03 00 10 00 01 84 1E"), bytes.fromhex("01 03 02 00 01 79 84")
@@ -44,21 +44,29 @@ class Simulation:
 
     def __init__(self, port: Path, *words: str) -> None:
         self.port = port
-        self._words = [*COMMAND, "simulate", *words, "--port", str(port)]
+        self._words = ["simulate", *words, "--port", port]
 
     def __enter__(self):
-        self._process = subprocess.Popen(self._words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.said = "".join(iter(self._process.stdout.readline, "]\n"))
-        assert self.said, self._process.stderr.read()
+        (out, its_out), (err, its_err) = os.pipe(), os.pipe()
+        self._out, self._err = os.fdopen(out), os.fdopen(err)
+        try:
+            self._process = started(self._words, stdout=its_out, stderr=its_err)
+        finally:
+            os.close(its_out)
+            os.close(its_err)
+        self.said = "".join(iter(self._out.readline, "]\n"))
+        assert self.said, self._err.read()
         return self
 
     def __exit__(self, *_: object) -> None:
         """End it; its port leads nowhere then, and not to one that another program gets from the system after it."""
         self._process.terminate()  # it takes its port away
         try:
-            self._process.communicate(timeout=PATIENCE)
+            self._process.wait(PATIENCE)
         finally:
             self._process.kill()
+            self._out.close()
+            self._err.close()
 
     @property
     def is_rtu(self) -> bool:
@@ -66,16 +74,15 @@ class Simulation:
 
     def next_line(self) -> str:
         """The next that it prints, which is not empty."""
-        while (line := self._process.stdout.readline()) == "\n":
+        while (line := self._out.readline()) == "\n":
             pass
-        assert line, self._process.stderr.read()
+        assert line, self._err.read()
         return line.rstrip("\n")
 
     def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
         """The exit code, and what it still had to say."""
         self._process.send_signal(number)
-        said, complained = self._process.communicate(timeout=PATIENCE)
-        return self._process.returncode, said, complained
+        return self._process.wait(PATIENCE), self._out.read(), self._err.read()
 
 
 @contextmanager
