@@ -23,7 +23,7 @@ from gateway.trace.pdus import exception_in_words
 #: The name of this client of devices, in rights and events.
 CLIENT: Final = "mqtt"
 #: So many commands are carried out at once, and so many are remembered to find those that come again.
-MOST_COMMANDS: Final = 64
+MOST_COMMANDS: Final = 32
 MOST_REMEMBERED: Final = 1000
 
 

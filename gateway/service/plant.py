@@ -61,6 +61,20 @@ class Publishing:
             await part.stop()
 
 
+def reading(
+    plan: MqttPlan, gateway: Gateway, emit: events.Emit, unix: Callable[[], float] = time.time
+) -> PublisherDriver:
+    """Begin to read what the plan publishes of a gateway."""
+    targets = {name: _as_target(each) for name, each in _destinations(plan, gateway).items()}
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    patience = {unit: wait for owner in owners for unit, wait in owner.longest_wait.items()}
+    waits = {each.name: patience.get(each.unit, 0.0) for each in plan.devices}
+    settings = PublisherSettings(plan.devices, waits, plan.source)
+    driver = PublisherDriver(settings, _form(plan), targets, gateway.mqtt, emit, unix)
+    driver.start()
+    return driver
+
+
 class _Part:
     """What one plan needs: the devices of a gateway, and the task that keeps the connection."""
 
@@ -69,14 +83,7 @@ class _Part:
     ) -> None:
         self.plan = plan
         self._destinations = _destinations(plan, gateway)
-        targets = {name: _as_target(each) for name, each in self._destinations.items()}
-        owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-        patience = {unit: wait for owner in owners for unit, wait in owner.longest_wait.items()}
-        settings = PublisherSettings(
-            plan.devices, {each.name: patience.get(each.unit, 0.0) for each in plan.devices}, plan.source
-        )
-        self.driver = PublisherDriver(settings, _form(plan), targets, gateway.mqtt, emit, unix)
-        self.driver.start()
+        self.driver = reading(plan, gateway, emit, unix)
         #: What keeps the connection; None if it cannot, because its library is missing.
         self.broker: Any = None
         self.reason = ""

@@ -1,0 +1,65 @@
+"""A broker without a network: takes what a publisher has, and keeps what is retained."""
+
+import asyncio
+import json
+from dataclasses import dataclass, field
+
+from gateway.plant.driver import PublisherDriver
+from gateway.plant.messages import Delivery, Message
+from gateway.service.plant import reading
+from kit.gateway_bench import GatewayBench
+
+
+@dataclass
+class FakeBroker:
+    """A broker that is connected when a test says so. `messages` are all that came, `retained` the last by topic."""
+
+    driver: PublisherDriver
+    messages: list[Message] = field(default_factory=list)
+    retained: dict[str, bytes] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, bench: GatewayBench) -> "FakeBroker":
+        """The broker of a gateway; its devices are read from now on. Times of messages are those of the loop."""
+        gateway = bench.gateway
+        return cls(reading(gateway.plan.mqtt, gateway, bench.events.append, asyncio.get_running_loop().time))
+
+    def connect(self) -> list[str]:
+        """Connect and take the birth; the topics that are subscribed to afterwards."""
+        publisher = self.driver.publisher
+        publisher.will(self.driver.now())
+        publisher.connected(self.driver.now())
+        self.take()
+        return list(publisher.form.late_subscriptions())
+
+    def lose(self) -> None:
+        """The connection is lost."""
+        self.driver.publisher.disconnected()
+
+    def take(self) -> list[Message]:
+        """Take all that there is to publish."""
+        found = []
+        while messages := self.driver.take():
+            found += messages
+        self.messages += found
+        for message in found:
+            if message.retain:
+                self.retained[message.topic] = message.payload
+        return found
+
+    def said(self) -> dict[str, object]:
+        """What was published since, by topic, JSON without its time."""
+        return {message.topic: content(message) for message in self.take()}
+
+    def send(self, topic: str, payload: str, **options: object) -> dict[str, object]:
+        """Deliver a message, and wait for all that follows."""
+        self.driver.received(Delivery(topic, payload.encode(), self.driver.now(), **options))
+        return self.said()
+
+
+def content(message: Message) -> object:
+    """A payload: text, or JSON without its time."""
+    text = message.payload.decode()
+    if not text.startswith("{"):
+        return text
+    return {key: value for key, value in json.loads(text).items() if key != "time"}

@@ -1,0 +1,346 @@
+"""What a whole gateway publishes, in virtual time: reads, changes, availability, and commands."""
+
+import asyncio
+import json
+from itertools import pairwise
+
+import pytest
+
+from gateway.config.line_load import load_of, total_share
+from gateway.events import AccessDenied, PollRefused, WriteAudit
+from gateway.plant.publisher import MOST_COMMANDS
+from gateway.simulator.generic import Generic
+from kit.broker import FakeBroker
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.gateway_bench import gateway_bench
+from kit.paced import attach_paced
+
+CONFIG = """
+site = "plant"
+
+[[line]]
+name    = "hall"
+port    = "/dev/hall"
+baud    = 115200
+rest    = "2 s"
+timeout = "100 ms"
+devices = [
+  { unit = 1, as = 41, name = "silo-1", profile = "scale" },
+  { unit = 2, as = 42, name = "silo-2", profile = "scale" },
+]
+
+[profile.scale]
+timeout = "100 ms"
+points = [
+  { name = "weight", holding = 0, type = "float32", unit = "kg" },
+  { name = "state", holding = 2, labels = { 0 = "off", 1 = "on" }, write = true },
+  { name = "speed", holding = 10, scale = 0.1, decimals = 1 },
+  { name = "valve", coils = 3, write = true },
+]
+"""
+MQTT = """
+[mqtt]
+broker  = "mqtt://broker"
+publish = [
+  { device = "silo-1", points = ["speed"], every = "1 s", on_change = 0.5, at_least = "10 s" },
+  { device = "silo-1", every = "500 ms" },
+]
+"""
+SILO = "modbus/plant/silo-1"
+HOLDING, COILS = 3, 1
+
+
+def furnish(bench):
+    devices = SimulatedDevice(1, delay=0.002), SimulatedDevice(2, delay=0.002)
+    bench.attach("hall", SimulatedLine("rtu", *devices))
+    return devices
+
+
+async def settled(broker, seconds=3.0):
+    await asyncio.sleep(seconds)
+    return broker.said()
+
+
+def reads(device):
+    return [frame.pdu.hex() for frame in device.heard]
+
+
+async def test_points_are_read_in_few_requests_at_their_intervals():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, other = furnish(bench)
+        FakeBroker.of(bench)
+        await asyncio.sleep(9.9)
+        counted = {pdu: reads(silo).count(pdu) for pdu in set(reads(silo))}
+        assert counted == {"0300000003": 20, "0100030001": 20, "03000a0001": 10}
+        assert reads(other) == []
+
+
+async def test_the_birth_tells_all_that_is_known_and_that_the_gateway_is_there():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        silo.holding[2], silo.holding[10], silo.coils[3] = 1, 123, True
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        assert broker.connect() == []
+        assert [message.topic for message in broker.messages] == [SILO, f"{SILO}/availability", "modbus/plant/status"]
+        assert json.loads(broker.retained[SILO]).keys() == {"time", "weight", "state", "speed", "valve"}
+        assert broker.retained[f"{SILO}/availability"] == b"online"
+        assert broker.retained["modbus/plant/status"] == b"online"
+        assert await settled(broker) == {}, "nothing has changed"
+
+
+async def test_a_change_is_published_and_what_is_inside_the_deadband_is_not():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        silo.holding[10] = 4
+        assert await settled(broker) == {}, "by 0.4, and 0.5 is the least"
+        silo.holding[10] = 5
+        assert await settled(broker) == {SILO: {"weight": 0.0, "state": "off", "speed": 0.5, "valve": 0}}
+        silo.holding[2] = 1
+        assert await settled(broker) == {SILO: {"weight": 0.0, "state": "on", "speed": 0.5, "valve": 0}}
+
+
+async def test_a_value_is_published_at_least_as_often_as_the_config_says():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        times = []
+        for _ in range(600):
+            await asyncio.sleep(0.1)
+            times += [broker.driver.now() for _ in broker.take()]
+        assert len(times) >= 6
+        assert max(late - early for early, late in pairwise(times)) <= 10.001
+
+
+async def test_a_device_that_does_not_answer_is_offline_and_nothing_else_is_published_of_it():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        silo.silent = True
+        assert await settled(broker) == {f"{SILO}/availability": "offline"}
+        assert await settled(broker, 20.0) == {}
+        silo.silent = False
+        silo.holding[10] = 70
+        assert await settled(broker, 20.0) == {
+            SILO: {"weight": 0.0, "state": "off", "speed": 7.0, "valve": 0},
+            f"{SILO}/availability": "online",
+        }
+
+
+async def test_one_lost_answer_does_not_make_a_device_unavailable():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        silo.script.append([])
+        assert await settled(broker) == {}
+
+
+async def test_while_the_broker_is_away_only_the_last_values_are_kept():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        broker.lose()
+        heard = len(silo.heard)
+        for value in range(100):
+            silo.holding[10] = 10 * value
+            await asyncio.sleep(1.0)
+        assert broker.take() == []
+        assert len(silo.heard) - heard == pytest.approx(500, abs=5), "reading goes on"
+        broker.connect()
+        assert [message.topic for message in broker.messages[-3:]] == [
+            SILO,
+            f"{SILO}/availability",
+            "modbus/plant/status",
+        ]
+        assert json.loads(broker.retained[SILO])["speed"] == 99.0
+
+
+async def test_what_was_handed_to_a_connection_that_was_lost_is_published_again():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        silo.holding[10] = 50
+        await asyncio.sleep(1.5)
+        broker.driver.take()  # lost with the connection
+        broker.lose()
+        broker.connect()
+        assert json.loads(broker.retained[SILO])["speed"] == 5.0
+
+
+async def test_a_value_that_is_too_old_is_not_published_as_new():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        silo.refuses[COILS] = 6
+        silo.holding[2] = 1
+        said = await settled(broker, 20.0)
+        silo.holding[2] = 0
+        said = await settled(broker)
+        assert said[SILO].keys() == {"weight", "state", "speed"}
+
+
+async def test_what_a_device_refuses_together_is_read_one_by_one():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        silo.refuses[COILS] = 2
+        del silo.holding[2:]  # reading 0 to 2 fails; 0 to 1 does not
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(5.0)
+        broker.connect()
+        assert json.loads(broker.retained[SILO]).keys() == {"time", "weight"}
+        refused = [
+            (event.device, event.addresses, event.code) for event in bench.events if isinstance(event, PollRefused)
+        ]
+        assert sorted(refused) == [("silo-1", "coils 3", 2), ("silo-1", "holding 10", 2), ("silo-1", "holding 2", 2)]
+
+
+async def test_no_number_is_null():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        silo.holding[:2] = [0x7FC0, 0]
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        assert json.loads(broker.retained[SILO])["weight"] is None
+        assert await settled(broker) == {}, "and no change"
+
+
+async def test_the_share_of_the_line_is_that_of_the_forecast():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        attach_paced(bench.lines["hall"], "rtu", 115200, Generic(1), Generic(2))
+        FakeBroker.of(bench)
+        await asyncio.sleep(10.0)
+        [line] = bench.gateway.lines
+        before = line.driver.line.phases(asyncio.get_running_loop().time()).busy
+        await asyncio.sleep(60.0)
+        share = (line.driver.line.phases(asyncio.get_running_loop().time()).busy - before) / 60.0
+        # its profile says nothing of the 5 ms after which these devices answer, five times a second
+        foretold = total_share(load_of(line.plan, bench.gateway.plan)) + 5 * 0.005
+        assert share == pytest.approx(foretold, rel=0.02)
+
+
+# Commands
+
+WRITE = MQTT + "write = true\n"
+STATE = f"{SILO}/state"
+
+
+async def commanded(bench):
+    silo, _ = furnish(bench)
+    broker = FakeBroker.of(bench)
+    await asyncio.sleep(2.0)
+    return silo, broker, broker.connect()
+
+
+def result(said, point=STATE):
+    found = said.get(f"{point}/result")
+    return found if found is None else (found["result"], found.get("reason", ""))
+
+
+async def test_a_value_is_written_confirmed_and_published():
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        silo, broker, topics = await commanded(bench)
+        assert topics == [f"{STATE}/set", f"{SILO}/valve/set"]
+        broker.send(f"{STATE}/set", "on")
+        await asyncio.sleep(0.3)
+        said = broker.said()
+        assert said[f"{STATE}/result"] == {"value": "on", "result": "ok"}
+        assert said[SILO]["state"] == "on", "it is read again at once"
+        assert silo.holding[2] == 1
+        [audit] = [event for event in bench.events if isinstance(event, WriteAudit)]
+        assert (audit.client, audit.listener, audit.unit, audit.result) == ("mqtt", "mqtt", 41, "ok")
+        broker.send(f"{SILO}/valve/set", "on")
+        await asyncio.sleep(0.3)
+        assert silo.coils[3]
+
+
+@pytest.mark.parametrize(
+    ("payload", "options", "reason"),
+    [
+        ("on", {"is_retained": True}, "it is retained, so it may be old: send it without retain"),
+        ("on", {"is_duplicate": True}, "it may have been delivered before"),
+        ("on", {"expiry": 0}, "it has expired"),
+        ("blue", {}, '"blue" is not a number; it has the labels off, on'),
+        ("70000", {}, "70000 does not fit into uint16: 0 to 65535"),
+        ("x" * 300, {}, "this has more than 256 bytes"),
+    ],
+)
+async def test_what_must_not_be_written_is_refused_with_a_result(payload, options, reason):
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        silo, broker, _ = await commanded(bench)
+        said = broker.send(f"{STATE}/set", payload, **options)
+        assert result(said) == ("failed", reason)
+        await asyncio.sleep(1.0)
+        assert not any(frame.pdu[0] in (5, 6, 15, 16) for frame in silo.heard)
+
+
+async def test_the_same_command_is_carried_out_once():
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        silo, broker, _ = await commanded(bench)
+        for _ in range(2):
+            broker.send(f"{STATE}/set", "on", correlation=b"7")
+            await asyncio.sleep(0.3)
+        answers = [message for message in broker.messages if message.topic == f"{STATE}/result"]
+        broker.take()
+        answers = [message for message in broker.messages if message.topic == f"{STATE}/result"]
+        assert [json.loads(message.payload)["result"] for message in answers] == ["ok", "failed"]
+        assert [message.correlation for message in answers] == [b"7", b"7"]
+        assert sum(frame.pdu[0] == 6 for frame in silo.heard) == 1
+
+
+async def test_a_command_that_expires_while_it_waits_is_not_sent():
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        silo, broker, _ = await commanded(bench)
+        silo.delay = 0.09
+        for _ in range(20):  # writes go first, so only others can keep it waiting
+            broker.send(f"{SILO}/valve/set", "on")
+        broker.send(f"{STATE}/set", "on", expiry=0.5)
+        await asyncio.sleep(5.0)
+        outcome, _ = result(broker.said())
+        assert outcome == "failed"
+        assert silo.holding[2] == 0
+
+
+async def test_too_many_commands_at_once_are_refused():
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        _, broker, _ = await commanded(bench)
+        for _ in range(MOST_COMMANDS):
+            broker.send(f"{STATE}/set", "on")
+        assert result(broker.send(f"{STATE}/set", "on")) == (
+            "failed",
+            f"{MOST_COMMANDS} others are not finished yet",
+        )
+
+
+async def test_the_exception_of_the_device_is_the_result():
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        silo, broker, _ = await commanded(bench)
+        silo.refuses[6] = 4
+        broker.send(f"{STATE}/set", "on")
+        await asyncio.sleep(0.3)
+        assert result(broker.said()) == ("failed", "the device answers: exception 04, server device failure")
+
+
+async def test_rights_hold_for_the_client_mqtt():
+    rows = '[[access]]\nlisten = ["mqtt"]\nunits = 41\nfunctions = [1, 3, 5, 16]\n'
+    async with gateway_bench(CONFIG + WRITE + rows) as bench:
+        silo, broker, _ = await commanded(bench)
+        outcome, _ = result(broker.send(f"{STATE}/set", "on"))
+        assert outcome == "failed"
+        assert silo.holding[2] == 0
+        assert any(isinstance(event, AccessDenied) for event in bench.events)
