@@ -28,7 +28,9 @@ GatewayError
 │   └── PortClosed               it was closed by its user
 ├── ListenError                  a listener cannot use its address
 ├── TlsError                     a certificate, key or revocation list cannot be used
+├── BrokerError                  the broker cannot be reached, or takes nobody
 ├── StateError                   a file in the state directory cannot be read
+├── ConfigError                  the process that reads the config did not come to its end
 ├── UsersError                   the file with the users of the web page cannot be used
 ├── WrongQuestion                what was asked for at the control socket cannot be
 └── DaemonError                  the running gateway cannot be reached
