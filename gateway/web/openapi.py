@@ -111,26 +111,10 @@ def _paths() -> dict[str, Any]:
 
 def _schemas() -> dict[str, Schema]:
     """What is no dataclass."""
-    values = {"type": "array", "items": _ref("Value")}
-    failures = {"type": "array", "items": _ref("Failure")}
-    value: dict[str, Schema] = {
-        "point": {"type": "string"},
-        "area": {"enum": [str(area) for area in Area]},
-        "address": _address(),
-        "reference": {"type": "string", "description": "The number in many manuals: holding 0 is 40001"},
-        "value": _VALUE,
-        "unit": {"type": "string"},
-        "registers": {"type": "array", "items": {"type": "integer", "minimum": 0, "maximum": 65535}},
-    }
-    told: dict[str, Schema] = {
-        "unit": {"type": "integer"},
-        "name": {"type": "string"},
-        "area": {"enum": [str(area) for area in Area]},
-        "values": values,
-        "elapsed_ms": {"type": "number"},
-        "errors": failures,
-    }
-    status = {"anyOf": [_ref("UnitStatus"), _ref("Image"), _ref("Mirror"), {"type": "null"}]}
+    return {**_general(), **_of_units(), **_of_values(), **_of_images(), **_to_write()}
+
+
+def _general() -> dict[str, Schema]:
     return {
         "Problem": _object(
             {
@@ -150,14 +134,34 @@ def _schemas() -> dict[str, Schema]:
                 "csrf": {"type": "string"},
             }
         ),
+    }
+
+
+def _of_units() -> dict[str, Schema]:
+    status = {"anyOf": [_ref("UnitStatus"), _ref("Image"), _ref("Mirror"), {"type": "null"}]}
+    return {
         "Units": _object({"units": {"type": "array", "items": _object(_unit_head())}}),
         "UnitWithStatus": _object(
             {**_unit_head(), "points": {"type": "array", "items": _ref("Point")}, "status": status}
         ),
+    }
+
+
+def _of_values() -> dict[str, Schema]:
+    told: dict[str, Schema] = {
+        "unit": {"type": "integer"},
+        "name": {"type": "string"},
+        "area": _area(),
+        "values": {"type": "array", "items": _ref("Value")},
+        "elapsed_ms": {"type": "number"},
+        "errors": {"type": "array", "items": _ref("Failure")},
+    }
+    value = {"point": {"type": "string"}, "area": _area(), **_value_head(), "unit": {"type": "string"}}
+    return {
         "Value": _object(value, ("address", "reference", "value", "registers")),
         "Failure": _object(
             {
-                "area": {"enum": [str(area) for area in Area]},
+                "area": _area(),
                 "address": _address(),
                 "count": {"type": "integer"},
                 "exception": {"type": "integer"},
@@ -166,18 +170,23 @@ def _schemas() -> dict[str, Schema]:
         ),
         "Values": _object(told, ("unit", "name", "values", "elapsed_ms")),
         "Points": _object({**told, "age_ms": {"type": "number"}}, ("unit", "name", "values", "elapsed_ms", "age_ms")),
+    }
+
+
+def _of_images() -> dict[str, Schema]:
+    return {
         "Cells": _object(
             {
                 "unit": {"type": "integer"},
                 "name": {"type": "string"},
-                "area": {"enum": [str(area) for area in Area]},
+                "area": _area(),
                 "stale_ms": {"type": ["number", "null"], "description": "Clients get no older values of a mirror"},
                 "values": {"type": "array", "items": _ref("Cell")},
             }
         ),
         "Cell": _object(
             {
-                **{name: value[name] for name in ("address", "reference", "value", "registers")},
+                **_value_head(),
                 "text": {"type": "string", "description": "The value as the page shows it"},
                 "state": {"enum": ["fine", "stale", "unknown"]},
                 "age_ms": {"type": "number", "description": "Of a mirror's"},
@@ -186,17 +195,28 @@ def _schemas() -> dict[str, Schema]:
             },
             ("address", "reference", "value", "registers", "text", "state"),
         ),
-        "NewValues": _object({"values": {"type": "array", "minItems": 1, "items": _new_value()}}),
-        "NamedValues": _object(
-            {
-                "values": {
-                    "type": "array",
-                    "minItems": 1,
-                    "items": _object({"point": {"type": "string"}, "value": _new_value()}),
-                }
-            }
-        ),
     }
+
+
+def _to_write() -> dict[str, Schema]:
+    named = _object({"point": {"type": "string"}, "value": _new_value()})
+    return {
+        "NewValues": _object({"values": {"type": "array", "minItems": 1, "items": _new_value()}}),
+        "NamedValues": _object({"values": {"type": "array", "minItems": 1, "items": named}}),
+    }
+
+
+def _value_head() -> dict[str, Schema]:
+    return {
+        "address": _address(),
+        "reference": {"type": "string", "description": "The number in many manuals: holding 0 is 40001"},
+        "value": _VALUE,
+        "registers": {"type": "array", "items": {"type": "integer", "minimum": 0, "maximum": 65535}},
+    }
+
+
+def _area() -> Schema:
+    return {"enum": [str(area) for area in Area]}
 
 
 def _unit_head() -> dict[str, Schema]:

@@ -3,9 +3,11 @@
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from typing import Any
 
 import pytest
 
+from kit.chromium import chromium, demo_page
 from kit.process import prepared
 
 #: Those that a demo takes if nobody listens there: of its clients, its page, its secured clients.
@@ -30,3 +32,17 @@ def _processes_are_prepared() -> Iterator[None]:
     """Hundreds start."""
     with prepared():
         yield
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A Chromium."""
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """The address of the page of a demo."""
+    with demo_page() as address:
+        yield address

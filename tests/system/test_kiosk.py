@@ -2,13 +2,12 @@
 
 import re
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, axe_findings, chromium, until, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, until, watched
 from kit.free_port import free_port
 from kit.process import GatewayProcess
 
@@ -31,12 +30,6 @@ name = "{line}"
 port = "/nowhere/{line}"
 devices = [{{ unit = 1, as = {unit} }}]
 """
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 def config(port: int, *lines: str) -> str:

@@ -11,7 +11,7 @@ import pytest
 
 from gateway.web.languages import LANGUAGES
 from kit.browser import PASSWORD, USERS
-from kit.chromium import CHROMIUM, MISSING, axe_findings, chromium, in_language, page_findings, until, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, in_language, page_findings, until, watched
 from kit.process import GatewayProcess
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
@@ -39,12 +39,6 @@ write = true
 """
 #: Somebody who is not at this machine.
 REMOTE = {"X-Forwarded-For": "10.0.0.9"}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, chromium, demo_page
+from kit.chromium import CHROMIUM, MISSING
 from kit.process import PATIENCE
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists() or find_spec("playwright") is None, reason=MISSING)
@@ -18,18 +18,6 @@ TIME = r"\d\d:\d\d\D*"
 NUMBERS = re.compile(
     rf"^silo-1, {TIME}\N{{EN DASH}}{TIME}: \d+ requests?\b.* · answer in [\d.]+ ms on average, [\d.]+ % of the limit"
 )
-
-
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    with demo_page() as address:
-        yield address
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

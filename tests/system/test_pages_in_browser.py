@@ -1,14 +1,12 @@
 """Every page of the demo as a browser shows it: in each language, light and dark, with and without JavaScript."""
 
 import re
-from collections.abc import Iterator
-from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
 from gateway.web.languages import LANGUAGES
-from kit.chromium import CHROMIUM, MISSING, axe_findings, chromium, demo_page, in_language, page_findings, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, in_language, page_findings, watched
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
@@ -27,23 +25,11 @@ PAGES = {
 OTHERS = ("/images/UNIT",)
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture(scope="module")
-def demo() -> Iterator[str]:
-    with demo_page() as address:
-        yield address
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("path", PAGES.values())
-def test_a_page_is_accessible_and_asks_nobody_else(browser, demo, path, language):
+def test_a_page_is_accessible_and_asks_nobody_else(browser, address, path, language):
     with watched(browser, color_scheme="light", viewport={"width": 1280, "height": 900}) as page:
-        page.goto(f"{demo}{in_language(path, language)}")
+        page.goto(f"{address}{in_language(path, language)}")
         page.wait_for_timeout(1000)
         assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
         assert page.locator("h1").count() == 1
@@ -51,30 +37,30 @@ def test_a_page_is_accessible_and_asks_nobody_else(browser, demo, path, language
 
 
 @pytest.mark.parametrize("path", PAGES.values())
-def test_a_page_is_complete_and_accessible_without_javascript(browser, demo, path):
+def test_a_page_is_complete_and_accessible_without_javascript(browser, address, path):
     with watched(browser, java_script_enabled=False) as page:
         texts = []
         for language in LANGUAGES:
-            page.goto(f"{demo}{in_language(path, language)}")
+            page.goto(f"{address}{in_language(path, language)}")
             assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
             texts.append(page.locator("main").inner_text())
         assert all(texts)
         assert len(set(texts)) == len(texts)
     with watched(browser) as page:  # axe-core itself needs JavaScript
         page.route("**/*.js*", lambda route: route.fulfill(content_type="text/javascript", body=""))
-        page.goto(demo + path)
+        page.goto(address + path)
         assert len(page.locator("main").inner_text()) > len(texts[0]) / 2
         assert axe_findings(page) == []
 
 
-def test_each_page_that_another_leads_to_is_tested_here(browser, demo):
+def test_each_page_that_another_leads_to_is_tested_here(browser, address):
     kinds = [re.compile(re.sub("[A-Z]+", "[^/]+", kind)) for kind in (*PAGES, *OTHERS)]
     with watched(browser, java_script_enabled=False) as page:
         found = set()
         for path in PAGES.values():
-            page.goto(demo + path)
+            page.goto(address + path)
             addresses = [link.get_attribute("href") for link in page.locator("a[href]").all()]
-            found |= {urlsplit(address).path for address in addresses if address.startswith("/")}
+            found |= {urlsplit(link).path for link in addresses if link.startswith("/")}
     pages = {path for path in found if not path.startswith("/api/")}
     assert len(pages) > len(PAGES)
     assert sorted(path for path in pages if not any(kind.fullmatch(path) for kind in kinds)) == []

@@ -5,21 +5,9 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, chromium, demo_page, until, watched
+from kit.chromium import CHROMIUM, MISSING, until, watched
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
-
-
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    with demo_page() as address:
-        yield address
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

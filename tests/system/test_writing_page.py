@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, chromium
+from kit.chromium import CHROMIUM, MISSING
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.process import COMMAND, PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
@@ -43,12 +43,6 @@ users = "{folder}/users"
 write = true
 """
 PASSWORD = "correct horse"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

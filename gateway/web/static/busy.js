@@ -16,8 +16,9 @@ async function fetched(line, hours) {
   // The axis begins where the server's begins, as long as the gateway is new.
   const oldest = Math.min(last, ...known.keys()), shown = [1, 3, 6, 12, 24].find((each) => oldest > last - each * 3600) ?? hours;
   const length = (Math.min(hours, shown) * 3600) / step;
-  const times = Array.from({ length }, (_, place) => last - step * (length - place - 1));
-  const column = (value) => times.map((time) => (known.has(time) ? value(known.get(time)) : null));
+  // The end of the last slot is a place, too: a step ends at the next one.
+  const times = Array.from({ length: length + 1 }, (_, place) => last - step * (length - place - 1));
+  const column = (value) => times.map((time) => known.get(Math.min(time, last))).map((slot) => (slot ? value(slot) : null));
   return [times, column((slot) => slot.busy_share), column((slot) => (slot.sent ? slot.failed / slot.sent : 0))];
 }
 
