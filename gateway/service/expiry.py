@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from math import inf
 from typing import Final
 
 from gateway.diagnosis.finding import Finding
@@ -40,13 +41,14 @@ def certificates(contexts: TlsStore, now: float) -> Iterator[CertificateStatus]:
 
 async def keep_looking(contexts: Callable[[], TlsStore], emit: Emit) -> None:
     """Tell what will expire until cancelled."""
+    loop = asyncio.get_running_loop()
     told_at: dict[tuple[str, str, str], float] = {}
     while True:
-        now = time.time()
+        now, passed = time.time(), loop.time()  # by a clock that is never set
         for each in certificates(contexts(), now):
             place = each.file, each.subject, each.until
-            if each.days_left < EARLY and now - told_at.get(place, 0.0) >= DAY:
-                told_at[place] = now
+            if each.days_left < EARLY and passed - told_at.get(place, -inf) >= DAY:
+                told_at[place] = passed
                 emit(CertificateExpires(each.used_by, each.key, each.file, each.subject, each.days_left))
         await asyncio.sleep(STEP)
 

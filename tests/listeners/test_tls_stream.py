@@ -159,6 +159,7 @@ def connected(target: Slow, version: ssl.TLSVersion = ssl.TLSVersion.TLSv1_3) ->
     owner = Handshaker(lambda stream: stream.begin(SecuredConnection(listener, "10.0.0.1", "10.0.0.1:1", now, target)))
     stream = TlsStream(context(), owner)
     stream.connection_made(network)
+    stream.start()
     for _ in range(3):
         peer.goes_on()
         arrive(stream, peer.outgoing.read())
@@ -219,6 +220,28 @@ def test_what_a_thread_is_using_is_left_alone_when_the_connection_is_ended() -> 
         assert tls.asked == []
         stream.stepped(None)
         assert tls.asked == []
+
+    asyncio.run(scenario())
+
+
+def test_what_a_client_has_sent_before_its_handshake_begins_is_kept() -> None:
+    """Python 3.11.2 of Debian 12 receives although the connection has said at once that it does not want to."""
+
+    async def scenario() -> None:
+        network, peer, due = Network(), Peer(ssl.TLSVersion.TLSv1_3), []
+        handshakes = Handshakes(lambda *_: None, lambda *_: None)
+        handshakes.step_due = due.append  # type: ignore[method-assign, assignment]
+        stream = TlsStream(context(), handshakes)
+        stream.connection_made(network)
+        peer.goes_on()
+        arrive(stream, peer.outgoing.read())
+        assert due == []
+        handshakes.begin(stream, VISITOR, 0.0)
+        assert due == [stream]
+        assert network.is_paused
+        stream.stepped(stream.step())
+        assert network.sent
+        assert not network.is_paused
 
     asyncio.run(scenario())
 

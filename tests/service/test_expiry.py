@@ -51,6 +51,17 @@ def test_without_certificates_nothing_is_said() -> None:
     assert list(about_certificates(TlsStore(), NOW)) == []
 
 
+async def test_a_clock_that_is_set_back_does_not_silence_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = asyncio.get_running_loop()
+    began, told = loop.time(), []
+    wall = lambda: NOW + loop.time() - began - (10 * 86400 if loop.time() - began > 3600 else 0)  # noqa: E731
+    monkeypatch.setattr(expiry.time, "time", wall)
+    looking = asyncio.create_task(keep_looking(lambda: store(certificate=10.0), told.append))
+    await asyncio.sleep(50 * 3600)
+    looking.cancel()
+    assert len(told) == 3
+
+
 async def test_an_event_is_told_once_a_day(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = asyncio.get_running_loop()
     monkeypatch.setattr(expiry.time, "time", lambda: NOW + loop.time())

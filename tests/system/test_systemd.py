@@ -11,6 +11,7 @@ import pytest
 from gateway.ports.tcp import CONNECTING_DEADLINE
 from kit.booted import SERVICE, SOCKET, BootedSystem, CannotBootError, booted, until, why_not
 from kit.device import SimulatedDevice, SimulatedLine
+from kit.pki import OPERATOR, VIEWER, client_context, pki
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
@@ -29,6 +30,26 @@ devices = [{ unit = 1, timeout = "20 s" }, { unit = 46, timeout = "100 ms" }]
 unit = 200
 holding = 10
 persist = "always"
+"""
+SECURED = """
+[[listen]]
+name = "remote"
+bind = "tls://[::]:802"
+certificate = "/etc/modbus-gateway/tls/server.crt"
+key = { credential = "server.key" }
+clients_ca = "/etc/modbus-gateway/tls/ca.crt"
+crl = "/etc/modbus-gateway/tls/ca.crl"
+
+[[access]]
+role = "operator"
+allow = ["read", "write"]
+
+[[access]]
+allow = ["read"]
+listen = ["remote"]
+
+[[access]]
+allow = ["read"]
 """
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 RIGHT = bytes.fromhex("0001 0000 0005 01 03 02 1234")
@@ -266,6 +287,40 @@ def test_two_listeners_share_a_port_once_the_socket_unit_names_both(system: Boot
     for host in ("127.0.0.1", "::1"):
         with system.connect(host) as client:
             assert asked(client) == RIGHT
+
+
+def secure(system: BootedSystem) -> None:
+    """As docs/certificates.md says: certificates, the key as root's secret, port 802."""
+    for name in ("server.crt", "server.key", "ca.crt", "ca.crl"):
+        system.write(f"/etc/modbus-gateway/tls/{name}", (pki() / name).read_text())
+    (system.root / "etc/modbus-gateway/tls/server.key").chmod(0o600)
+    system.write(FILE, CONFIG + SECURED)
+    system.override(SOCKET, "[Socket]\nListenStream=802\n")
+
+
+def test_a_key_that_only_root_can_read_is_handed_over_as_a_credential(system: BootedSystem) -> None:
+    secure(system)
+    system.override(SERVICE, "[Service]\nLoadCredential=server.key:/etc/modbus-gateway/tls/server.key\n")
+    start(system)
+    for name, answer in ((OPERATOR, "06 0000 0001"), (VIEWER, "86 01")):
+        with client_context(name).wrap_socket(system.connect(port=802), server_hostname="localhost") as client:
+            client.sendall(bytes.fromhex("0001 0000 0006 C8 06 0000 0001"))
+            assert client.recv(260)[7:] == bytes.fromhex(answer)
+    system.done("modbus-gateway", "reload")
+    limits = Path(f"/proc/{system.leader}/root/proc/{system.show('MainPID')}/limits").read_text()
+    assert limits.partition("Max core file size")[2].split()[0] == "0"
+
+
+def test_a_credential_that_nobody_hands_over_is_named(system: BootedSystem) -> None:
+    secure(system)
+    system.run("systemctl", "start", "--no-block", SERVICE)
+    said = system.wait_for("config_rejected")["MESSAGE"]
+    assert "server.key: there is no such credential: LoadCredential= is missing in the unit" in said
+    system.write(
+        FILE, CONFIG + SECURED.replace('{ credential = "server.key" }', '"/etc/modbus-gateway/tls/server.key"')
+    )
+    system.forget_log()
+    assert "server.key: permission denied" in system.wait_for("config_rejected")["MESSAGE"]
 
 
 def test_events_are_entries_of_the_journal_with_fields(system: BootedSystem) -> None:
