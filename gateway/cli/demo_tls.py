@@ -51,10 +51,12 @@ def tls_config(tls: Path, port: int) -> str:
 
 
 def invitation(tls: Path, address: str) -> str:
-    """How to connect."""
+    """How to connect, and to write 7 to register 0 of unit 200: the response to a viewer is exception 01."""
     place = address.removeprefix("tls://")
     return (
-        f"\nThe same units with certificates, at {address}. An operator may write, a viewer may not:\n"
-        f"  openssl s_client -connect {place} -CAfile {tls}/ca.crt \\\n"
-        f"    -cert {tls}/viewer.crt -key {tls}/viewer.key"
+        f"\nThe same units with certificates, at {address}. A viewer may not write: his request is\n"
+        "answered with 86 01. That of an operator (operator.crt, operator.key) comes back as it is:\n"
+        r"  (printf '\0\1\0\0\0\6\310\6\0\0\0\7'; sleep 1) |"
+        f" openssl s_client -quiet -connect {place} \\\n"
+        f"    -CAfile {tls}/ca.crt -cert {tls}/viewer.crt -key {tls}/viewer.key 2>/dev/null | xxd"
     )

@@ -2,6 +2,7 @@
 
 import argparse
 import faulthandler
+import resource
 import sys
 from pathlib import Path
 
@@ -23,6 +24,7 @@ def run(args: argparse.Namespace) -> int:
         ConfigError: the config could not be read, whatever it says.
         ListenError, StateError, TlsError: as `run_daemon`.
     """
+    _dump_no_core()
     if sys.stderr is not None:
         faulthandler.enable()  # print a traceback if the watchdog ends the process
     file = Path(args.config)
@@ -41,3 +43,10 @@ def run(args: argparse.Namespace) -> int:
         return PROBLEM_FOUND
     run_daemon(file, read, read.plan, args.control)
     return FINE
+
+
+def _dump_no_core() -> None:
+    """A core dump would have private keys and passwords in it; the service's unit forbids it too."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_CORE)
+    if soft:
+        resource.setrlimit(resource.RLIMIT_CORE, (0, hard))

@@ -428,6 +428,21 @@ def test_files_that_cannot_be_used_are_told_and_nothing_starts(tmp_path: Path, s
     assert key not in done.stderr + done.stdout
 
 
+def test_no_core_is_dumped_when_it_was_started_by_hand(tmp_path: Path) -> None:
+    config = tmp_path / "gateway.toml"
+    config.write_text(listener() + IMAGE)
+    shell = f'ulimit -Sc unlimited; exec {" ".join(COMMAND)} run "{config}"'
+    own = {**os.environ, "RUNTIME_DIRECTORY": str(tmp_path), "STATE_DIRECTORY": str(tmp_path)}
+    with subprocess.Popen(["sh", "-c", shell], stderr=subprocess.PIPE, text=True, env=own) as gateway:
+        try:
+            while "listener_up" not in (line := gateway.stderr.readline()):
+                assert line
+            limits = Path(f"/proc/{gateway.pid}/limits").read_text()
+        finally:
+            gateway.kill()
+    assert limits.partition("Max core file size")[2].split()[0] == "0"
+
+
 def test_no_secret_is_told(tmp_path: Path) -> None:
     secrets = [line for file in pki().glob("*.key") for line in file.read_text().splitlines()[1:-1]]
     with GatewayProcess(tmp_path, listener() + IMAGE + ROWS + f'[control]\nsocket = "{tmp_path}/c"\n') as gateway:
