@@ -187,7 +187,7 @@ def _import_everything() -> None:
     import gateway  # noqa: PLC0415 - of those that only start processes nobody needs it
 
     for module in pkgutil.walk_packages(gateway.__path__, "gateway."):
-        if not module.name.endswith("__main__"):
+        with suppress(ModuleNotFoundError):  # a library that is needed for some tables of the config only
             importlib.import_module(module.name)
 
 
