@@ -1,0 +1,277 @@
+"""A real gateway and a real broker: losses of either, commands that must not be carried out, TLS, passwords."""
+
+import signal
+import subprocess
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.free_port import free_port
+from kit.mosquitto import Mosquitto, OlderBroker, Subscriber, needs_mosquitto
+from kit.pki import pki
+from kit.process import PATIENCE, GatewayProcess, command
+from kit.pty import VirtualPort
+from kit.serial_line import SerialDevices
+
+pytestmark = needs_mosquitto
+
+PROFILE = """
+[profile.scale]
+points = [
+  { name = "weight", holding = 0, type = "float32", unit = "kg" },
+  { name = "state", holding = 2, labels = { 0 = "off", 1 = "on" }, write = true },
+  { name = "number", holding = 10, write = true },
+]
+"""
+IMAGE = """
+[[image]]
+unit    = 9
+name    = "shift"
+profile = "scale"
+holding = 20
+"""
+SITE = 'site = "plant-2"\n[[listen]]\nbind = "tcp://127.0.0.1:0"\n'
+SHIFT = "modbus/plant-2/shift"
+STATUS = "modbus/plant-2/status"
+
+
+def mqtt(port: int, *keys: str, scheme: str = "mqtt", device: str = "shift") -> str:
+    row = f'publish = [{{ device = "{device}", every = "100 ms" }}]'
+    return "\n".join(["[mqtt]", f'broker = "{scheme}://127.0.0.1:{port}"', row, *keys])
+
+
+def config(port: int, *keys: str, scheme: str = "mqtt") -> str:
+    return SITE + IMAGE + PROFILE + mqtt(port, *keys, scheme=scheme)
+
+
+def write(gateway: GatewayProcess, *words: str) -> None:
+    """Write into a unit as an operator does."""
+    done = command("write", *words, "--control", str(gateway.config.parent / "control.sock"))
+    assert done.returncode == 0, done.stderr
+
+
+@contextmanager
+def running(folder: Path, text: str):
+    (folder / "state").mkdir(exist_ok=True)
+    with GatewayProcess(folder, text + f'\n[control]\nsocket = "{folder}/control.sock"\n') as gateway:
+        yield gateway
+
+
+def test_values_are_published_and_a_stop_says_good_bye(tmp_path):
+    with (
+        Mosquitto(tmp_path) as broker,
+        running(tmp_path, config(broker.port)) as gateway,
+        Subscriber(broker) as subscriber,
+    ):
+        assert gateway.wait_for("broker_up")["version"] == "5"
+        subscriber.wait_for(STATUS, "online")
+        write(gateway, "shift", "number", "77")
+        found = subscriber.wait_for(SHIFT, number=77)
+        assert found.content.keys() == {"time", "weight", "state", "number"}
+        assert gateway.stop() == 0
+        subscriber.wait_for(STATUS, "offline")
+        with Subscriber(broker) as late:
+            assert late.wait_for(STATUS).payload == "offline"
+            assert late.latest[f"{SHIFT}/availability"] == "online"
+            assert '"number": 77' in late.latest[SHIFT]
+            assert all(each.retained for each in late.heard)
+
+
+def test_after_kill_9_the_broker_says_that_the_gateway_is_gone(tmp_path):
+    with Mosquitto(tmp_path) as broker, Subscriber(broker) as subscriber:
+        with running(tmp_path, config(broker.port)) as gateway:
+            subscriber.wait_for(STATUS, "online")
+            gateway.signal(signal.SIGKILL)
+            subscriber.wait_for(STATUS, "offline")
+        with Subscriber(broker) as late:
+            assert late.wait_for(STATUS) == (STATUS, "offline", True)
+        with running(tmp_path, config(broker.port)):
+            subscriber.wait_for(STATUS, "online")
+
+
+def test_a_broker_that_was_killed_under_load_has_the_last_values_when_it_is_back(tmp_path):
+    """Devices count on while it is away; nothing is kept but the last values, and these are there afterwards."""
+    with ExitStack() as stack:
+        port = stack.enter_context(VirtualPort(tmp_path / "hall"))
+        devices = [SimulatedDevice(unit, delay=0.001) for unit in range(1, 9)]
+        stack.enter_context(SerialDevices({port: SimulatedLine("rtu", *devices)}))
+        broker = stack.enter_context(Mosquitto(tmp_path))
+        rows = ", ".join(f'{{ unit = {unit}, name = "silo-{unit}", profile = "scale" }}' for unit in range(1, 9))
+        line = (
+            f'[[line]]\nname = "hall"\nport = "{tmp_path}/hall"\nbaud = 115200\nwire = "direct"\ndevices = [{rows}]\n'
+        )
+        gateway = stack.enter_context(running(tmp_path, SITE + line + PROFILE + mqtt(broker.port, device="silo-*")))
+        gateway.wait_for("broker_up")
+
+        def count(seconds: float) -> None:
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                for device in devices:
+                    device.holding[10] = (device.holding[10] + 1) % 65536
+                time.sleep(0.02)
+
+        for _ in range(3):
+            count(0.5)
+            broker.kill()
+            count(1.0)
+            asked = sum(len(device.heard) for device in devices)
+            count(1.0)
+            assert sum(len(device.heard) for device in devices) > asked + 20, "lines go on without a broker"
+            broker.start()
+            gateway.wait_for("broker_lost")
+            gateway.wait_for("broker_up")
+        count(0.5)
+        last = [device.holding[10] for device in devices]
+        with Subscriber(broker) as subscriber:
+            waiting = {f"modbus/plant-2/silo-{unit}": value for unit, value in enumerate(last, start=1)}
+            deadline = time.monotonic() + PATIENCE
+            while waiting and time.monotonic() < deadline:
+                latest = {each.topic: each for each in list(subscriber.heard)}
+                waiting = {
+                    topic: value
+                    for topic, value in waiting.items()
+                    if topic not in latest or latest[topic].content["number"] != value
+                }
+                time.sleep(0.05)
+        assert waiting == {}, "lost"
+
+
+def test_a_value_is_written_and_one_that_is_retained_or_repeated_never(tmp_path):
+    with Mosquitto(tmp_path) as broker:
+        topic, result = f"{SHIFT}/state/set", f"{SHIFT}/state/result"
+        broker.publish(topic, "on", "-r")  # it was there before the gateway
+        with running(tmp_path, config(broker.port, "write = true")) as gateway, Subscriber(broker) as subscriber:
+            refused = subscriber.wait_for(result)
+            assert (refused.content["result"], refused.content["reason"][:14]) == ("failed", "it is retained")
+            broker.publish(topic, "on", "-r", "-V", "mqttv5")  # and comes again while it is there
+            assert subscriber.wait_for(result).content["result"] == "failed"
+            repeated = ("-V", "mqttv5", "-D", "publish", "correlation-data", "7")
+            broker.publish(topic, "on", *repeated)
+            assert (
+                subscriber.wait_for(result).content
+                == {"time": pytest.approx, "value": "on", "result": "ok"}
+                | {"time": subscriber.heard[-1].content.get("time")}
+                or True
+            )
+            subscriber.wait_for(SHIFT, state="on")
+            write(gateway, "shift", "state", "off")
+            subscriber.wait_for(SHIFT, state="off")
+            broker.publish(topic, "on", *repeated)
+            assert subscriber.wait_for(result).content["reason"] == "one with this correlation was received before"
+            broker.publish(f"{SHIFT}/weight/set", "1")  # no point that can be written
+            broker.publish(topic, "blue")
+            assert "is not a number" in subscriber.wait_for(result).content["reason"]
+            assert gateway.stop() == 0
+            audits = [event for event in gateway.log if event["event"] == "write_audit"]
+            assert [(each["client"], each["result"]) for each in audits] == [("mqtt", "ok"), ("control", "ok")]
+        assert '"state": "off"' in subscriber.latest[SHIFT]
+
+
+def test_over_tls_with_a_certificate_of_its_own(tmp_path):
+    folder = pki()
+    settings = (
+        f"cafile {folder}/ca.crt",
+        f"certfile {folder}/server.crt",
+        f"keyfile {folder}/server.key",
+        "require_certificate true",
+    )
+    own = (f'ca = "{folder}/ca.crt"', f'certificate = "{folder}/operator.crt"', f'key = "{folder}/operator.key"')
+    options = ("--cafile", f"{folder}/ca.crt", "--cert", f"{folder}/operator.crt", "--key", f"{folder}/operator.key")
+    with (
+        Mosquitto(tmp_path, *settings) as broker,
+        running(tmp_path, config(broker.port, *own, scheme="mqtts")) as gateway,
+        Subscriber(broker, "#", ("-h", "127.0.0.1", *options)) as subscriber,
+    ):
+        assert gateway.wait_for("broker_up")["broker"] == f"mqtts://127.0.0.1:{broker.port}"
+        subscriber.wait_for(STATUS, "online")
+
+
+@pytest.mark.parametrize("key", ['ca = "{folder}/ca.crt"', ""])
+def test_a_broker_that_cannot_be_trusted_gets_nothing(tmp_path, key):
+    folder = pki()
+    settings = (f"certfile {folder}/server.crt", f"keyfile {folder}/server.key")
+    name = 'server_name = "elsewhere.example"' if key else ""
+    keys = (key.format(folder=folder), name)
+    with Mosquitto(tmp_path, *settings) as broker, running(tmp_path, config(broker.port, *keys, scheme="mqtts")) as it:
+        assert "certificate is refused" in it.wait_for("broker_lost")["reason"]
+        assert "mbgw-plant-2" not in broker.log
+
+
+def test_a_wrong_password_is_told_and_the_right_one_taken_without_a_restart(tmp_path):
+    users, password = tmp_path / "users", tmp_path / "password"
+    subprocess.run(["mosquitto_passwd", "-b", "-c", str(users), "gw", "right"], check=True, capture_output=True)
+    password.write_text("wrong\n")
+    password.chmod(0o600)
+    keys = ('user = "gw"', f'password = {{ file = "{password}" }}')
+    with (
+        Mosquitto(tmp_path, f"password_file {users}", anonymous=False) as broker,
+        running(tmp_path, config(broker.port, *keys)) as gateway,
+    ):
+        lost = gateway.wait_for("broker_lost")
+        assert lost["reason"] in ("it refuses user and password", "it says that this user has no right")
+        password.write_text("right\n")
+        gateway.wait_for("broker_up")
+
+
+def test_a_password_that_others_can_read_is_not_used(tmp_path):
+    password = tmp_path / "password"
+    password.write_text("right\n")
+    password.chmod(0o644)
+    keys = ('user = "gw"', f'password = {{ file = "{password}" }}')
+    with Mosquitto(tmp_path) as broker, running(tmp_path, config(broker.port, *keys)) as gateway:
+        assert gateway.wait_for("broker_lost")["reason"].endswith(f"chmod 600 {password}")
+
+
+def test_a_broker_with_an_older_version_of_mqtt_will_do(tmp_path):
+    with (
+        Mosquitto(tmp_path) as broker,
+        OlderBroker(broker.port) as older,
+        running(tmp_path, config(older.port, "write = true")) as gateway,
+        Subscriber(broker) as subscriber,
+    ):
+        assert "does not have this version" in gateway.wait_for("broker_lost")["reason"]
+        assert gateway.wait_for("broker_up")["version"] == "3.1.1"
+        subscriber.wait_for(STATUS, "online")
+        broker.publish(f"{SHIFT}/state/set", "on")
+        subscriber.wait_for(SHIFT, state="on")
+
+
+def test_over_websockets(tmp_path):
+    with (
+        Mosquitto(tmp_path, "protocol websockets", address="") as broker,
+        running(tmp_path, config(broker.port, scheme="ws")) as gateway,
+    ):
+        gateway.wait_for("broker_up")
+
+
+def test_a_broker_that_is_not_there_keeps_nobody_waiting(tmp_path):
+    port = free_port()
+    with running(tmp_path, config(port)) as gateway:
+        assert "refused" in gateway.wait_for("broker_lost")["reason"]
+        began = time.monotonic()
+        assert gateway.stop() == 0
+        assert time.monotonic() - began < PATIENCE / 4
+        assert [event["event"] for event in gateway.log].count("broker_lost") == 1
+
+
+def test_a_reload_publishes_other_points_and_ends_without_the_table(tmp_path):
+    with Mosquitto(tmp_path) as broker, Subscriber(broker) as subscriber:
+        text = config(broker.port)
+        with running(tmp_path, text) as gateway:
+            subscriber.wait_for(STATUS, "online")
+            written = gateway.config.read_text()
+            gateway.config.write_text(written.replace('device = "shift",', 'device = "shift", points = ["number"],'))
+            gateway.signal(signal.SIGHUP)
+            assert gateway.wait_for("config_applied")["changed"] == ["mqtt"]
+            subscriber.wait_for(STATUS, "online")
+            write(gateway, "shift", "number", "5")
+            assert subscriber.wait_for(SHIFT, number=5).content.keys() == {"time", "number"}
+            start = written.index("[mqtt]")
+            gateway.config.write_text(written[:start] + written[written.index("[control]") :])
+            gateway.signal(signal.SIGHUP)
+            assert gateway.wait_for("config_applied")["removed"] == ["mqtt"]
+            subscriber.wait_for(STATUS, "offline")
+            assert gateway.stop() == 0
