@@ -97,6 +97,11 @@ class Discovery:
     topics: Topics
     prefix: str
 
+    @property
+    def folder(self) -> str:
+        """What all topics of the site have in them, with whatever prefix."""
+        return f"/device/{_identifier(self.topics.site)}/"
+
     def messages(self, devices: Sequence[PublishedDevice], before: Announced) -> Sequence[Message]:
         """The messages that announce `devices`, and take back what else was announced `before`."""
         now = self.announced(devices)
@@ -123,7 +128,7 @@ class Discovery:
         yield _message(topic, self._config(device, components))
 
     def _topic(self, device: PublishedDevice) -> str:
-        return f"{self.prefix}/device/{_identifier(self.topics.site)}/{_identifier(device.name)}/config"
+        return f"{self.prefix}{self.folder}{_identifier(device.name)}/config"
 
     def _config(self, device: PublishedDevice, components: Mapping[str, _Config]) -> _Config:
         """What Home Assistant gets to know of a device."""

@@ -19,6 +19,9 @@ from gateway.observe.log import open_log
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service import garbage
+from gateway.service.announced import FILE_NAME as ANNOUNCED_FILE
+from gateway.service.announced import AnnouncedDevices
+from gateway.service.announced import is_entry as is_announced
 from gateway.service.build import Gateway, build
 from gateway.service.config_process import ConfigRead
 from gateway.service.control import control_open
@@ -78,11 +81,12 @@ def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
     with (
         closing(StateFile(folder, emit)) as memory,
         closing(LeftBehind(SharedFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
+        closing(AnnouncedDevices(SharedFile(folder / ANNOUNCED_FILE, is_announced, emit))) as announced,
         closing(Store(folder, emit)) as store,  # closed first: meanwhile the other files are written
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        run_exactly(_run(plan, source, control, _State(memory, store, left_behind, folder), fan_out))
+        run_exactly(_run(plan, source, control, _State(memory, store, left_behind, announced, folder), fan_out))
 
 
 class _State(NamedTuple):
@@ -91,6 +95,7 @@ class _State(NamedTuple):
     memory: Memory
     store: Store
     left_behind: LeftBehind
+    announced: AnnouncedDevices
     folder: Path
 
 
@@ -112,7 +117,8 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
             state.store.open()
 
     systemd, stop = Notifier(), Stop()
-    running = Running(rebuild(plan, None), emit, OpenSockets(take_inherited_sockets()), state.left_behind)
+    sockets = OpenSockets(take_inherited_sockets())
+    running = Running(rebuild(plan, None), emit, sockets, state.left_behind, state.announced)
     reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -13,7 +13,7 @@ from gateway.config.plan import MqttPlan
 from gateway.errors import BrokerError
 from gateway.plant.discovery import Discovery
 from gateway.plant.driver import PublisherDriver
-from gateway.plant.messages import Form
+from gateway.plant.messages import Form, Message
 from gateway.plant.plain import PlainForm
 from gateway.plant.polls import Target
 from gateway.plant.publisher import PublisherSettings
@@ -21,6 +21,7 @@ from gateway.plant.sparkplug import Sparkplug
 from gateway.plant.topics import Topics
 from gateway.request import Request
 from gateway.request import Target as Destination
+from gateway.service.announced import AnnouncedDevices
 from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.tls.contexts import load
@@ -38,8 +39,15 @@ _LONGEST_PASSWORD: Final = 1024
 class Publishing:
     """Publishes what the plan of a gateway says, as long as it says so. `unix` is the time of the day."""
 
-    def __init__(self, emit: events.Emit, contexts: TlsStore, unix: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        emit: events.Emit,
+        contexts: TlsStore,
+        announced: AnnouncedDevices,
+        unix: Callable[[], float] = time.time,
+    ) -> None:
         self._emit = emit
+        self._announced = announced
         self._contexts = contexts
         self._unix = unix
         #: What publishes; None without [mqtt].
@@ -52,7 +60,7 @@ class Publishing:
             return
         await self.stop()
         if plan is not None:
-            self.part = _Part(plan, gateway, self._emit, self._contexts, self._unix)
+            self.part = _Part(plan, gateway, self._emit, self._contexts, self._announced, self._unix)
 
     async def stop(self) -> None:
         """Publish nothing any more."""
@@ -62,15 +70,19 @@ class Publishing:
 
 
 def reading(
-    plan: MqttPlan, gateway: Gateway, emit: events.Emit, unix: Callable[[], float] = time.time
+    plan: MqttPlan,
+    gateway: Gateway,
+    emit: events.Emit,
+    unix: Callable[[], float] = time.time,
+    announcements: Sequence[Message] = (),
 ) -> PublisherDriver:
-    """Begin to read what the plan publishes of a gateway."""
+    """Begin to read what the plan publishes of a gateway. `announcements` belong to each birth."""
     targets = {name: _as_target(each) for name, each in _destinations(plan, gateway).items()}
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     patience = {unit: wait for owner in owners for unit, wait in owner.longest_wait.items()}
     waits = {each.name: patience.get(each.unit, 0.0) for each in plan.devices}
     settings = PublisherSettings(plan.devices, waits, plan.source)
-    driver = PublisherDriver(settings, _form(plan), targets, gateway.mqtt, emit, unix)
+    driver = PublisherDriver(settings, _form(plan, announcements), targets, gateway.mqtt, emit, unix)
     driver.start()
     return driver
 
@@ -79,11 +91,18 @@ class _Part:
     """What one plan needs: the devices of a gateway, and the task that keeps the connection."""
 
     def __init__(
-        self, plan: MqttPlan, gateway: Gateway, emit: events.Emit, contexts: TlsStore, unix: Callable[[], float]
+        self,
+        plan: MqttPlan,
+        gateway: Gateway,
+        emit: events.Emit,
+        contexts: TlsStore,
+        announced: AnnouncedDevices,
+        unix: Callable[[], float],
     ) -> None:
         self.plan = plan
+        self._announcing = _Announcing(plan, announced)
         self._destinations = _destinations(plan, gateway)
-        self.driver = reading(plan, gateway, emit, unix)
+        self.driver = reading(plan, gateway, emit, unix, self._announcing.messages)
         #: What keeps the connection; None if it cannot, because its library is missing.
         self.broker: Any = None
         self.reason = ""
@@ -120,6 +139,7 @@ class _Part:
             with suppress(TimeoutError):
                 async with asyncio.timeout(_FAREWELL):
                     await asyncio.shield(self._task)
+            self._announcing.done()
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
 
@@ -181,14 +201,28 @@ def _as_target(destination: Any) -> Target:
     return destination if hasattr(destination, "is_resting") else _Unhurried(destination)
 
 
-def _form(plan: MqttPlan) -> Form:
-    if plan.sparkplug is not None:
-        names = plan.sparkplug
-        return Sparkplug(names.group, names.node or plan.site, names.primary_host or None)
-    if plan.home_assistant is None:
-        return PlainForm(plan.site, plan.devices)
-    announcements = Discovery(Topics(plan.site), plan.home_assistant).messages(plan.devices, {})
-    return PlainForm(plan.site, plan.devices, announcements)
+class _Announcing:
+    """What Home Assistant is told by one plan: the devices that there are, and those that are gone."""
+
+    def __init__(self, plan: MqttPlan, announced: AnnouncedDevices) -> None:
+        discovery = Discovery(Topics(plan.site), plan.home_assistant or "")
+        devices = () if plan.home_assistant is None else plan.devices
+        self._announced = announced
+        self._before = announced.below(discovery.folder)
+        self._now = discovery.announced(devices)
+        self.messages = discovery.messages(devices, self._before)
+        announced.add(self._now)
+
+    def done(self) -> None:
+        """The messages have been published."""
+        self._announced.replace(self._before, self._now)
+
+
+def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
+    if plan.sparkplug is None:
+        return PlainForm(plan.site, plan.devices, announcements)
+    names = plan.sparkplug
+    return Sparkplug(names.group, names.node or plan.site, names.primary_host or None)
 
 
 def _password(file: SecretFile) -> str:

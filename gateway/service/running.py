@@ -12,6 +12,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
 from gateway.ports.reconnector import Reconnector
+from gateway.service.announced import AnnouncedDevices
 from gateway.service.build import Driver, Gateway, Listener, Part
 from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
@@ -33,7 +34,8 @@ _RESTART_PAUSE: Final = 1.0
 class Running:
     """A running gateway. `sockets` are those that were bound before the process started.
 
-    `left_behind` are late responses that may still arrive on ports of earlier lines.
+    `left_behind` are late responses that may still arrive on ports of earlier lines, `announced` is what Home Assistant
+    knows from an earlier run.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class Running:
         emit: events.Emit,
         sockets: OpenSockets | None = None,
         left_behind: LeftBehind | None = None,
+        announced: AnnouncedDevices | None = None,
     ) -> None:
         gateway.route()
         self.gateway = gateway
@@ -51,7 +54,7 @@ class Running:
         #: Whether the config was accepted when it was last read.
         self.reload_succeeded = True
         self.recent = Recent(gateway, asyncio.get_running_loop().time())
-        self.publishing = Publishing(emit, gateway.contexts)
+        self.publishing = Publishing(emit, gateway.contexts, announced or AnnouncedDevices())
         #: Held by who looks for devices: two at once would be in each other's way.
         self.examining = asyncio.Lock()
         self._sockets = sockets or OpenSockets()

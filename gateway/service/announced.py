@@ -1,0 +1,54 @@
+"""What Home Assistant was told of devices: a device or point that is gone must be taken back there.
+
+    {"homeassistant/device/plant-2/silo-1/config": {"weight": "sensor"}}
+
+Brokers keep what was announced, so it outlives reloads and restarts.
+"""
+
+from typing import Final
+
+from gateway.plant.discovery import Announced
+from gateway.service.shared_file import SharedFile
+
+FILE_NAME: Final = "home-assistant.json"
+
+
+class AnnouncedDevices:
+    """What was announced, and not taken back yet; in a `file`, if there is one."""
+
+    def __init__(self, file: SharedFile | None = None) -> None:
+        self._file = file
+        self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
+
+    def below(self, folder: str) -> Announced:
+        """What was announced with topics that have `folder` in them."""
+        return {topic: components for topic, components in self._entries.items() if folder in topic}
+
+    def add(self, announced: Announced) -> None:
+        """More is going to be announced."""
+        for topic, components in announced.items():
+            self._change(topic, {**self._entries.get(topic, {}), **components})
+
+    def replace(self, before: Announced, now: Announced) -> None:
+        """What was announced `before` has been taken back, as far as it is not announced `now`."""
+        for topic in {*before, *now}:
+            self._change(topic, dict(now.get(topic, {})))
+
+    def close(self) -> None:
+        """Remember no more; returns when the file has been written."""
+        if self._file is not None:
+            self._file.close()
+
+    def _change(self, topic: str, components: dict[str, str]) -> None:
+        if components == self._entries.get(topic, {}):
+            return
+        self._entries[topic] = components
+        if not components:
+            del self._entries[topic]
+        if self._file is not None:
+            self._file.change(topic, components or None)
+
+
+def is_entry(value: object) -> bool:
+    """Whether this is an entry of the file."""
+    return isinstance(value, dict) and all(isinstance(each, str) for each in (*value, *value.values()))
