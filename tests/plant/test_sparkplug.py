@@ -509,6 +509,15 @@ def test_a_node_stays_when_its_primary_host_was_offline_earlier():
     assert not node.is_held
 
 
+def test_a_new_connection_waits_for_the_primary_host_again():
+    node = connected("scada")
+    state_of_host(node, online=True, timestamp=10)
+    node.will(AT)
+    assert node.is_held
+    assert node.ended(AT) == []
+    assert state_of_host(node, online=True, timestamp=10) == [Rebirth()]
+
+
 def test_a_host_that_says_again_that_it_is_online_changes_nothing():
     node = connected("scada")
     state_of_host(node, online=True, timestamp=10)

@@ -1,0 +1,143 @@
+"""Home Assistant and Sparkplug hosts, as a real broker tells them."""
+
+import json
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode
+from kit.mosquitto import Mosquitto, needs_mosquitto
+from kit.mqtt_listener import Listener
+from kit.process import GatewayProcess
+
+pytestmark = needs_mosquitto
+
+DEVICES = """
+[[image]]
+unit = 41
+name = "silo-1"
+profile = "silo"
+holding = 20
+coils = 4
+initial.holding = [{ at = 0, values = [17820, 15697, 5] }]
+
+[profile.silo]
+points = [
+  { name = "weight", holding = 0, type = "float32", unit = "kg" },
+  { name = "limit", holding = 2, write = true },
+  { name = "valve", coils = 0, write = true },
+]
+"""
+SILO = "homeassistant/device/plant-2/silo-1/config"
+
+
+@pytest.fixture
+def broker(tmp_path) -> Iterator[Mosquitto]:
+    with Mosquitto(tmp_path, "sys_interval 1") as broker:
+        yield broker
+
+
+def config(broker: Mosquitto, mqtt: str, *, points: str = '"*"') -> str:
+    return f"""
+site = "plant-2"
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+{DEVICES}
+[mqtt]
+broker = "mqtt://127.0.0.1:{broker.port}"
+publish = [{{ device = "silo-1", points = [{points}], every = "100 ms" }}]
+write = true
+{mqtt}
+"""
+
+
+def components(payload: bytes) -> dict[str, object]:
+    return json.loads(payload)["cmps"] if payload else {}
+
+
+def test_home_assistant_finds_a_device_and_sets_its_points(broker, tmp_path):
+    with Listener(broker, "#") as home, GatewayProcess(tmp_path, config(broker, "home_assistant = true")) as gateway:
+        found = json.loads(home.wait_for(SILO))
+        assert {name: each["p"] for name, each in found["cmps"].items()} == {
+            "weight": "sensor",
+            "limit": "number",
+            "valve": "switch",
+        }
+        values = json.loads(home.wait_for(found["stat_t"]))
+        assert (values["weight"], values["limit"], values["valve"]) == (pytest.approx(4999.66), 5, 0)
+        gateway.wait_for("broker_up")
+        last = {each.topic: each.payload for each in home.heard}
+        assert [last[available["t"]] for available in found["avty"]] == [b"online", b"online"]
+        home.say(found["cmps"]["valve"]["cmd_t"], found["cmps"]["valve"]["pl_on"].encode())
+        home.wait_for(found["stat_t"], where=lambda payload: json.loads(payload)["valve"] == 1)
+
+
+def test_what_is_gone_is_taken_back_after_a_reload_and_after_a_restart(broker, tmp_path):
+    everything = config(broker, "home_assistant = true")
+    with GatewayProcess(tmp_path, everything) as gateway, Listener(broker, SILO) as home:
+        home.wait_for(SILO, where=lambda payload: len(components(payload)) == 3)
+        gateway.config.write_text(config(broker, "home_assistant = true", points='"weight", "valve"'))
+        gateway.signal(signal.SIGHUP)
+        home.wait_for(SILO, where=lambda payload: components(payload).get("limit") == {"p": "number"})
+        home.wait_for(SILO, where=lambda payload: set(components(payload)) == {"weight", "valve"})
+        gateway.signal(signal.SIGKILL)
+        gateway.wait()
+    fewer = config(broker, "home_assistant = true", points='"valve"')
+    with GatewayProcess(tmp_path, fewer), Listener(broker, SILO) as home:
+        home.wait_for(SILO, where=lambda payload: components(payload).get("weight") == {"p": "sensor"})
+        home.wait_for(SILO, where=lambda payload: set(components(payload)) == {"valve"})
+
+
+def test_without_discovery_devices_are_taken_back(broker, tmp_path):
+    with GatewayProcess(tmp_path, config(broker, "home_assistant = true")) as gateway, Listener(broker, SILO) as home:
+        home.wait_for(SILO)
+        gateway.config.write_text(config(broker, ""))
+        gateway.signal(signal.SIGHUP)
+        assert home.wait_for(SILO, where=lambda payload: not payload) == b""
+
+
+def metrics(payload: bytes) -> dict[str, object]:
+    return {metric.name: metric.value for metric in decode(payload).metrics}
+
+
+def command(topic: str, metric: Metric) -> tuple[str, bytes]:
+    return topic, encode(Payload((metric,), 1.0), with_types=True)
+
+
+def test_a_host_sees_births_data_and_deaths_and_writes(broker, tmp_path):
+    sparkplug = 'sparkplug = { group = "plant" }'
+    with Listener(broker, "spBv1.0/#") as host:
+        with GatewayProcess(tmp_path, config(broker, sparkplug)) as gateway:
+            born = host.wait_for("NBIRTH/plant-2")
+            device = host.wait_for("DBIRTH/plant-2/silo-1")
+            assert metrics(device)["limit"] == 5
+            gateway.wait_for("broker_up")
+            host.say(*command("spBv1.0/plant/DCMD/plant-2/silo-1", Metric("limit", 7, DataType.UINT16)), qos=0)
+            data = host.wait_for("DDATA/plant-2/silo-1", where=lambda payload: metrics(payload).get("limit") == 7)
+            assert metrics(data) == {"limit": 7}
+            rebirth = Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN)
+            host.say(*command("spBv1.0/plant/NCMD/plant-2", rebirth), qos=0)
+            assert metrics(host.wait_for("NBIRTH/plant-2")) == metrics(born)
+            assert metrics(host.wait_for("DBIRTH/plant-2/silo-1"))["limit"] == 7
+            gateway.signal(signal.SIGKILL)
+            assert metrics(host.wait_for("NDEATH/plant-2")) == {"bdSeq": 0}
+        assert not any(each.retain for each in host.heard)
+        numbers = [decode(each.payload).seq for each in host.heard if "/N" in each.topic or "/DB" in each.topic]
+        assert numbers[:2] == [0, 1]
+
+
+def test_a_node_waits_for_its_host_and_leaves_with_it(broker, tmp_path):
+    sparkplug = 'sparkplug = { group = "plant", primary_host = "scada" }'
+    state = "spBv1.0/STATE/scada"
+    watched = ("spBv1.0/plant/#", "$SYS/broker/clients/connected")
+    with Listener(broker, *watched) as host, GatewayProcess(tmp_path, config(broker, sparkplug)):
+        host.wait_for("clients/connected", where=lambda payload: payload == b"2")
+        assert {each.topic for each in host.heard} == {watched[1]}
+        host.say(state, b'{"online": true, "timestamp": 1}', retain=True)
+        assert metrics(host.wait_for("NBIRTH/plant-2"))["bdSeq"] == 0
+        host.wait_for("DBIRTH/plant-2/silo-1")
+        host.say(state, b'{"online": false, "timestamp": 1}', retain=True)
+        assert metrics(host.wait_for("NDEATH/plant-2")) == {"bdSeq": 0}
+        host.say(state, b'{"online": true, "timestamp": 2}', retain=True)
+        assert metrics(host.wait_for("NBIRTH/plant-2"))["bdSeq"] == 1
