@@ -1,8 +1,5 @@
 """Evidence about lines, units and clients for the rules of `diagnosis`, from the counters."""
 
-import asyncio
-from typing import Final
-
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
 from gateway.lines.counts import total
@@ -12,23 +9,13 @@ from gateway.ports.port import SerialSettings
 from gateway.service.build import Gateway, Listener
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.recent import Recent
+from gateway.service.slices import in_slices
 from gateway.timing.histogram import SHARES, merged
-
-#: So long the units of a line are looked at without a pause, in seconds: a line with 240 would hold up the others.
-_SLICE: Final = 0.0005
 
 
 async def units_evidence(line: GatewayLine) -> tuple[UnitEvidence, ...]:
     """The evidence about the devices of a line, with pauses for the lines."""
-    now = asyncio.get_running_loop().time
-    found: list[UnitEvidence] = []
-    until = now() + _SLICE
-    for device in shown_devices(line):
-        if now() >= until:
-            await asyncio.sleep(0)
-            until = now() + _SLICE
-        found.append(unit_evidence(line, device))
-    return tuple(found)
+    return tuple(await in_slices(unit_evidence(line, device) for device in shown_devices(line)))
 
 
 def line_evidence(

@@ -74,7 +74,7 @@ async def history_kept(
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
-        await add()
+        await _guarded(add, running.emit)
         if file is not None:
             await file.close()
 

@@ -3,16 +3,19 @@
 Labels are names in the config, units, function codes and words of this program, never data or names of clients.
 """
 
-from collections.abc import Iterable
+import asyncio
+from collections.abc import Iterable, Iterator
 from itertools import accumulate
+from operator import add, attrgetter
 from typing import Final
 
 from gateway import __version__
 from gateway.devices.device import Device
-from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, Counts, UnitCounts, total
+from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.metrics import Family, Spread
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.running import Running
+from gateway.service.slices import in_slices
 from gateway.timing.histogram import Histogram
 from gateway.tls.store import TlsStore
 
@@ -23,75 +26,101 @@ _SHARES: Final = (0.25, 0.5, 0.75, 0.8, 0.9, 1.0)
 _ALWAYS: Final = frozenset({"ok", "exception", "timeout", "bad_frame"})
 #: What was received on a line besides responses.
 _ERRORS: Final = ("late_responses", "early_responses", "foreign_frames", "noise", "echoes")
+_ERRORS_OF: Final = attrgetter(*_ERRORS)
 
 _UNIT: Final = ("line", "unit", "function")
 
 
-def read(running: Running, now: float) -> list[Family]:
-    """All metrics of the running gateway."""
+async def read(running: Running) -> list[Family]:
+    """All metrics of the running gateway, with pauses for its lines: each unit is read when it is its turn."""
+    now = asyncio.get_running_loop().time
     gateway = running.gateway
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    requests, times, units = _Requests(), _Times(), _Units()
+    await in_slices(part for each in (requests, times, units) for owner in owners for part in each.read(owner))
+    requests.read_routers(running)
     return [
-        *_requests(running, owners),
-        *_times(owners),
-        *_lines(gateway.lines, now),
-        *_units(owners, now),
+        *requests.families,
+        *times.families,
+        *_lines(gateway.lines, now()),
+        *units.families,
         *_clients(running),
-        _image_ages(running, now),
+        _image_ages(running, now()),
         _upstreams(gateway.upstreams),
         _certificates(gateway.contexts),
         *_process(running),
     ]
 
 
-def _requests(running: Running, owners: Iterable[GatewayLine | GatewayUpstream]) -> Iterable[Family]:
-    requests = Family("counter", "requests", "Requests of clients by result.", (*_UNIT, "result"))
-    exceptions = Family("counter", "exceptions", "Exception responses of units.", ("line", "unit", "code"))
-    coalesced = Family("counter", "coalesced", "Reads that shared a transaction with another one.", ("line",))
-    retries = Family("counter", "retries", "Reads that were repeated.", ("line",))
-    for owner in owners:
+class _Requests:
+    """What became of the requests of clients."""
+
+    def __init__(self) -> None:
+        self._results = Family("counter", "requests", "Requests of clients by result.", (*_UNIT, "result"))
+        self._exceptions = Family("counter", "exceptions", "Exception responses of units.", ("line", "unit", "code"))
+        self._coalesced = Family("counter", "coalesced", "Reads that shared a transaction with another one.", ("line",))
+        self._retries = Family("counter", "retries", "Reads that were repeated.", ("line",))
+        self._errors = Family(
+            "counter", "line_errors", "What was received besides the expected responses.", ("line", "kind")
+        )
+        self.families = (self._results, self._exceptions, self._coalesced, self._retries, self._errors)
+
+    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+        """Add those of a line or another server, one unit at a time."""
+        coalesced = retries = 0
+        errors = [0] * len(_ERRORS)
         for unit, counts in _counted(owner):
             for function, each in counts.items():
+                coalesced, retries = coalesced + each.coalesced, retries + each.retries
+                errors = [*map(add, errors, _ERRORS_OF(each))]
                 for result in RESULTS:
                     count = getattr(each, result)
                     if count or result in _ALWAYS:
-                        requests.add(count, owner.name, unit, _function(function), result)
+                        self._results.add(count, owner.name, unit, _function(function), result)
             for code, count in counts.codes.items():
-                exceptions.add(count, owner.name, unit, f"{code:02X}")
-        whole = _total(counts for _, counts in _counted(owner))
-        coalesced.add(whole.coalesced, owner.name)
-        retries.add(whole.retries, owner.name)
-    gateway = running.gateway
-    routers = [each.router.counts for each in (*gateway.listeners, *gateway.servers)]
-    requests.add(sum(each.no_route for each in routers), "", "", "", "no_route")
-    requests.add(sum(each.denied for each in routers), "", "", "", "denied")
-    return requests, exceptions, coalesced, retries
+                self._exceptions.add(count, owner.name, unit, f"{code:02X}")
+            yield
+        self._coalesced.add(coalesced, owner.name)
+        self._retries.add(retries, owner.name)
+        if isinstance(owner, GatewayLine):
+            for kind, count in zip(_ERRORS, errors, strict=True):
+                self._errors.add(count, owner.name, kind)
+
+    def read_routers(self, running: Running) -> None:
+        """Add the requests that no unit has got."""
+        routers = [each.router.counts for each in (*running.gateway.listeners, *running.gateway.servers)]
+        self._results.add(sum(each.no_route for each in routers), "", "", "", "no_route")
+        self._results.add(sum(each.denied for each in routers), "", "", "", "denied")
 
 
-def _times(owners: Iterable[GatewayLine | GatewayUpstream]) -> Iterable[Family]:
-    request = Family("histogram", "request_duration_seconds", "From a request's arrival to its response.", _UNIT)
-    answer = Family(
-        "histogram",
-        "device_response_seconds",
-        "From the end of a request to the end of its response.",
-        _UNIT,
-    )
-    wait = Family("histogram", "queue_wait_seconds", "From a request's arrival until it was sent.", _UNIT)
-    share = Family("histogram", "budget_used_ratio", "The share of its time limit that a response took.", _UNIT)
-    for owner in owners:
+class _Times:
+    """How long requests took, and what part of their limits."""
+
+    def __init__(self) -> None:
+        self._request = _histogram("request_duration_seconds", "From a request's arrival to its response.")
+        self._answer = _histogram("device_response_seconds", "From the end of a request to the end of its response.")
+        self._wait = _histogram("queue_wait_seconds", "From a request's arrival until it was sent.")
+        self._share = _histogram("budget_used_ratio", "The share of its time limit that a response took.")
+        self.families = (self._request, self._answer, self._wait, self._share)
+
+    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+        """Add those of a line or another server, one unit at a time."""
         for unit, counts in _counted(owner):
             for function in counts:
                 labels, times = (owner.name, unit, _function(function)), counts.times[function]
-                request.add(_spread(times.request, _SECONDS), *labels)
-                answer.add(_spread(times.answer, _SECONDS), *labels)
-                wait.add(_spread(times.wait, _SECONDS), *labels)
-                share.add(_spread(times.share, _SHARES), *labels)
-    return request, answer, wait, share
+                self._request.add(_spread(times.request, _SECONDS), *labels)
+                self._answer.add(_spread(times.answer, _SECONDS), *labels)
+                self._wait.add(_spread(times.wait, _SECONDS), *labels)
+                self._share.add(_spread(times.share, _SHARES), *labels)
+            yield
+
+
+def _histogram(name: str, text: str) -> Family:
+    return Family("histogram", name, text, _UNIT)
 
 
 def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
     busy = Family("counter", "line_busy_seconds", "Time of a line by phase.", ("line", "phase"))
-    errors = Family("counter", "line_errors", "What was received besides the expected responses.", ("line", "kind"))
     waiting = Family("gauge", "line_queue_length", "Requests that wait for the line.", ("line",))
     up = Family("gauge", "line_up", "Whether the port is open.", ("line",))
     reopens = Family("counter", "line_reopens", "How often the port was reopened after a loss.", ("line",))
@@ -99,23 +128,29 @@ def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
         phases = line.driver.line.phases(now)
         for phase in ("request", "wait", "response", "gap"):
             busy.add(getattr(phases, phase), line.name, phase)
-        whole = _total(line.counts)
-        for kind in _ERRORS:
-            errors.add(getattr(whole, kind), line.name, kind)
         waiting.add(line.driver.line.waiting, line.name)
         up.add(line.reconnector.is_open, line.name)
         reopens.add(line.reconnector.reopened, line.name)
-    return busy, errors, waiting, up, reopens
+    return busy, waiting, up, reopens
 
 
-def _units(owners: Iterable[GatewayLine | GatewayUpstream], now: float) -> Iterable[Family]:
-    up = Family("gauge", "unit_up", "Whether the unit answered its last request.", ("line", "unit"))
-    limit = Family("gauge", "unit_timeout_limit_seconds", "The longest time limit in force.", ("line", "unit"))
-    for owner in owners:
+class _Units:
+    """Whether units answer, and how long that may take."""
+
+    def __init__(self) -> None:
+        self._up = Family("gauge", "unit_up", "Whether the unit answered its last request.", ("line", "unit"))
+        self._limit = Family(
+            "gauge", "unit_timeout_limit_seconds", "The longest time limit in force.", ("line", "unit")
+        )
+        self.families = (self._up, self._limit)
+
+    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+        """Add those of a line or another server, one at a time."""
+        now = asyncio.get_running_loop().time
         for unit, device in _asked(owner):
-            up.add(not device.breaker.failures and not device.breaker.is_resting(now), owner.name, unit)
-            limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
-    return up, limit
+            self._up.add(not device.breaker.failures and not device.breaker.is_resting(now()), owner.name, unit)
+            self._limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
+            yield
 
 
 def _clients(running: Running) -> Iterable[Family]:
@@ -177,10 +212,6 @@ def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts
     """The counters by unit; broadcasts are unit 0."""
     units = [(unit, device.counts) for unit, device in _asked(owner)]
     return [("0", owner.every_device.counts), *units] if isinstance(owner, GatewayLine) else units
-
-
-def _total(units: Iterable[UnitCounts]) -> Counts:
-    return total(counts for unit in units for counts in unit.values())
 
 
 def _function(function: int) -> str:

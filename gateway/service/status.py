@@ -21,13 +21,12 @@ from gateway.service.build import Gateway, Listener
 from gateway.service.expiry import CertificateStatus, certificates
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.recent import LineUser, Recent
+from gateway.service.slices import in_slices
 from gateway.timing.histogram import SECONDS, SHARES, merged
 from gateway.timing.measured import NEVER, Phases, Times
 
 #: How many users of a line are told.
 MOST_USERS: Final = 20
-#: The lines never wait longer for it than this, in seconds.
-_SLICE: Final = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,33 +253,28 @@ class Status:
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
     """The status of `gateway` at `now`, with rates from `recent` if given."""
-    return _status(gateway, now, recent, tuple(_unit(owner, device, now) for owner, device in _devices(gateway)))
+    units = [_unit(owner, device, now) for owner, device in _devices(gateway)]
+    return _status(gateway, now, [_line(each, recent, now) for each in gateway.lines], units)
 
 
 async def status_in_slices(gateway: Gateway, recent: Recent | None = None) -> Status:
     """The status of `gateway`, with pauses for its lines: each unit is shown as it was when it was its turn."""
     now = asyncio.get_running_loop().time
-    units: list[UnitStatus] = []
-    until = now() + _SLICE
-    for owner, device in _devices(gateway):
-        if now() >= until:
-            await asyncio.sleep(0)
-            until = now() + _SLICE
-        units.append(_unit(owner, device, now()))
-    await asyncio.sleep(0)
-    return _status(gateway, now(), recent, tuple(units))
+    units = await in_slices(_unit(owner, device, now()) for owner, device in _devices(gateway))
+    lines = await in_slices(_line(each, recent, now()) for each in gateway.lines)
+    return _status(gateway, now(), lines, units)
 
 
-def _status(gateway: Gateway, now: float, recent: Recent | None, units: tuple[UnitStatus, ...]) -> Status:
+def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
     return Status(
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
         rejections=tuple(each for listener in gateway.listeners for each in _rejections(listener, now)),
-        lines=tuple(_line(each, recent, now) for each in gateway.lines),
+        lines=tuple(lines),
         servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each) for each in gateway.upstreams),
-        units=units,
+        units=tuple(units),
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
         certificates=tuple(certificates(gateway.contexts, time.time())),

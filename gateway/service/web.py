@@ -20,6 +20,7 @@ from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
 from gateway.service import status as told
 from gateway.service import unit_facts
+from gateway.service.build import Gateway
 from gateway.service.config_view import ConfigView, ConfigViewer
 from gateway.service.examinations import Examinations
 from gateway.service.history import history_kept
@@ -166,6 +167,9 @@ class _Answers:
         self.content_type: str = metrics.CONTENT_TYPE
         self._status: told.Status | None = None
         self._one_status_at_a_time = asyncio.Lock()
+        #: The gateway whose units were described last: a reload makes another one.
+        self._pictured: Gateway | None = None
+        self._pictures: Sequence[UnitPicture] = ()
         self._texts = Texts()
         self.doctor = Examinations(running, clock)
         self._config = ConfigViewer(running, reloader, clock)
@@ -175,9 +179,9 @@ class _Answers:
         await self.doctor.close()
 
     async def metrics(self) -> bytes:
-        """Read the counters at once and format them in a thread, so that lines do not wait for that."""
+        """Read the counters in slices and format them in a thread, so that lines do not wait for that."""
         loop = asyncio.get_running_loop()
-        families = self._read(self._running, loop.time())
+        families = await self._read(self._running)
         text: bytes = await loop.run_in_executor(ThreadPerCall("metrics"), self._exposition, families)
         return text
 
@@ -220,7 +224,10 @@ class _Answers:
         return self._history.last(self._clock(), slots)
 
     def units(self) -> Sequence[UnitPicture]:
-        return pictures(self._running.gateway)
+        if self._pictured is not self._running.gateway:
+            self._pictured = self._running.gateway
+            self._pictures = pictures(self._pictured)
+        return self._pictures
 
     def unit(self, wanted: int | str) -> UnitPicture:
         return picture(self._running.gateway, wanted)

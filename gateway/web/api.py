@@ -126,7 +126,7 @@ class Api:
     async def lines(self, _request: web.Request) -> web.Response:
         """The lines, those where we are the server, and other servers."""
         status = await self._answers.status()
-        return _json({"lines": status.lines, "servers": status.servers, "upstreams": status.upstreams})
+        return await _json_of(lambda: {"lines": status.lines, "servers": status.servers, "upstreams": status.upstreams})
 
     async def line(self, request: web.Request) -> web.Response:
         """One of them."""
@@ -156,7 +156,8 @@ class Api:
 
     async def units(self, _request: web.Request) -> web.Response:
         """Every unit, without its points."""
-        return _json({"units": [_without_points(each) for each in self._answers.units()]})
+        units = self._answers.units()
+        return await _json_of(lambda: {"units": [_without_points(each) for each in units]})
 
     async def unit(self, request: web.Request) -> web.Response:
         """A unit, with its points and its part of the status."""
@@ -401,7 +402,7 @@ def _json(body: object) -> web.Response:
 async def _json_of(make: Callable[[], object]) -> web.Response:
     """What `make` returns; it is called, and written, in a thread."""
     loop = asyncio.get_running_loop()
-    return _json_response(await loop.run_in_executor(ThreadPerCall("web history"), lambda: _text(make())))
+    return _json_response(await loop.run_in_executor(ThreadPerCall("web API"), lambda: _text(make())))
 
 
 def _json_response(text: str) -> web.Response:

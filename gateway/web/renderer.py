@@ -2,7 +2,7 @@
 
 import asyncio
 import gzip
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import sleep, thread_time
 from typing import Any, Final, Protocol
@@ -45,8 +45,17 @@ class Renderer:
         self._is_encrypted = is_encrypted
         self._templates = {code: _templates(language, assets) for code, language in LANGUAGES.items()}
 
-    async def page(self, template: str, request: web.Request, **content: Any) -> web.Response:
-        """The page that a template makes of this content, for who has sent the request, in his language."""
+    async def page(
+        self,
+        template: str,
+        request: web.Request,
+        in_thread: Callable[[], Mapping[str, Any]] = dict,
+        **content: Any,
+    ) -> web.Response:
+        """The page that a template makes of this content, for who has sent the request, in his language.
+
+        `in_thread` is called in the thread that makes the page; it adds to the content.
+        """
         language = language_of(request)
         # A path that begins with // would lead to somebody else.
         path, chosen = f"/{request.rel_url.raw_path.lstrip('/')}", request.rel_url.update_query
@@ -62,18 +71,26 @@ class Renderer:
             "themes": [(each, f"{path}?{chosen(theme=each).raw_query_string}") for each in DARK],
         }
         is_packed = "gzip" in request.headers.get("Accept-Encoding", "")
-        body = await self._rendered(language, template, {**frame, **content}, is_packed=is_packed)
+        body = await self._rendered(language, template, {**frame, **content}, in_thread, is_packed=is_packed)
         headers = {**_HEADERS, "Content-Encoding": "gzip"} if is_packed else _HEADERS
         response = web.Response(body=body, content_type="text/html", charset="utf-8", headers=headers)
         keep_language(request, response, is_encrypted=self._is_encrypted)
         keep_theme(request, response, is_encrypted=self._is_encrypted)
         return response
 
-    async def _rendered(self, language: Language, template: str, content: dict[str, Any], *, is_packed: bool) -> bytes:
+    async def _rendered(
+        self,
+        language: Language,
+        template: str,
+        content: Mapping[str, Any],
+        in_thread: Callable[[], Mapping[str, Any]],
+        *,
+        is_packed: bool,
+    ) -> bytes:
         templates, loop = self._templates[language.code], asyncio.get_running_loop()
 
         def make() -> bytes:
-            text = "".join(_in_slices(templates.get_template(template).generate(content))).encode()
+            text = "".join(_in_slices(templates.get_template(template).generate({**content, **in_thread()}))).encode()
             return gzip.compress(text, _PACKING) if is_packed else text
 
         async with self._one_at_a_time:

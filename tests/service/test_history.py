@@ -313,3 +313,19 @@ async def test_a_defect_ends_the_history_and_nothing_else(tmp_path, monkeypatch)
 
 def _requests(slot) -> int:
     return slot.units["silo"].requests if "silo" in slot.units else 0
+
+
+async def test_a_defect_in_the_last_look_at_the_counters_is_told_and_the_rest_is_written(tmp_path, monkeypatch):
+    async with bench_with_history(tmp_path) as bench:
+        await bench.home.client().asks(1, READ)
+        await asyncio.sleep(LOOK_EVERY)
+
+        def fail(*_: object) -> None:
+            raise RuntimeError("defect")
+
+        monkeypatch.setattr(bench.history, "add", fail)
+    (failed,) = bench.events("part_failed")
+    assert failed.part == "history"
+    async with bench_with_history(tmp_path) as again:
+        await asyncio.sleep(1)
+        assert again.history.last(again.time(), 1).slots

@@ -308,7 +308,7 @@ async def test_a_server_line_shows_what_it_serves_and_what_became_of_its_request
 
 
 async def test_lines_work_while_the_status_of_many_units_is_made(monkeypatch):
-    monkeypatch.setattr("gateway.service.status._SLICE", 0.0)
+    monkeypatch.setattr("gateway.service.slices._SLICE", 0.0)
     units = ", ".join(f"{{ unit = {unit} }}" for unit in range(1, 101))
     async with gateway_bench(f'[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{units}]') as bench:
         making, turns = asyncio.create_task(status_in_slices(bench.gateway, bench.recent)), 0

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from aiohttp import web
 
@@ -67,27 +67,31 @@ class OverviewPage:
         status, past = await self._answers.status(), self._answers.past(UNIT_SLOTS)
         with_page = frozenset(unit.name for unit in self._answers.units())
         now, report = asyncio.get_running_loop().time(), await self._answers.doctor.measured()
-        states = states_of(status.units, past)
         is_panel = "kiosk" in request.query
-        lines = tuple(shown_lines(status))
+
+        def content() -> Mapping[str, Any]:
+            states, lines = states_of(status.units, past), tuple(shown_lines(status))
+            return {
+                "lines": _of_panel(lines) if is_panel else lines,
+                "troubles": with_findings(list(troubles(status, states)), report),
+                "counted": counted(report),
+                "axis": axis(past),
+                "shown_units": lambda: shown_units(
+                    status,
+                    self._heat_map.rows(status.units, past, now),
+                    states,
+                    past,
+                    with_page,
+                    PANEL_UNITS if is_panel else None,
+                ),
+            }
+
         return await self._renderer.page(
             "kiosk.html" if is_panel else "overview.html",
             request,
+            content,
             status=status,
-            lines=_of_panel(lines) if is_panel else lines,
-            troubles=with_findings(list(troubles(status, states)), report),
-            counted=counted(report),
-            axis=axis(past),
             with_page=with_page,
-            # The template calls these in the thread that makes the page.
-            shown_units=lambda: shown_units(
-                status,
-                self._heat_map.rows(status.units, past, now),
-                states,
-                past,
-                with_page,
-                PANEL_UNITS if is_panel else None,
-            ),
             busy_outline=partial(busy_outline, past),
         )
 
