@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
+from math import isinf
 from typing import Final, Literal
 
 from gateway.modbus.codes import Area
@@ -13,6 +14,8 @@ from gateway.registers.items import has_bits
 #: Whether a point can be written: no, yes, or only written and never read.
 Writing = Literal["no", "yes", "only"]
 
+#: No type and scale have room for numbers with more digits before or behind the point: those are not even converted.
+_LARGEST_EXPONENT: Final = 400
 #: How bits are written, beside 0 and 1.
 _BIT_WORDS: Final[Mapping[str, int]] = {"on": 1, "off": 0, "true": 1, "false": 0}
 
@@ -93,9 +96,14 @@ class Point:
             if is_float(self.type):
                 return float(number)
             raise ValueError(f"{text} does not fit into {self.type}")
+        if number and abs(number.adjusted()) > _LARGEST_EXPONENT:
+            raise ValueError(f"{text} does not fit into {self.type}")
         carried = number / self._factor
         if not is_whole(self.type):
-            return float(carried)
+            value = float(carried)
+            if isinf(value):
+                raise ValueError(f"{text} does not fit into {self.type}")
+            return value
         if carried != carried.to_integral_value():
             if self.scale != 1:
                 raise ValueError(f"{text} is not a multiple of {self.scale:g}, the scale of {self.name}")

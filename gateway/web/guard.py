@@ -9,8 +9,9 @@ that only our own pages know; and what asks a device is not answered to pages of
 import asyncio
 import hashlib
 import hmac
+import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final, Literal
@@ -29,6 +30,8 @@ from gateway.web.users import Role, is_user_name
 #: What a request needs: nothing, to be allowed to read, to be logged in, to be an operator.
 Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
 
+#: A Host: an IPv6 address in brackets, or an IPv4 address or a name; and its port.
+_HOST: Final = re.compile(r"(?:\[([0-9A-Fa-f:.]{2,45})\]|([0-9A-Za-z._-]{1,253}))(?::[0-9]{1,5})?")
 #: How long the body of a request may take to arrive, in seconds.
 _BODY_TIME: Final = 10.0
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
@@ -84,7 +87,7 @@ class Guard:
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            if not _is_ours(request.host, self._known):
+            if not _is_ours(request.headers.getall("Host", []), self._known):
                 raise ProblemError(421, "this host is not among the hosts of [web]")
             if request.match_info.http_exception is not None:
                 return await handler(request)  # there is no such path, or no such method
@@ -190,12 +193,13 @@ def _unauthorized(detail: str) -> ProblemError:
     return ProblemError(401, detail, {"WWW-Authenticate": "Bearer"})
 
 
-def _is_ours(host: str, known: frozenset[str]) -> bool:
-    try:
-        name = urlsplit(f"//{host}").hostname or ""
-        return name in known or bool(ip_address(name))
-    except ValueError:
+def _is_ours(hosts: Sequence[str], known: frozenset[str]) -> bool:
+    """Whether there is one Host, and it is an address or one of the `known` names, with a port or without."""
+    found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+    if found is None:
         return False
+    address, name = found.groups()
+    return (name or "").lower() in known or _address(address or name) is not None
 
 
 def _address(host: str) -> IPv4Address | IPv6Address | None:

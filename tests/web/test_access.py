@@ -1,6 +1,7 @@
 """Who is let in at the web page, and who may change something. In virtual time, without sockets."""
 
 import asyncio
+import socket
 import ssl
 from ipaddress import ip_network
 from urllib.parse import urlsplit
@@ -8,7 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from gateway.web.sessions import FAILURES_COUNT_FOR, IDLE_TIME, LONGEST_SESSION, MOST_FAILURES
-from kit.browser import CHEAP_HASH, HOST, web_bench
+from kit.browser import CHEAP_HASH, HOST, Wire, web_bench
 
 CONFIG = """
 [[image]]
@@ -72,9 +73,46 @@ async def test_who_comes_through_a_proxy_is_not_this_machine(bench, header):
     assert (await bench.browser().get("/api/v1/status", **{header: "10.0.0.9"})).status == 401
 
 
-@pytest.mark.parametrize("name", ["evil.example", "evil.example:8502", "127.0.0.1.evil.example", ""])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("evil.example", "evil.example:8502", "127.0.0.1.evil.example", ""),
+        *(
+            "evil@localhost",
+            "a:b@127.0.0.1",
+            "evil.example\\@localhost",
+            "\tlocalhost\tevil",
+            "localhost/evil",
+            "localhost?x",
+        ),
+        *(
+            "localhost#x",
+            "localhost:x",
+            "localhost:",
+            "127.0.0.1:80:80",
+            "[::1]evil.example",
+            "[v1.a]",
+            "[::1",
+            "127.1",
+        ),
+    ],
+)
 async def test_other_names_get_no_answer(bench, name):
     assert (await bench.browser(name=name).get("/api/v1/status")).status == 421
+
+
+@pytest.mark.parametrize("name", ["LOCALHOST", "[::1]:8502", "10.0.0.7", "[fe80::1]"])
+async def test_addresses_and_localhost_are_ours(bench, name):
+    assert (await bench.browser(name=name).get("/api/v1/status")).status == 200
+
+
+@pytest.mark.parametrize("host", ["", "Host: localhost\r\nHost: evil.example\r\n"])
+async def test_a_request_without_a_host_or_with_two_gets_no_answer_and_no_look_up(bench, monkeypatch, host):
+    monkeypatch.setattr(socket, "getfqdn", lambda: pytest.fail("asks a name server"))
+    wire = Wire(bench.connect(None), "127.0.0.1")
+    wire.protocol.data_received(f"GET /api/v1/status HTTP/1.0\r\n{host}\r\n".encode())
+    await asyncio.sleep(1)
+    assert wire.received.partition(b"\r\n")[0][9:12] in (b"400", b"421")
 
 
 async def test_pages_of_other_sites_do_not_make_a_browser_ask_devices(bench):
