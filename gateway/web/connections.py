@@ -6,8 +6,9 @@ handshake takes a place like any other.
 
 import asyncio
 import ssl
+from asyncio.sslproto import SSLProtocol
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Final, cast
 from weakref import WeakSet
 
@@ -23,7 +24,7 @@ MOST_CONNECTIONS: Final = 128
 MOST_OF_ONE_ADDRESS: Final = 8
 #: How long a connection may take for its first request, and for its TLS handshake, in seconds.
 FIRST_REQUEST_WITHIN: Final = 20.0
-HANDSHAKE_WITHIN: Final = 5.0
+HANDSHAKE_WITHIN: Final = 5
 #: How long a client may take nothing of what is sent to it, in seconds.
 UNREAD_FOR: Final = 20
 #: A client that is silent for so long is asked whether it is still there, so often and so many times.
@@ -51,16 +52,15 @@ async def listen(host: str, port: int, connected: Callable[[], asyncio.Protocol]
 
 
 class Connections:
-    """What clients have opened; `serve` makes the protocol that serves one of them."""
+    """What clients have opened; `serve` makes what serves one of them."""
 
-    def __init__(self, serve: Callable[[], asyncio.Protocol]) -> None:
+    def __init__(self, serve: Callable[[], web.RequestHandler]) -> None:
         self._serve = serve
         #: What is open, the oldest first.
         self._open: list[_Connection] = []
-        #: Those that have asked something; with TLS what lies above the connection.
-        self._served: WeakSet[asyncio.BaseTransport] = WeakSet()
+        #: Those that have asked something, as their handlers know them.
+        self._asked: WeakSet[asyncio.BaseTransport] = WeakSet()
         self._origins = Origins()
-        self._handshakes: set[asyncio.Task[None]] = set()
         self._look_again: asyncio.TimerHandle | None = None
 
     def connected(self, tls: ssl.SSLContext | None = None) -> asyncio.Protocol:
@@ -71,7 +71,7 @@ class Connections:
     async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Notes who has asked something."""
         if request.transport is not None:
-            self._served.add(request.transport)
+            self._asked.add(request.transport)
         return await handler(request)
 
     def begin(self, new: "_Connection") -> None:
@@ -85,32 +85,12 @@ class Connections:
         new.closes_at = now + FIRST_REQUEST_WITHIN
         if self._look_again is None:
             self._look_again = asyncio.get_running_loop().call_at(new.closes_at, self._close_silent)
-        if new.tls is None:
-            new.hand_over(new.transport, self._serve())
-        else:
-            new.transport.pause_reading()  # until TLS is there to read
-            task = asyncio.create_task(self._shake_hands(new, new.tls), name="web handshake")
-            self._handshakes.add(task)
-            task.add_done_callback(self._handshakes.discard)
+        new.serve(self._serve())
 
     def close(self) -> None:
-        """End the handshakes; connections that are served, the server ends."""
-        for task in self._handshakes:
-            task.cancel()
+        """Look no more; the server ends the connections."""
         if self._look_again is not None:
             self._look_again.cancel()
-
-    async def _shake_hands(self, new: "_Connection", tls: ssl.SSLContext) -> None:
-        loop = asyncio.get_running_loop()
-        try:
-            secured = await loop.start_tls(
-                new.transport, new, tls, server_side=True, ssl_handshake_timeout=HANDSHAKE_WITHIN
-            )
-        except OSError:  # of TLS, too
-            new.close()
-            return
-        if secured is not None:  # it can be gone with the last byte of its handshake
-            new.hand_over(secured, self._serve())
 
     def _make_room(self, now: float) -> bool:
         """Close the oldest connection of the address that has most of them; False if all have few."""
@@ -128,7 +108,7 @@ class Connections:
         loop = asyncio.get_running_loop()
         self._look_again = None
         for each in self._open:
-            if not each.is_open or each.application in self._served:
+            if not each.is_open or each.has_asked(self._asked):
                 continue
             if each.closes_at > loop.time():
                 self._look_again = loop.call_at(each.closes_at, self._close_silent)
@@ -137,17 +117,16 @@ class Connections:
 
 
 class _Connection(asyncio.Protocol):
-    """A connection until it is served. What comes meanwhile is kept: with TLS that is one read at most."""
+    """A connection, and its protocol until it has a place: then `handler` serves it, with or without TLS."""
 
     transport: asyncio.Transport
+    handler: web.RequestHandler
 
     def __init__(self, connections: Connections, tls: ssl.SSLContext | None) -> None:
-        self.tls = tls
         self.closes_at = 0.0
         self.host = ""
-        self.application: asyncio.Transport | None = None
         self._connections = connections
-        self._received = b""
+        self._tls = tls
 
     @property
     def is_open(self) -> bool:
@@ -162,18 +141,26 @@ class _Connection(asyncio.Protocol):
         self.host = host.partition("%")[0]
         self._connections.begin(self)
 
-    def data_received(self, data: bytes) -> None:
-        """Keep what comes before it is served."""
-        self._received += data
+    def serve(self, handler: web.RequestHandler) -> None:
+        """Let a handler go on with it, at once: some versions of Python receive although reading is paused."""
+        self.handler = handler
+        lower: asyncio.BaseProtocol = handler
+        if self._tls is not None:  # as create_server does, which would count it after the handshake only
+            loop, nobody_waits = asyncio.get_running_loop(), None
+            lower = SSLProtocol(
+                loop,
+                handler,
+                self._tls,
+                nobody_waits,  # type: ignore[arg-type]
+                server_side=True,
+                ssl_handshake_timeout=HANDSHAKE_WITHIN,
+            )
+        self.transport.set_protocol(lower)
+        lower.connection_made(self.transport)
 
-    def hand_over(self, transport: asyncio.Transport, protocol: asyncio.Protocol) -> None:
-        """Let a protocol go on with it."""
-        self.application = transport
-        transport.set_protocol(protocol)
-        protocol.connection_made(transport)
-        if self._received:
-            protocol.data_received(self._received)
-            self._received = b""
+    def has_asked(self, asked: Container[asyncio.BaseTransport]) -> bool:
+        """Whether it is among those that have `asked`."""
+        return self.handler.transport is not None and self.handler.transport in asked
 
     def close(self) -> None:
         """Close it at once."""

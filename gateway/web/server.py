@@ -72,7 +72,7 @@ async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Conn
     async with table.kept_up_to_date():
         streams = Streams()
 
-        def serve() -> asyncio.Protocol:
+        def serve() -> web.RequestHandler:
             return cast("web.Server", runner.server)()
 
         connections = Connections(serve)

@@ -110,4 +110,3 @@ async def test_a_handshake_that_fails_leaves_nothing_behind(bench: WebBench, ope
         writer.write(ASK % b"/healthz")
         assert not (await reader.read()).startswith(b"HTTP")
         await until_none(bench)
-        assert not bench.connect.__self__._handshakes
