@@ -121,7 +121,7 @@ def test_without_javascript_all_of_it_is_there(address: str, browser: Any) -> No
     assert rows(page).count() > 3
     rows(page).first.locator("summary").click()
     assert "03 00 00 00 02" in rows(page).first.inner_text()
-    for path, text in [("/health", "What was measured"), ("/clients", "127.0.0.1:"), ("/config", "[[line]]")]:
+    for path, text in [("/health", "From normal traffic"), ("/clients", "127.0.0.1:"), ("/config", "[[line]]")]:
         page.goto(f"{address}{path}")
         assert text in page.locator("main").inner_text()
     context.close()
