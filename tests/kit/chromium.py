@@ -116,7 +116,7 @@ def take_pictures(folder: Path) -> None:
     """The page of a line with a transaction that is pointed at, and the overview."""
     folder.mkdir(parents=True, exist_ok=True)
     with demo_page() as address, chromium() as browser:
-        page = browser.new_page(viewport={"width": 1120, "height": 720}, color_scheme="light")
+        page = browser.new_page(viewport={"width": 1120, "height": 1000}, color_scheme="light")
         page.goto(f"{address}/lines/hall")
         page.wait_for_timeout(11_000)
         page.get_by_role("button", name="Zoom in").click(click_count=2, delay=100)
