@@ -82,6 +82,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         #: Nothing else may touch what a step in a thread is using.
         self._is_stepping = False
         self._has_started = False
+        self._is_secured = False
         self._is_blocked = False
         self._is_paused = False
         self._has_ended = False
@@ -121,6 +122,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         elif outcome:
             self.refuse(outcome)
         else:
+            self._is_secured = True
             self._owner.secured(self)
 
     def refuse(self, reason: str) -> None:
@@ -252,8 +254,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """Tell the client, and close once everything was sent."""
         if self.is_closing():
             return
-        if not self._is_stepping:
-            with suppress(ssl.SSLError):  # its answer is not waited for; during a handshake there is nothing to end
+        if self._is_secured:  # during a handshake there is nothing to end, and it takes long to be told so
+            with suppress(ssl.SSLError):  # its answer is not waited for
                 self._tls.unwrap()
             self._send()
         self._transport.close()

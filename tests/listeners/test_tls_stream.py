@@ -224,6 +224,22 @@ def test_what_a_thread_is_using_is_left_alone_when_the_connection_is_ended() -> 
     asyncio.run(scenario())
 
 
+def test_a_handshake_that_is_refused_is_not_ended_in_tls() -> None:
+    """It would be of no use, and cost most of the time that a refusal takes."""
+
+    async def scenario() -> None:
+        tls, network = Recorded(), Network()
+        handshakes = Handshakes(lambda *_: None, lambda *_: None)
+        stream = TlsStream(tls, handshakes)  # type: ignore[arg-type]
+        stream.connection_made(network)
+        handshakes.begin(stream, VISITOR, 0.0)
+        handshakes.sweep(100.0)
+        assert network.is_over
+        assert "unwrap" not in tls.asked
+
+    asyncio.run(scenario())
+
+
 def test_what_a_client_has_sent_before_its_handshake_begins_is_kept() -> None:
     """Python 3.11.2 of Debian 12 receives although the connection has said at once that it does not want to."""
 
