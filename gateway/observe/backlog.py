@@ -99,6 +99,11 @@ class Backlog:
             self._changed.notify()
 
     @property
+    def is_empty(self) -> bool:
+        """Whether everything has been taken that was put so far."""
+        return not self._waiting
+
+    @property
     def is_done(self) -> bool:
         """Whether it is closed and everything has been taken."""
         return self._closed and not self._waiting

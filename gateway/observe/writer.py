@@ -14,6 +14,9 @@ from gateway.observe.limiter import Limiter, Subject, subject_of
 
 #: How long stopping waits for the log to be written, in seconds.
 CLOSING_PATIENCE: Final = 0.5
+#: While clients cause more events than are written, they are looked at every so many seconds. To wake the thread for
+#: each of them would take more of the event loop's time than the event itself.
+PAUSE: Final = 0.02
 #: Events that clients can cause in any number from any number of addresses, because datagrams can be forged. Without
 #: refused writes: those of one client must not be hidden by others.
 CAUSED_BY_CLIENTS: Final = frozenset({AccessDenied.name, ClientRejected.name, QueueFull.name, RequestRefused.name})
@@ -87,8 +90,12 @@ class Writer:
         while not self._backlog.is_done:
             entry = self._backlog.take(self._until_next_count())
             self._write_counts(time.monotonic() if entry is None else entry.at)
-            if entry is not None and self._admits(entry):
+            if entry is None:
+                continue
+            if self._admits(entry):
                 self._write(entry)
+            elif self._backlog.is_empty:
+                time.sleep(PAUSE)
         self._write_counts(inf)
 
     def _until_next_count(self) -> float | None:

@@ -332,3 +332,26 @@ def test_errors_of_the_service_are_never_suppressed() -> None:
         for _ in range(30):
             emit(ConfigRejected("gateway.toml", "it has errors"))
     assert len(logged(stream)) == 30
+
+
+def test_a_flood_of_events_wakes_the_writer_now_and_then_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    pausing, go_on, pauses = Event(), Event(), []
+
+    def pause(seconds: float) -> None:
+        pauses.append(seconds)
+        pausing.set()
+        assert go_on.wait(PATIENCE)
+
+    monkeypatch.setattr("gateway.observe.writer.time.sleep", pause)
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for _ in range(2):
+            emit(ClientRejected("scada", "10.0.0.1:1", "too many"))
+        assert pausing.wait(PATIENCE)
+        for _ in range(100):
+            emit(ClientRejected("scada", "10.0.0.1:1", "too many"))
+        emit(LOST)
+        go_on.set()
+    assert len(pauses) <= 2
+    assert '"suppressed": 101' in stream.getvalue()
+    assert "line_lost" in stream.getvalue()
