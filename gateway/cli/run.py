@@ -9,6 +9,7 @@ from pathlib import Path
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.errors import ConfigError
 from gateway.service.config_process import STARTING_TIME, ConfigProcess
+from gateway.service.deferred import LIBRARIES, defer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +30,7 @@ def run(args: argparse.Namespace) -> int:
         faulthandler.enable()  # print a traceback if the watchdog ends the process
     file = Path(args.config)
     process = ConfigProcess(file, STARTING_TIME)
+    defer(*LIBRARIES)
     from gateway import events  # noqa: PLC0415 - all of the gateway, loaded while the process reads the config
     from gateway.service.daemon import run_daemon, tell_journal  # noqa: PLC0415 - see above
 

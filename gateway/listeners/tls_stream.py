@@ -4,6 +4,8 @@ The handshake is done in steps, which may run in a thread: they take millisecond
 runs in the event loop. (Not asyncio's own `ssl`: it keeps 256 KiB for each connection, and cannot do that.)
 """
 
+from __future__ import annotations  # `ssl` is loaded when it is used
+
 import asyncio
 import ssl
 from collections.abc import Iterable
@@ -56,13 +58,13 @@ class Application(Protocol):
 class HandshakeOwner(Protocol):
     """Who sees to the handshakes of connections."""
 
-    def step_due(self, stream: "TlsStream") -> None:
+    def step_due(self, stream: TlsStream) -> None:
         """Bytes have arrived: call `step` in any thread, then `stepped`. Until then nothing more is received."""
 
-    def secured(self, stream: "TlsStream") -> None:
+    def secured(self, stream: TlsStream) -> None:
         """The handshake is done: call `begin`, or `refuse`."""
 
-    def not_secured(self, stream: "TlsStream", reason: str) -> None:
+    def not_secured(self, stream: TlsStream, reason: str) -> None:
         """The handshake has failed, and the connection is closed."""
 
 
@@ -237,7 +239,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """See asyncio.WriteTransport."""
         return self._transport.get_write_buffer_size()
 
-    def write(self, data: "bytes | bytearray | memoryview[Any]") -> None:
+    def write(self, data: bytes | bytearray | memoryview[Any]) -> None:
         """Encrypt and send."""
         try:
             self._tls.write(data)
@@ -246,7 +248,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             return
         self._send()
 
-    def writelines(self, list_of_data: "Iterable[bytes | bytearray | memoryview[Any]]") -> None:
+    def writelines(self, list_of_data: Iterable[bytes | bytearray | memoryview[Any]]) -> None:
         """See asyncio.WriteTransport."""
         self.write(b"".join(list_of_data))
 

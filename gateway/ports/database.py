@@ -6,6 +6,8 @@ or from another program is moved aside, never overwritten; what can still be rea
 All calls block.
 """
 
+from __future__ import annotations  # `sqlite3` is loaded when it is used
+
 import os
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator

@@ -1,5 +1,7 @@
 """A TCP connection as a port: to a device server with a serial line behind it, or to another Modbus TCP server."""
 
+from __future__ import annotations  # `ssl` is loaded when it is used
+
 import asyncio
 import errno
 import os
@@ -90,6 +92,7 @@ class TcpPort(asyncio.BufferedProtocol):
     def __init__(self, settings: TcpSettings) -> None:
         self.latency = settings.latency
         self._verdict_within = 0.0 if settings.tls is None else VERDICT_WITHIN
+        self._is_secured = settings.tls is not None
         self._name = settings.port
         self._buffer = memoryview(bytearray(READ_SIZE))
         self._user: PortUser | None = None
@@ -183,7 +186,7 @@ class TcpPort(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended; call the user's `lost`, once."""
         self._closed.set()
-        if isinstance(exc, ssl.SSLError):
+        if self._is_secured and isinstance(exc, ssl.SSLError):
             self._loss = _NotSecuredError(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
         elif isinstance(exc, OSError):
             self._loss = self._gone(exc)
@@ -249,7 +252,7 @@ def _why(settings: TcpSettings, error: OSError | UnicodeError) -> str:
     """Why the server cannot be reached, and what to do."""
     if isinstance(error, UnicodeError):
         reason = _NO_SUCH_NAME
-    elif isinstance(error, ssl.SSLError):
+    elif settings.tls is not None and isinstance(error, ssl.SSLError):
         return _NOT_SECURED.format(port=settings.port, reason=explain(error))
     elif isinstance(error, TimeoutError):
         reason = _NO_ANSWER

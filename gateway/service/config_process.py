@@ -7,6 +7,7 @@ What reads and checks a config takes as much memory as all else of the gateway, 
 import pickle
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from signal import Signals
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 #: How long the process may take at the start of the gateway, in seconds. A slow machine that boots is busy.
 STARTING_TIME: Final = 60.0
 #: How long it may take for a gateway that runs, in seconds.
-READING_TIME: Final = 10.0
+READING_TIME: Final = 20.0
+
+#: How long it may take to end once it is killed, in seconds.
+_ENDING_TIME: Final = 1.0
 
 #: With the modules of this process, wherever it has them from. The arguments are those of config_reader.main.
 _PROGRAM: Final = """\
@@ -99,11 +103,21 @@ class ConfigProcess:
         except subprocess.TimeoutExpired:
             raise ConfigError(f"{self._file}: cannot be read within {self._limit:g} s; is it a file?") from None
         finally:
-            process.kill()
+            self._end()
         if process.returncode != 0:
             raise ConfigError(f"{self._file} was not read: {_explain(process.returncode, said)}")
         read: ConfigRead = pickle.loads(answer)  # noqa: S301 - of our own process, by a pipe that nobody else has
         return read
+
+    def _end(self) -> None:
+        process = self._process
+        if process.returncode is None:
+            process.kill()
+            with suppress(subprocess.TimeoutExpired):  # a file system hangs
+                process.wait(_ENDING_TIME)
+        for pipe in (process.stdout, process.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 def remake(kind: type[Any], values: dict[str, Any]) -> object:

@@ -3,13 +3,14 @@
 import asyncio
 import signal
 import sys
-from contextlib import closing
+from contextlib import AbstractAsyncContextManager, closing, nullcontext
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from gateway import events
-from gateway.config.plan import Plan
+from gateway.config.plan import Plan, WebPlan
 from gateway.errors import ListenError, StateError, TlsError
 from gateway.images.store import Store
 from gateway.listeners.sockets import OpenSockets
@@ -36,7 +37,6 @@ from gateway.service.state import Memory, StateFile, state_folder
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
 from gateway.service.verbs import verbs
-from gateway.service.web import web_pages
 from gateway.tls.store import TlsStore, load_all
 
 
@@ -125,10 +125,15 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
     async with (
         control_open(control, verbs(running, reloader), emit),
-        web_pages(plan.web, running, reloader, fan_out, contexts, state.folder),
+        _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder),
     ):
         garbage.settle()
         await serve(running, stop, systemd, reloader)
+
+
+def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager[None]:
+    """See gateway.service.web, which is loaded only for a [web]."""
+    return nullcontext() if plan is None else import_module("gateway.service.web").web_pages(plan, *parts)
 
 
 def _hang_up(reloader: Reloader, stop: Stop) -> None:

@@ -21,7 +21,7 @@ from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
 from gateway.tls.store import TlsStore, complaints, load_all
 
-#: How long reading what images keep, or certificates, may take, in seconds. The client waits for 40 s.
+#: How long reading what images keep, or certificates, may take, in seconds. The client waits for 50 s.
 LOADING_TIME: Final = 10.0
 
 

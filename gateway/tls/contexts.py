@@ -1,10 +1,12 @@
 """The one place that makes TLS contexts, from files that were read and checked."""
 
+from __future__ import annotations  # `ssl` is loaded when it is used
+
+import hashlib
 import ssl
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
-from hashlib import sha256
 from math import inf
 from pathlib import Path
 from typing import Final
@@ -95,7 +97,7 @@ def _load_server(settings: ServerTls) -> Loaded:
     context.num_tickets = 1
     own, trusted = _use_own(context, settings.certificate, settings.key), list[Expiry]()
     warnings: tuple[str, ...] = ()
-    trust = sha256()
+    trust = hashlib.sha256()
     if settings.clients_ca is not None:
         context.verify_mode = ssl.CERT_REQUIRED
         trusted += _use_authority(context, settings.clients_ca, "clients_ca")
@@ -120,7 +122,7 @@ def _load_client(settings: ClientTls) -> Loaded:
         return Loaded(context, tuple(expiries), b"")
     expiries += _use_authority(context, settings.ca, "ca")
     warnings = _about_authorities(context, settings.ca)
-    return Loaded(context, tuple(expiries), sha256(_read(settings.ca)).digest(), warnings)
+    return Loaded(context, tuple(expiries), hashlib.sha256(_read(settings.ca)).digest(), warnings)
 
 
 def _first_to_expire(trusted: Iterable[Expiry]) -> float:

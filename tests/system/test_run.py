@@ -25,6 +25,12 @@ name = "hall-a"
 port = "{port}"
 timeout = "20 s"
 """
+#: What a gateway without TLS, upstreams, persistent images and [web] does not use once it has its plan.
+NOT_NEEDED = {
+    *("pydantic", "pydantic_core", "tomllib", "gateway.config.schema", "gateway.config.load", "gateway.config.check"),
+    *("gateway.config.resolve", "gateway.config.wording", "_ssl", "asyncio.sslproto", "_hashlib", "_sqlite3"),
+    *("gateway.service.web", "aiohttp", "jinja2", "prometheus_client", "structlog", "pymodbus", "statistics"),
+}
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 
 
@@ -73,6 +79,20 @@ def test_it_is_ready_serves_and_ends_with_status_0(tmp_path: Path, config: str) 
     assert events[:4] == ["config_loaded", "line_up", "listener_up", "ready"]
     assert events[-2:] == ["stopping", "stopped"]
     assert gateway.rest == []
+
+
+def test_nothing_is_loaded_that_is_not_needed_once_there_is_a_plan(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")  # each import is a line on standard error
+    with GatewayProcess(
+        tmp_path, '[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[image]]\nunit = 1\nholding = 8\n'
+    ) as gateway:
+        assert len(ask(gateway)) == 11
+        gateway.signal(signal.SIGHUP)
+        gateway.wait_for("config_applied")
+        assert gateway.stop() == 0
+    loaded = {line.rpartition("|")[2].strip() for line in gateway.rest}
+    assert {"asyncio", "gateway.service.daemon"} <= loaded
+    assert loaded & NOT_NEEDED == set()
 
 
 def test_an_absent_port_is_answered_0a_and_used_when_it_comes(tmp_path: Path, config: str) -> None:

@@ -205,5 +205,5 @@ def test_a_reload_that_was_rejected_shows(tmp_path, config):
 
 
 def test_neither_library_is_loaded_without_the_table():
-    loaded = "import sys, gateway.cli.run; sys.exit(bool({'aiohttp', 'prometheus_client'} & set(sys.modules)))"
+    loaded = "import sys, gateway.service.daemon; sys.exit(bool({'aiohttp', 'prometheus_client'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", loaded], check=False).returncode == 0

@@ -1,0 +1,44 @@
+"""Libraries that are loaded when something of them is used, not when they are imported (ADR 23).
+
+asyncio imports `ssl` whether it is needed or not, which is a seventh of what a gateway without TLS takes.
+"""
+
+import sys
+from importlib import import_module
+from threading import RLock
+from types import ModuleType
+from typing import Any, Final
+
+#: TLS, asyncio's part of it, digests of certificates; images that persist, the history of the web page.
+LIBRARIES: Final = ("ssl", "asyncio.sslproto", "hashlib", "sqlite3")
+
+
+def defer(*names: str) -> None:
+    """Have a stand-in for each library that is not loaded. `import NAME` finds it; `from NAME import X` loads it."""
+    for name in names:
+        sys.modules.setdefault(name, _StandIn(name))
+
+
+class _NotLoaded:
+    """A class of a library without which it has no instances."""
+
+
+class _StandIn(ModuleType):
+    """Has what the library has, which is loaded when the first of it is looked up."""
+
+    _turn: Final = RLock()
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # asked while it is imported
+            raise AttributeError(name)
+        if name == "SSLSocket" and sys.modules.get(self.__name__) is self:
+            return _NotLoaded  # asyncio asks of every socket whether it is one
+        found = getattr(self._loaded(), name)
+        setattr(self, name, found)
+        return found
+
+    def _loaded(self) -> ModuleType:
+        with self._turn:
+            if sys.modules.get(self.__name__) is self:
+                del sys.modules[self.__name__]
+        return import_module(self.__name__)

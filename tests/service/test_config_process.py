@@ -1,0 +1,76 @@
+"""A config is read in a process of its own, which hands over the same as if it was read here."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from gateway.errors import ConfigError
+from gateway.service.config_process import ConfigProcess, read_config
+from gateway.service.config_reader import read_here
+
+EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
+
+
+def test_a_plan_is_handed_over_as_it_is():
+    processes = [ConfigProcess(file, 60.0) for file in EXAMPLES]
+    for file, process in zip(EXAMPLES, processes, strict=True):
+        read = process.result()
+        assert read.plan is not None
+        assert read == read_here(file)
+
+
+def test_problems_come_with_their_words(tmp_path):
+    file = tmp_path / "gateway.toml"
+    file.write_text('[[line]]\nport = "/dev/ttyUSB0"\nbaud = 17\nspeed = 3\n')
+    read = read_config(file)
+    assert read.plan is None
+    assert read.errors == read_here(file).errors != ()
+    assert read.text == file.read_text()
+
+
+def test_what_check_says_of_other_files_comes_if_it_is_asked_for(tmp_path):
+    file = tmp_path / "gateway.toml"
+    file.write_text(
+        '[[image]]\nunit = 1\nholding = 8\n[web]\nbind = "http://127.0.0.1:8502"\nusers = "/nowhere/users"\n'
+    )
+    assert "there is no file /nowhere/users" in str(read_config(file, look_around=True).problems)
+    assert "there is no file" not in str(read_config(file).problems)
+
+
+def test_a_file_that_is_none_is_given_up_and_so_is_the_process(tmp_path):
+    pipe = tmp_path / "gateway.toml"
+    os.mkfifo(pipe)
+    process = ConfigProcess(pipe, 0.5)
+    with pytest.raises(ConfigError, match=r"gateway.toml: cannot be read within 0.5 s; is it a file\?"):
+        process.result()
+    assert process._process.wait(60) < 0
+
+
+def _fake(monkeypatch, folder: Path, script: str) -> None:
+    program = folder / "python"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program))
+
+
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("kill -KILL $$", "the process that reads it was ended by SIGKILL; is memory short?"),
+        ("echo why; echo MemoryError >&2; exit 3", "the process that reads it has failed with status 3: MemoryError"),
+        ("exit 1", "the process that reads it has failed with status 1"),
+    ],
+)
+def test_a_process_that_dies_is_a_sentence(monkeypatch, tmp_path, script, reason):
+    _fake(monkeypatch, tmp_path, script)
+    with pytest.raises(ConfigError) as caught:
+        read_config(Path("/etc/gateway.toml"))
+    assert str(caught.value) == f"/etc/gateway.toml was not read: {reason}"
+
+
+def test_a_process_that_cannot_be_started_is_a_sentence(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    with pytest.raises(ConfigError, match="no process can be started for it: No such file or directory"):
+        ConfigProcess(Path("gateway.toml"), 1.0)
