@@ -72,7 +72,7 @@ def watched(browser: Any, **settings: Any) -> Iterator[Any]:
     yield page
     own = urlsplit(page.url).netloc
     context.close()
-    assert complaints == []
+    assert complaints == [], complaints
     assert hosts == {own}
 
 
