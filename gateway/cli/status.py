@@ -206,6 +206,10 @@ def _count_answered(server: Mapping[str, Any]) -> int:
     return int(server["counts"]["responses"])
 
 
+def _online(broker: Mapping[str, Any]) -> str:
+    return f"{broker['available']} of {broker['devices']}"
+
+
 def _ages(mirror: Mapping[str, Any]) -> str:
     return ", ".join(f"{each['addresses']}: {_age_of_values(each['age_ms'])}" for each in mirror["ranges"])
 
@@ -230,7 +234,7 @@ def _share(share: float | None) -> str:
 _NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
 
 #: The columns whose texts may be shortened.
-_FLEXIBLE: Final = frozenset({"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER"})
+_FLEXIBLE: Final = frozenset({"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER", "REASON"})
 
 #: The tables: heading, section of the status, and columns.
 _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
@@ -292,6 +296,21 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
             "WAITING": "queue",
             "OK": count_ok,
             "ERRORS": count_failed,
+        },
+    ),
+    (
+        "Broker",
+        "brokers",
+        {
+            "ADDRESS": "broker",
+            "STATE": "state",
+            "REASON": "reason",
+            "DEVICES": _online,
+            "MESSAGES": "messages",
+            "REFUSED": "refused_messages",
+            "COMMANDS": "commands",
+            "POLLS": "polls",
+            "FAILED": "failed_polls",
         },
     ),
     (

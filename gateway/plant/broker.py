@@ -41,7 +41,8 @@ class Broker:
         #: Why nothing is published; empty if it is.
         self.reason = "not tried yet"
         self.version: Version = VERSIONS[0]
-        self.reconnects = 0
+        #: How often it was tried to connect.
+        self.attempts = 0
         #: Messages that the broker has confirmed, and those that it has refused.
         self.confirmed = 0
         self.refused = 0
@@ -88,6 +89,7 @@ class Broker:
         loop = asyncio.get_running_loop()
         settings = await loop.run_in_executor(ThreadPerCall("read password"), self._settings)
         self._refusal = ""
+        self.attempts += 1
         connection = Connection(
             settings,
             self.version,
@@ -187,7 +189,6 @@ class Broker:
 
     def _lost(self, reason: str) -> None:
         """It is told once, and again when the reason is another one."""
-        self.reconnects += 1
         self.reason = reason
         if reason != self._told and not self._is_stopping:
             self._told = reason

@@ -28,6 +28,7 @@ from gateway.routing.access import EntryPoint, KnownAs, Rights
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.service.plant import Publishing
 from gateway.service.reach import Reach, everything, one_line
 from gateway.service.state import Memory
 from gateway.tls.store import TlsStore
@@ -74,6 +75,8 @@ class Gateway:
     ways: tuple[Way, ...]
     ring: Ring
     plan: Plan
+    #: What is published at a broker, by this gateway or the one before a reload.
+    publishing: Publishing
     #: The certificates in use.
     contexts: TlsStore = field(default_factory=TlsStore)
 
@@ -150,6 +153,7 @@ def build(
     control = running.control if running else Router(EntryPoint(CONTROL, "local"), loop.time, emit, ring=ring)
     web = running.web if running else Router(EntryPoint(WEB, "local"), loop.time, emit, ring=ring)
     mqtt = running.mqtt if running else Router(EntryPoint(MQTT, "local"), loop.time, emit, ring=ring)
+    publishing = running.publishing if running else Publishing(emit, contexts)
     ways = (
         Way(mqtt, everyone.routes, everyone.known_as),
         Way(control, everyone.routes, everyone.known_as),
@@ -158,7 +162,21 @@ def build(
         *(Way(one.router, _served(everyone, one.plan, ring), everyone.known_as) for one in servers),
     )
     return Gateway(
-        listeners, lines, servers, upstreams, images, mirrors, on_lines, control, web, mqtt, ways, ring, plan, contexts
+        listeners,
+        lines,
+        servers,
+        upstreams,
+        images,
+        mirrors,
+        on_lines,
+        control,
+        web,
+        mqtt,
+        ways,
+        ring,
+        plan,
+        publishing,
+        contexts,
     )
 
 

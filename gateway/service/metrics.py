@@ -14,6 +14,7 @@ from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.metrics import Family, Spread
 from gateway.service.parts import GatewayLine, GatewayUpstream
+from gateway.service.plant import BrokerStatus
 from gateway.service.running import Running
 from gateway.service.slices import in_slices
 from gateway.timing.histogram import Histogram
@@ -48,6 +49,7 @@ async def read(running: Running) -> list[Family]:
         _image_ages(running, now()),
         _upstreams(gateway.upstreams),
         _certificates(gateway.contexts),
+        *_broker(gateway.publishing.status()),
         *_process(running),
     ]
 
@@ -191,6 +193,27 @@ def _certificates(contexts: TlsStore) -> Family:
     for place, at in first.items():
         ends.add(at, *place)
     return ends
+
+
+def _broker(mqtt: BrokerStatus | None) -> Iterable[Family]:
+    """What is published; nothing without [mqtt]."""
+    if mqtt is None:
+        return
+    up = Family("gauge", "broker_up", "Whether values are published at the MQTT broker.")
+    up.add(mqtt.state == "up")
+    messages = Family("counter", "mqtt_messages", "Messages to the MQTT broker by what became of them.", ("result",))
+    messages.add(mqtt.messages, "ok")
+    messages.add(mqtt.refused_messages, "refused")
+    commands = Family("counter", "mqtt_commands", "Values for points that the MQTT broker has delivered.", ("result",))
+    commands.add(mqtt.commands - mqtt.refused_commands, "ok")
+    commands.add(mqtt.refused_commands, "refused")
+    polls = Family("counter", "mqtt_polls", "Reads of published points.", ("result",))
+    polls.add(mqtt.polls - mqtt.failed_polls, "ok")
+    polls.add(mqtt.failed_polls, "failed")
+    devices = Family("gauge", "mqtt_devices", "Published devices by whether they answer.", ("state",))
+    devices.add(mqtt.available, "online")
+    devices.add(mqtt.devices - mqtt.available, "offline")
+    yield from (up, messages, commands, polls, devices)
 
 
 def _process(running: Running) -> Iterable[Family]:

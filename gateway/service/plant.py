@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from gateway import events
 from gateway.config.plan import MqttPlan
@@ -22,18 +22,45 @@ from gateway.plant.topics import Topics
 from gateway.request import Request
 from gateway.request import Target as Destination
 from gateway.service.announced import AnnouncedDevices
-from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.tls.contexts import load
 from gateway.tls.files import path_of, refuse_if_exposed
 from gateway.tls.secret_file import SecretFile
 from gateway.tls.store import TlsStore
 
+if TYPE_CHECKING:
+    from gateway.service.build import Gateway
+
 #: The package's extra with the library.
 _MISSING: Final = "{} is not installed: pip install 'mbgw[mqtt]'"
 #: How long the last messages may take at a stop, in seconds.
 _FAREWELL: Final = 1.2
 _LONGEST_PASSWORD: Final = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerStatus:
+    """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
+
+    `version` is that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker,
+    and `refused_messages` were not. `polls` is how often points were read, and `failed_polls` how often in vain.
+    """
+
+    broker: str
+    source: str
+    state: Literal["up", "down"]
+    reason: str
+    version: str
+    attempts: int
+    devices: int
+    available: int
+    points: int
+    messages: int
+    refused_messages: int
+    commands: int
+    refused_commands: int
+    polls: int
+    failed_polls: int
 
 
 class Publishing:
@@ -43,24 +70,28 @@ class Publishing:
         self,
         emit: events.Emit,
         contexts: TlsStore,
-        announced: AnnouncedDevices,
         unix: Callable[[], float] = time.time,
     ) -> None:
         self._emit = emit
-        self._announced = announced
+        #: What Home Assistant was told.
+        self.announced = AnnouncedDevices()
         self._contexts = contexts
         self._unix = unix
         #: What publishes; None without [mqtt].
         self.part: _Part | None = None
 
-    async def adopt(self, gateway: Gateway) -> None:
+    async def adopt(self, gateway: "Gateway") -> None:
         """Publish what this gateway's plan says from now on. Without a change the connection is kept."""
         plan, part = gateway.plan.mqtt, self.part
         if part is not None and part.means(plan, gateway):
             return
         await self.stop()
         if plan is not None:
-            self.part = _Part(plan, gateway, self._emit, self._contexts, self._announced, self._unix)
+            self.part = _Part(plan, gateway, self._emit, self._contexts, self.announced, self._unix)
+
+    def status(self) -> BrokerStatus | None:
+        """How it stands; None without [mqtt]."""
+        return None if self.part is None else self.part.status()
 
     async def stop(self) -> None:
         """Publish nothing any more."""
@@ -71,7 +102,7 @@ class Publishing:
 
 def reading(
     plan: MqttPlan,
-    gateway: Gateway,
+    gateway: "Gateway",
     emit: events.Emit,
     unix: Callable[[], float] = time.time,
     announcements: Sequence[Message] = (),
@@ -93,7 +124,7 @@ class _Part:
     def __init__(
         self,
         plan: MqttPlan,
-        gateway: Gateway,
+        gateway: "Gateway",
         emit: events.Emit,
         contexts: TlsStore,
         announced: AnnouncedDevices,
@@ -122,12 +153,34 @@ class _Part:
         )
         self._task = asyncio.create_task(self.broker.run(), name="broker")
 
-    def means(self, plan: MqttPlan | None, gateway: Gateway) -> bool:
+    def means(self, plan: MqttPlan | None, gateway: "Gateway") -> bool:
         """Whether it does what this plan asks for, with the devices of this gateway."""
         if plan != self.plan:
             return False
         new = _destinations(self.plan, gateway)
         return all(new[name] is each for name, each in self._destinations.items())
+
+    def status(self) -> BrokerStatus:
+        """How it stands."""
+        publisher, broker = self.driver.publisher, self.broker
+        reason = self.reason if broker is None else broker.reason
+        return BrokerStatus(
+            broker=str(self.plan.broker),
+            source=self.plan.source,
+            state="down" if reason else "up",
+            reason=reason,
+            version="" if broker is None else broker.version,
+            attempts=0 if broker is None else broker.attempts,
+            devices=len(publisher.watches),
+            available=sum(watch.is_available for watch in publisher.watches.values()),
+            points=sum(len(device.points) for device in self.plan.devices),
+            messages=0 if broker is None else broker.confirmed,
+            refused_messages=0 if broker is None else broker.refused,
+            commands=publisher.counts.commands,
+            refused_commands=publisher.counts.refused,
+            polls=publisher.polls.counts.polls,
+            failed_polls=publisher.polls.counts.failed,
+        )
 
     async def stop(self) -> None:
         """Say good-bye, and end."""
@@ -192,7 +245,7 @@ class _Unhurried:
         return False
 
 
-def _destinations(plan: MqttPlan, gateway: Gateway) -> Mapping[str, Destination]:
+def _destinations(plan: MqttPlan, gateway: "Gateway") -> Mapping[str, Destination]:
     """What answers for each published device."""
     return {device.name: gateway.mqtt.routes[device.unit] for device in plan.devices}
 

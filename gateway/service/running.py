@@ -16,7 +16,6 @@ from gateway.service.announced import AnnouncedDevices
 from gateway.service.build import Driver, Gateway, Listener, Part
 from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
-from gateway.service.plant import Publishing
 from gateway.service.recent import Recent
 from gateway.service.self_state import show_itself
 
@@ -54,7 +53,8 @@ class Running:
         #: Whether the config was accepted when it was last read.
         self.reload_succeeded = True
         self.recent = Recent(gateway, asyncio.get_running_loop().time())
-        self.publishing = Publishing(emit, gateway.contexts, announced or AnnouncedDevices())
+        if announced is not None:
+            gateway.publishing.announced = announced
         #: Held by who looks for devices: two at once would be in each other's way.
         self.examining = asyncio.Lock()
         self._sockets = sockets or OpenSockets()
@@ -205,7 +205,7 @@ class Running:
                     group.create_task(self._start_after(before, part), name=f"start:{part.name}")
             for mirror in new.mirrors:
                 mirror.start()
-            await self.publishing.adopt(new)
+            await new.publishing.adopt(new)
 
     def renew_certificates(self) -> None:
         """After a reload: clients that may not be trusted any more must show their certificates again."""

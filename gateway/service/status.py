@@ -20,6 +20,7 @@ from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
 from gateway.service.expiry import CertificateStatus, certificates
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.service.plant import BrokerStatus
 from gateway.service.recent import LineUser, Recent
 from gateway.service.slices import in_slices
 from gateway.timing.histogram import SECONDS, SHARES, merged
@@ -249,6 +250,7 @@ class Status:
     images: tuple[ImageStatus, ...]
     mirrors: tuple[MirrorStatus, ...]
     certificates: tuple[CertificateStatus, ...] = ()
+    brokers: tuple[BrokerStatus, ...] = ()
 
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
@@ -266,6 +268,7 @@ async def status_in_slices(gateway: Gateway, recent: Recent | None = None) -> St
 
 
 def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
+    broker = gateway.publishing.status()
     return Status(
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
@@ -278,6 +281,7 @@ def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: It
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
         certificates=tuple(certificates(gateway.contexts, time.time())),
+        brokers=() if broker is None else (broker,),
     )
 
 

@@ -54,7 +54,7 @@ async def serve(
                 await reloader.close()
             running.emit(events.Stopping(stop.reason))
             systemd.stopping()
-            await running.publishing.stop()
+            await running.gateway.publishing.stop()
             await running.drain(lambda: stop.at_once)
             running.stop_listening()
     finally:
@@ -77,7 +77,7 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     running.emit(events.Ready(tuple(each.address for each in running.gateway.listeners), up, len(parts) - up))
     systemd.ready(summary(running.gateway))
     running.ready.set()
-    await running.publishing.adopt(running.gateway)
+    await running.gateway.publishing.adopt(running.gateway)
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
     looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")

@@ -1,18 +1,20 @@
 """Debian's mosquitto: a real broker on a port of its own, and programs that publish and listen there."""
 
+import asyncio
 import json
 import shutil
 import socket
 import subprocess
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, NamedTuple, Self
 
 import pytest
+from aiohttp import WSMsgType, web
 
 from kit.free_port import free_port
 from kit.process import PATIENCE
@@ -28,13 +30,13 @@ needs_mosquitto = pytest.mark.skipif(
 class Mosquitto:
     """A broker; in its context it runs. `settings` are lines of its config for the listener."""
 
-    def __init__(self, folder: Path, *settings: str, anonymous: bool = True, address: str = "127.0.0.1") -> None:
+    def __init__(self, folder: Path, *settings: str, anonymous: bool = True) -> None:
         self.port = free_port()
         self._config = folder / f"mosquitto-{self.port}.conf"
         self._log = folder / f"mosquitto-{self.port}.log"
         user = f"user {'root' if folder.owner() == 'root' else folder.owner()}"
         allow = f"allow_anonymous {'true' if anonymous else 'false'}"
-        lines = (f"listener {self.port} {address}".strip(), user, allow, "log_type all", *settings)
+        lines = (f"listener {self.port} 127.0.0.1", user, allow, "log_type all", *settings)
         self._config.write_text("\n".join(lines) + "\n")
 
     def __enter__(self) -> Self:
@@ -184,3 +186,48 @@ def _pass_on(source: socket.socket, target: socket.socket) -> None:
     with suppress(OSError):
         while data := source.recv(65536):
             target.sendall(data)
+
+
+class WebSocketDoor:
+    """Takes WebSocket connections for a broker: not every mosquitto can."""
+
+    def __init__(self, broker: int) -> None:
+        self.port = free_port()
+        self._broker = broker
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="websockets")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        app = web.Application()
+        app.router.add_get("/mqtt", self._pass)
+        self._runner = web.AppRunner(app, shutdown_timeout=0.1)
+        self._do(self._runner.setup())
+        self._do(web.TCPSite(self._runner, "127.0.0.1", self.port).start())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._do(self._runner.cleanup())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def _do(self, step: Coroutine[Any, Any, None]) -> None:
+        asyncio.run_coroutine_threadsafe(step, self._loop).result(PATIENCE)
+
+    async def _pass(self, request: web.Request) -> web.WebSocketResponse:
+        client = web.WebSocketResponse(protocols=("mqtt",))
+        await client.prepare(request)
+        reader, writer = await asyncio.open_connection("127.0.0.1", self._broker)
+
+        async def answer() -> None:
+            while data := await reader.read(65536):
+                await client.send_bytes(data)
+
+        answering = asyncio.create_task(answer())
+        async for message in client:
+            if message.type is WSMsgType.BINARY:
+                writer.write(message.data)
+        answering.cancel()
+        writer.close()
+        return client

@@ -10,7 +10,7 @@ import pytest
 
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
-from kit.mosquitto import Mosquitto, OlderBroker, Subscriber, needs_mosquitto
+from kit.mosquitto import Mosquitto, OlderBroker, Subscriber, WebSocketDoor, needs_mosquitto
 from kit.pki import pki
 from kit.process import PATIENCE, GatewayProcess, command
 from kit.pty import VirtualPort
@@ -241,8 +241,9 @@ def test_a_broker_with_an_older_version_of_mqtt_will_do(tmp_path):
 
 def test_over_websockets(tmp_path):
     with (
-        Mosquitto(tmp_path, "protocol websockets", address="") as broker,
-        running(tmp_path, config(broker.port, scheme="ws")) as gateway,
+        Mosquitto(tmp_path) as broker,
+        WebSocketDoor(broker.port) as door,
+        running(tmp_path, config(door.port, scheme="ws")) as gateway,
     ):
         gateway.wait_for("broker_up")
 
