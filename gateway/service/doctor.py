@@ -5,16 +5,18 @@ What can be seen of ports from outside, `service/outside.py` says; the caller pu
 
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any, Final
 
+from gateway.diagnosis.broker import BrokerEvidence, about_broker
 from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import PortInUse, Search, UnitEvidence
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.lines import about_line
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings
+from gateway.service.build import Gateway
 from gateway.service.control import IsThere
 from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence, units_evidence
 from gateway.service.expiry import about_certificates
@@ -68,12 +70,21 @@ async def examined(
     groups += [(server.name, _about_server(server)) for server in servers]
     if wanted is None:
         groups += [(upstream.name, _about_upstream(upstream)) for upstream in gateway.upstreams]
-        groups.append(("", list(about_certificates(gateway.contexts, time.time()))))
+        groups.append(("", [*about_certificates(gateway.contexts, time.time()), *_about_publishing(gateway)]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.line in ("", wanted)]
     clients = [client for listener in listeners for client in client_evidence(listener, gateway)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))
     parts: tuple[GatewayLine | GatewayServer, ...] = (*lines, *servers)
     return groups, [each for part in parts for each in _port_of(part)]
+
+
+def _about_publishing(gateway: Gateway) -> Iterator[Finding]:
+    told = gateway.publishing.status()
+    if told is not None:
+        refused = told.refused_messages
+        yield from about_broker(
+            BrokerEvidence(told.broker, told.source, told.reason, told.devices, told.available, refused)
+        )
 
 
 async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks: bool) -> list[Finding]:

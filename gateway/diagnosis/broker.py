@@ -1,0 +1,30 @@
+"""Rules about the broker at which values are published."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gateway.diagnosis.finding import Finding
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerEvidence:
+    """A broker by its address. `reason` says why nothing is published there; it has refused so many messages."""
+
+    address: str
+    source: str
+    reason: str
+    devices: int
+    available: int
+    refused: int
+
+
+def about_broker(broker: BrokerEvidence) -> Iterator[Finding]:
+    """A broker that is not reached, or refuses."""
+    about = f"broker {broker.address}"
+    if broker.reason:
+        yield Finding("fix", about, f"nothing is published: {broker.reason}", f"see [mqtt] in {broker.source}")
+    elif broker.refused:
+        what = f"has refused {broker.refused} messages"
+        yield Finding("fix", about, what, "give the user of the gateway the right to publish there")
+    else:
+        yield Finding("ok", about, f"takes the values of {broker.available} of {broker.devices} devices")
