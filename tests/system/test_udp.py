@@ -38,6 +38,8 @@ def _in_a_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
 class Plant:
     """A target that answers PROMPT at once, keeps requests to PATIENT, and has a defect in DEFECTIVE."""
 
+    name = "plant"
+
     def __init__(self) -> None:
         self.requests: list[Request] = []
 
