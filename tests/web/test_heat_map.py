@@ -119,3 +119,10 @@ def test_hours_in_words_the_last_one_first():
     rows = hours(past, "hall")
     assert [(each.busy_share, each.sent, each.failed) for each in rows] == [(0.25, 60, 3), (0.25, 360, 18)]
     assert rows[0].begin == clock(int(NOON // STEP))
+
+
+def test_an_hour_of_the_day_before_is_not_taken_for_that_of_today():
+    rows = hours(history(*[FINE] * UNIT_SLOTS).last(NOON, UNIT_SLOTS), "hall")
+    begins = [each.begin for each in rows]
+    assert len(set(begins)) == len(rows) >= 24
+    assert {len(begin) for begin in begins} == {5, 11}

@@ -72,6 +72,25 @@ async def test_a_large_image_is_shown_in_parts(bench):
     assert 'rel="next"' not in page
 
 
+async def test_values_of_two_registers_go_on_in_the_next_part_where_this_one_ends(tmp_path):
+    image = '[[image]]\nunit = 200\nname = "shift"\nholding = ["1-1000"]\n'
+    async with web_bench(image, tmp_path) as bench:
+        shown, at = [], "?from=0&type=uint32"
+        while at:
+            page = (await bench.browser().get("/images/shift" + at.replace("&amp;", "&"))).text
+            shown += grid(page)
+            following = re.search(r'<a href="([^"]*)" rel="next"', page)
+            at = following[1] if following else ""
+        assert shown == list(range(1, 1000, 2))
+
+
+async def test_the_parts_on_a_wall_panel_are_for_it_too(bench):
+    page = (await bench.browser().get("/images/shift?kiosk")).text
+    assert re.search(r'href="[^"]*&amp;kiosk" rel="next"', page)
+    assert 'href="?area=coils&amp;kiosk"' in page
+    assert '<input type="hidden" name="kiosk">' in page
+
+
 async def test_values_have_the_type_that_is_asked_for(bench):
     await bench.inner.client().asks(200, "10 00 02 00 02 04 00 00 41 20")
     page = (await bench.browser().get("/images/shift?from=2&type=float32&swap=words")).text

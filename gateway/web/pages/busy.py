@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from gateway.timing.history import STEP, LineUse, Past
-from gateway.web.pages.heat_map import clock
+from gateway.web.pages.heat_map import clock, day_and_clock, midnight_before
 
 #: The height of the picture: all of the time.
 FULL = 100
@@ -35,15 +35,21 @@ def busy_outline(past: Past, line: str) -> str:
 
 
 def hours(past: Past, line: str) -> list[Hour]:
-    """The hours of the last day, the last one first."""
+    """The hours of the last day, the last one first; those of the day before with their date."""
     slots = [(past.first + place, use) for place, use in enumerate(_uses(past, line)) if use is not None]
     per_hour = 3600 // STEP
+    today = midnight_before(past.first + len(past.slots) - 1)
     rows = []
     for hour, group in groupby(slots, key=lambda slot: slot[0] // per_hour):
         use = LineUse()
         for _, each in group:
             use = use.plus(each)
-        rows.append(Hour(clock(hour * per_hour), use.busy_share, use.down, use.sent, use.failed))
+        begin = hour * per_hour
+        rows.append(
+            Hour(
+                clock(begin) if begin >= today else day_and_clock(begin), use.busy_share, use.down, use.sent, use.failed
+            )
+        )
     return rows[::-1]
 
 

@@ -120,6 +120,17 @@ def clock(number: int) -> str:
     return f"{datetime.fromtimestamp(number * STEP).astimezone():%H:%M}"
 
 
+def day_and_clock(number: int) -> str:
+    """When a slot begins, as month and day, and time of day."""
+    return f"{datetime.fromtimestamp(number * STEP).astimezone():%m-%d %H:%M}"
+
+
+def midnight_before(number: int) -> float:
+    """The number of the slot with which the day of this one begins."""
+    now = datetime.fromtimestamp(number * STEP).astimezone()
+    return now.replace(hour=0, minute=0, second=0).timestamp() / STEP
+
+
 def kind_of(use: UnitUse | None) -> str:
     """What kind of column tells this."""
     if use is None or not use.requests:

@@ -59,6 +59,8 @@ class ImagePage:
         may_read = self._answers.may(unit.unit, READERS[area][0], visitor.host)
         window = self._answers.image(unit.unit, Span(area, start, MOST)) if may_read else None
         status = await self._answers.status()
+        grid = grid_of(window, area, asked["type"], asked["swap"]) if window is not None else None
+        size, is_panel = 1 if grid is None else grid.size, "kiosk" in request.query
         return await self._renderer.page(
             "image.html",
             request,
@@ -66,12 +68,12 @@ class ImagePage:
             status=next((each for each in (*status.images, *status.mirrors) if each.unit == unit.unit), None),
             image=whole_image,
             window=window,
-            grid=grid_of(window, area, asked["type"], asked["swap"]) if window is not None else None,
+            grid=grid,
             last=min(start + MOST - 1, 65535),
             writes=window.writes[:_MOST_WRITES] if window is not None else (),
             ranges=ranges,
-            before=_address(asked, _before(ranges, start)),
-            after=_address(asked, _after(ranges, start)),
+            before=_address(asked, _before(ranges, start), is_panel=is_panel),
+            after=_address(asked, _after(ranges, start, size), is_panel=is_panel),
             columns=COLUMNS,
             asked=asked,
             areas=[each for each in _FIRST_SHOWN if whole_image.areas.get(each)],
@@ -103,9 +105,9 @@ def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> d
     return {"area": area, "from": start, "type": data_type, "swap": swap}
 
 
-def _address(asked: Mapping[str, Any], start: int | None) -> str | None:
+def _address(asked: Mapping[str, Any], start: int | None, *, is_panel: bool) -> str | None:
     """The address of the window that begins at `start`."""
-    return None if start is None else f"?{urlencode({**asked, 'from': start})}"
+    return None if start is None else f"?{urlencode({**asked, 'from': start})}{'&kiosk' if is_panel else ''}"
 
 
 def _before(ranges: Sequence[Range], start: int) -> int | None:
@@ -114,7 +116,10 @@ def _before(ranges: Sequence[Range], start: int) -> int | None:
     return max(start - MOST, first) if start > first else None
 
 
-def _after(ranges: Sequence[Range], start: int) -> int | None:
-    """Where the next window begins: at what comes first behind this one."""
+def _after(ranges: Sequence[Range], start: int, size: int) -> int | None:
+    """Where the next window begins: at the first value of this size that this one has no room for."""
     end = start + MOST
-    return next((max(first, end) for first, last in ranges if last >= end), None)
+    for first, last in ranges:
+        if last >= end:
+            return first if first >= end else end - (end - max(first, start)) % size
+    return None
