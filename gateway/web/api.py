@@ -24,6 +24,7 @@ from gateway.web.guard import VISITOR, Guard, Need, Visitor
 from gateway.web.openapi import document
 from gateway.web.past import line_past, slots_in, unit_past
 from gateway.web.problems import Handler, ProblemError
+from gateway.web.reloading import reload
 from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
 from gateway.web.values import Ask, point_named, read, values_at, write
@@ -41,8 +42,6 @@ MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
 MOST_PER_SECOND: Final = 2000
 #: Points that somebody else has read may be so many seconds old.
 LONGEST_AGE: Final = 60
-#: A reload takes no longer than this, in seconds.
-_RELOAD_TIME: Final = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,11 +251,7 @@ class Api:
 
     async def reload(self, _request: web.Request) -> web.Response:
         """Read the config again."""
-        try:
-            async with asyncio.timeout(_RELOAD_TIME):
-                outcome = await self._answers.reload()
-        except TimeoutError:
-            raise ProblemError(503, "the gateway is not ready") from None
+        outcome = await reload(self._answers)
         if outcome["problems"]:
             raise ProblemError(422, outcome["problems"][0], problems=outcome["problems"])
         if outcome["defect"]:

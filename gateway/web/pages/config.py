@@ -1,20 +1,16 @@
 """The page of the config: shown and checked here, edited in its file."""
 
-import asyncio
 from collections.abc import Sequence
-from datetime import datetime
 from shlex import quote
-from typing import Final
 
 from aiohttp import web
 
 from gateway.web.answers import Answers, ConfigView
 from gateway.web.guard import Need
-from gateway.web.problems import Handler, ProblemError
+from gateway.web.pages.times import day_and_time
+from gateway.web.problems import Handler
+from gateway.web.reloading import reload
 from gateway.web.renderer import Renderer
-
-#: A reload takes no longer than this, in seconds.
-RELOAD_TIME: Final = 45.0
 
 
 class ConfigPage:
@@ -31,7 +27,7 @@ class ConfigPage:
     async def show(self, request: web.Request) -> web.Response:
         """What is in use, what the file says now, and what became of the last reload."""
         config = await self._answers.config()
-        at = datetime.fromtimestamp(config.at).astimezone().isoformat(" ", "seconds")[:19] if config.at else ""
+        at = day_and_time(config.at) if config.at else ""
         return await self._renderer.page(
             "config.html", request, config=config, commands=_commands(config), reloaded_at=at
         )
@@ -42,11 +38,7 @@ class ConfigPage:
         Raises:
             ProblemError: 503, the gateway is not ready.
         """
-        try:
-            async with asyncio.timeout(RELOAD_TIME):
-                await self._answers.reload()
-        except TimeoutError:
-            raise ProblemError(503, "the gateway is not ready") from None
+        await reload(self._answers)
         raise web.HTTPSeeOther("/config")
 
 

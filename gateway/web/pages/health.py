@@ -1,12 +1,12 @@
 """The page of the health: what doctor says."""
 
 from collections.abc import Sequence
-from datetime import datetime
 
 from aiohttp import web
 
 from gateway.web.answers import Answers, Finding, Report
 from gateway.web.guard import VISITOR, Need
+from gateway.web.pages.times import day_and_time
 from gateway.web.problems import Handler
 from gateway.web.renderer import Renderer
 
@@ -46,7 +46,7 @@ class HealthPage:
             why_not=why_not,
             counted=counted,
             ranked=ranked,
-            clock=_clock,
+            clock=day_and_time,
         )
 
 
@@ -64,7 +64,3 @@ def ranked(report: Report) -> list[tuple[str, Sequence[Finding]]]:
 
 def _rank(finding: Finding) -> int:
     return ("fix", "note", "ok").index(finding.level)
-
-
-def _clock(time: float) -> str:
-    return datetime.fromtimestamp(time).astimezone().isoformat(" ", "seconds")[:19]

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from functools import partial
 from shlex import quote
 from typing import Any, Final
@@ -24,6 +23,7 @@ from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
+from gateway.web.pages.times import day_and_time
 from gateway.web.pages.unit_states import SLOTS, rests_ms, states_of
 from gateway.web.pages.writing import WriteRights
 from gateway.web.problems import Complaint, Handler, ProblemError, exception_name
@@ -93,7 +93,7 @@ class UnitPage:
             times=[(each, plotted(each)) for each in times],
             function_name=function_name,
             exception_name=exception_name,
-            clock=_clock,
+            clock=day_and_time,
             calibrate=f"modbus-gateway calibrate {quote(unit.name)}"
             if unit.kind == "device" and any(each.responses for each in times)
             else "",
@@ -181,11 +181,6 @@ def _kinds(status: Any) -> list[tuple[str, int]]:
         return []
     counts = {name: getattr(status.counts, name) for name in _FAILED}
     return sorted(((name, count) for name, count in counts.items() if count), key=lambda each: (-each[1], each[0]))
-
-
-def _clock(time: float) -> str:
-    """The day and the time of it, in local time."""
-    return datetime.fromtimestamp(time).astimezone().strftime("%Y-%m-%d %H:%M:%S")
 
 
 def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:

@@ -1,0 +1,8 @@
+"""Times as pages show them, in the time zone of this machine."""
+
+from datetime import datetime
+
+
+def day_and_time(time: float) -> str:
+    """The day and the time of it: `2026-05-01 12:00:00`."""
+    return f"{datetime.fromtimestamp(time).astimezone():%Y-%m-%d %H:%M:%S}"
