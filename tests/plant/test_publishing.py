@@ -2,12 +2,13 @@
 
 import asyncio
 import json
+import sys
 from itertools import pairwise
 
 import pytest
 
 from gateway.config.line_load import load_of, total_share
-from gateway.events import AccessDenied, PollRefused, WriteAudit
+from gateway.events import AccessDenied, BrokerLost, PollRefused, WriteAudit
 from gateway.plant.publisher import MOST_COMMANDS
 from gateway.simulator.generic import Generic
 from kit.broker import FakeBroker
@@ -344,3 +345,24 @@ async def test_rights_hold_for_the_client_mqtt():
         assert outcome == "failed"
         assert silo.holding[2] == 0
         assert any(isinstance(event, AccessDenied) for event in bench.events)
+
+
+async def test_without_the_library_it_says_what_to_install_and_all_else_goes_on(monkeypatch):
+    monkeypatch.setitem(sys.modules, "paho", None)
+    for module in ("gateway.plant.broker", "gateway.plant.connection"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        publishing = bench.gateway.publishing
+        await publishing.adopt(bench.gateway)
+        [lost] = [event for event in bench.events if isinstance(event, BrokerLost)]
+        assert lost.reason.endswith("is not installed: pip install 'mbgw[mqtt]'")
+        assert (publishing.status().state, publishing.status().reason) == ("down", lost.reason)
+        await asyncio.sleep(2.0)
+        assert silo.heard
+        await publishing.stop()
+        await asyncio.sleep(0.1)
+        heard = len(silo.heard)
+        await asyncio.sleep(5.0)
+        assert len(silo.heard) == heard
+        assert publishing.status() is None
