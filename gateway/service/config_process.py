@@ -1,7 +1,7 @@
 """Reads a config in a process of its own, which ends once the plan is made.
 
 What reads and checks a config takes as much memory as all else of the gateway, and nothing of it is needed later
-(ADR 23). This module is imported before almost everything else: the gateway loads itself while its config is read.
+(ADR 24). This module is imported before almost everything else: the gateway loads itself while its config is read.
 """
 
 import pickle

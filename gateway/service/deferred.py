@@ -1,4 +1,4 @@
-"""Libraries that are loaded when something of them is used, not when they are imported (ADR 23).
+"""Libraries that are loaded when something of them is used, not when they are imported (ADR 24).
 
 asyncio imports `ssl` whether it is needed or not, which is a seventh of what a gateway without TLS takes.
 """
