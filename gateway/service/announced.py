@@ -5,10 +5,12 @@
 Brokers keep what was announced, so it outlives reloads and restarts.
 """
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from gateway.plant.discovery import Announced
 from gateway.service.shared_file import SharedFile
+
+if TYPE_CHECKING:
+    from gateway.plant.discovery import Announced
 
 FILE_NAME: Final = "home-assistant.json"
 
@@ -20,16 +22,16 @@ class AnnouncedDevices:
         self._file = file
         self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
 
-    def below(self, folder: str) -> Announced:
+    def below(self, folder: str) -> "Announced":
         """What was announced with topics that have `folder` in them."""
         return {topic: components for topic, components in self._entries.items() if folder in topic}
 
-    def add(self, announced: Announced) -> None:
+    def add(self, announced: "Announced") -> None:
         """More is going to be announced."""
         for topic, components in announced.items():
             self._change(topic, {**self._entries.get(topic, {}), **components})
 
-    def replace(self, before: Announced, now: Announced) -> None:
+    def replace(self, before: "Announced", now: "Announced") -> None:
         """What was announced `before` has been taken back, as far as it is not announced `now`."""
         for topic in {*before, *now}:
             self._change(topic, dict(now.get(topic, {})))

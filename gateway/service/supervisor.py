@@ -54,8 +54,7 @@ async def serve(
                 await reloader.close()
             running.emit(events.Stopping(stop.reason))
             systemd.stopping()
-            await running.gateway.publishing.stop()
-            await running.drain(lambda: stop.at_once)
+            await asyncio.gather(running.drain(lambda: stop.at_once), running.gateway.publishing.stop())
             running.stop_listening()
     finally:
         running.stop_listening()

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Delivery, Message
-from gateway.service.plant import reading
+from gateway.service.publication import reading
 from kit.gateway_bench import GatewayBench
 
 

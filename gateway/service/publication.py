@@ -1,0 +1,232 @@
+"""What publishes: the devices of a gateway, a form of messages, and the task that keeps the connection.
+
+Loaded only if configured, and the library with it.
+"""
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+from gateway import events
+from gateway.config.plan import MqttPlan
+from gateway.errors import BrokerError
+from gateway.plant.discovery import Discovery
+from gateway.plant.driver import PublisherDriver
+from gateway.plant.messages import Form, Message
+from gateway.plant.plain import PlainForm
+from gateway.plant.polls import Target
+from gateway.plant.publisher import PublisherSettings
+from gateway.plant.sparkplug import Sparkplug
+from gateway.plant.topics import Topics
+from gateway.request import Request
+from gateway.request import Target as Destination
+from gateway.service.announced import AnnouncedDevices
+from gateway.service.parts import GatewayLine, GatewayUpstream
+from gateway.service.plant import BrokerStatus
+from gateway.tls.contexts import load
+from gateway.tls.files import path_of, refuse_if_exposed
+from gateway.tls.secret_file import SecretFile
+from gateway.tls.store import TlsStore
+
+if TYPE_CHECKING:
+    from gateway.service.build import Gateway
+
+#: The package's extra with the library.
+_MISSING: Final = "{} is not installed: pip install 'mbgw[mqtt]'"
+#: How long the last messages may take at a stop, in seconds.
+_FAREWELL: Final = 1.2
+_LONGEST_PASSWORD: Final = 1024
+
+
+def reading(
+    plan: MqttPlan,
+    gateway: "Gateway",
+    emit: events.Emit,
+    unix: Callable[[], float] = time.time,
+    announcements: Sequence[Message] = (),
+) -> PublisherDriver:
+    """Begin to read what the plan publishes of a gateway. `announcements` belong to each birth."""
+    targets = {name: _as_target(each) for name, each in _destinations(plan, gateway).items()}
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    patience = {unit: wait for owner in owners for unit, wait in owner.longest_wait.items()}
+    waits = {each.name: patience.get(each.unit, 0.0) for each in plan.devices}
+    settings = PublisherSettings(plan.devices, waits, plan.source)
+    driver = PublisherDriver(settings, _form(plan, announcements), targets, gateway.mqtt, emit, unix)
+    driver.start()
+    return driver
+
+
+class Publication:
+    """What one plan needs: the devices of a gateway, and the task that keeps the connection."""
+
+    def __init__(
+        self,
+        plan: MqttPlan,
+        gateway: "Gateway",
+        emit: events.Emit,
+        contexts: TlsStore,
+        announced: AnnouncedDevices,
+        unix: Callable[[], float],
+    ) -> None:
+        self.plan = plan
+        self._announcing = _Announcing(plan, announced)
+        self._destinations = _destinations(plan, gateway)
+        self.driver = reading(plan, gateway, emit, unix, self._announcing.messages)
+        #: What keeps the connection; None if it cannot, because its library is missing.
+        self.broker: Any = None
+        self.reason = ""
+        try:
+            module = import_module("gateway.plant.broker")
+        except ModuleNotFoundError as error:
+            self.reason = _MISSING.format(error.name)
+            emit(events.BrokerLost(str(plan.broker), self.reason))
+            return
+        self.broker = module.Broker(
+            str(plan.broker),
+            _Access(plan, contexts, asyncio.get_running_loop()).settings,
+            self.driver,
+            emit,
+            unix,
+            leaves_with_will=self.driver.publisher.form.leaves_with_will,
+        )
+        self._task = asyncio.create_task(self.broker.run(), name="broker")
+
+    def means(self, plan: MqttPlan | None, gateway: "Gateway") -> bool:
+        """Whether it does what this plan asks for, with the devices of this gateway."""
+        if plan != self.plan:
+            return False
+        new = _destinations(self.plan, gateway)
+        return all(new[name] is each for name, each in self._destinations.items())
+
+    def status(self) -> BrokerStatus:
+        """How it stands."""
+        publisher, broker = self.driver.publisher, self.broker
+        reason = self.reason if broker is None else broker.reason
+        return BrokerStatus(
+            broker=str(self.plan.broker),
+            source=self.plan.source,
+            state="down" if reason else "up",
+            reason=reason,
+            version="" if broker is None else broker.version,
+            attempts=0 if broker is None else broker.attempts,
+            devices=len(publisher.watches),
+            available=sum(watch.is_available for watch in publisher.watches.values()),
+            points=sum(len(device.points) for device in self.plan.devices),
+            messages=0 if broker is None else broker.confirmed,
+            refused_messages=0 if broker is None else broker.refused,
+            commands=publisher.counts.commands,
+            refused_commands=publisher.counts.refused,
+            polls=publisher.polls.counts.polls,
+            failed_polls=publisher.polls.counts.failed,
+        )
+
+    async def stop(self) -> None:
+        """Say good-bye, and end."""
+        self.driver.close()
+        if self.broker is None:
+            return
+        self.broker.stop()
+        if self.broker.reason == "":
+            with suppress(TimeoutError):
+                async with asyncio.timeout(_FAREWELL):
+                    await asyncio.shield(self._task)
+            self._announcing.done()
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Access:
+    """How the broker is reached. Files are read for each connection, so that new ones count at once."""
+
+    plan: MqttPlan
+    contexts: TlsStore
+    loop: asyncio.AbstractEventLoop
+
+    def settings(self) -> Any:
+        """Read the files. Blocks.
+
+        Raises:
+            BrokerError: the password cannot be read.
+            TlsError: a certificate cannot be used.
+        """
+        plan, context = self.plan, None
+        for secured in plan.secured:
+            loaded = load(secured.settings)
+            self.loop.call_soon_threadsafe(self.contexts.add, {secured: loaded})
+            context = loaded.context
+        address = plan.broker.address
+        return import_module("gateway.plant.connection").BrokerSettings(
+            host=address.host,
+            port=address.port,
+            path=plan.broker.path,
+            client=f"mbgw-{plan.site}",
+            user=plan.user,
+            password=None if plan.password is None else _password(plan.password),
+            context=context,
+            server_name="" if plan.tls is None else plan.tls.server_name,
+        )
+
+
+class _Unhurried:
+    """An image or a mirror as a target of reads: it answers at once, and never backs off."""
+
+    def __init__(self, destination: Destination) -> None:
+        self._destination = destination
+
+    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - nobody waits
+        """See Target."""
+        self._destination.submit(request, now)
+
+    def is_resting(self, now: float) -> bool:  # noqa: ARG002 - at any time
+        """See Target."""
+        return False
+
+
+def _destinations(plan: MqttPlan, gateway: "Gateway") -> Mapping[str, Destination]:
+    """What answers for each published device."""
+    return {device.name: gateway.mqtt.routes[device.unit] for device in plan.devices}
+
+
+def _as_target(destination: Any) -> Target:
+    return destination if hasattr(destination, "is_resting") else _Unhurried(destination)
+
+
+class _Announcing:
+    """What Home Assistant is told by one plan: the devices that there are, and those that are gone."""
+
+    def __init__(self, plan: MqttPlan, announced: AnnouncedDevices) -> None:
+        discovery = Discovery(Topics(plan.site), plan.home_assistant or "")
+        devices = () if plan.home_assistant is None else plan.devices
+        self._announced = announced
+        self._before = announced.below(discovery.folder)
+        self._now = discovery.announced(devices)
+        self.messages = discovery.messages(devices, self._before)
+        announced.add(self._now)
+
+    def done(self) -> None:
+        """The messages have been published."""
+        self._announced.replace(self._before, self._now)
+
+
+def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
+    if plan.sparkplug is None:
+        return PlainForm(plan.site, plan.devices, announcements)
+    names = plan.sparkplug
+    return Sparkplug(names.group, names.node or plan.site, names.primary_host or None)
+
+
+def _password(file: SecretFile) -> str:
+    """Read a password: the first line of its file."""
+    try:
+        path = path_of(file)
+        if not file.is_credential:
+            refuse_if_exposed(path)
+        with path.open(encoding="utf-8", errors="replace") as stream:
+            return stream.readline(_LONGEST_PASSWORD).rstrip("\r\n")
+    except OSError as error:
+        raise BrokerError(f"{error.filename or file.name}: {error.strerror or error}") from error
