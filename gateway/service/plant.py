@@ -1,7 +1,9 @@
 """`[mqtt]`: what is published, as long as the config says so. What does it is loaded only then."""
 
+import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Literal
@@ -70,6 +72,16 @@ class Publishing:
     def status(self) -> BrokerStatus | None:
         """How it stands; None without [mqtt]."""
         return None if self.part is None else self.part.status()
+
+    @asynccontextmanager
+    async def stopping(self) -> AsyncIterator[None]:
+        """`stop` beside what is done in the context."""
+        if self.part is None:  # a turn of the event loop would let lines open that were not tried yet
+            yield
+            return
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.stop(), name="good-bye")
+            yield
 
     async def stop(self) -> None:
         """Publish nothing any more."""

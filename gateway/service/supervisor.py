@@ -54,7 +54,8 @@ async def serve(
                 await reloader.close()
             running.emit(events.Stopping(stop.reason))
             systemd.stopping()
-            await asyncio.gather(running.drain(lambda: stop.at_once), running.gateway.publishing.stop())
+            async with running.gateway.publishing.stopping():
+                await running.drain(lambda: stop.at_once)
             running.stop_listening()
     finally:
         running.stop_listening()
