@@ -7,6 +7,7 @@ handed to it. Without a connection it goes on reading, and keeps the last readin
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Final, Protocol
 
 from gateway.events import Emit
@@ -304,6 +305,9 @@ def _write_request(command: Command) -> bytes:
     if point.area not in WRITERS:
         raise ValueError(f"{point.area} cannot be written")
     items = point.items(command.text)
+    value = point.value(items)
+    if isinstance(value, float) and not isfinite(value):
+        raise ValueError(f"{command.text} is not a finite number")
     single, several, most = WRITERS[point.area]
     if point.count > min(most, command.device.limits.get(several, most)):
         raise ValueError("it does not fit into one request")

@@ -72,7 +72,7 @@ class Point:
             return encode(text, self.type, self.swap, self.count)
         number = self._number(text)
         if has_bits(self.area):
-            if number not in (0, 1):
+            if not number.is_finite() or number not in (0, 1):
                 raise ValueError(f"{text} is not a bit: write 0 or 1, off or on")
             return bytes((int(number),))
         return encode(self._carried(text, number), self.type, self.swap)

@@ -270,6 +270,17 @@ async def test_a_value_is_written_confirmed_and_published():
         assert silo.coils[3]
 
 
+@pytest.mark.parametrize("text", ["nan", "inf", "-Infinity", "1e400", "1e9999999999999"])
+async def test_a_value_that_is_not_finite_is_refused(text):
+    config = CONFIG.replace('unit = "kg"', 'unit = "kg", write = true')
+    async with gateway_bench(config + WRITE) as bench:
+        silo, broker, _ = await commanded(bench)
+        outcome, _ = result(broker.send(f"{SILO}/weight/set", text), f"{SILO}/weight")
+        assert outcome == "failed"
+        await asyncio.sleep(1.0)
+        assert not any(frame.pdu[0] in (5, 6, 15, 16) for frame in silo.heard)
+
+
 @pytest.mark.parametrize(
     ("payload", "options", "reason"),
     [

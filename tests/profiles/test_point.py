@@ -77,6 +77,8 @@ def test_what_is_written_becomes_items(point, text, items):
         (STATE, "1e999999999", r"^1e999999999 does not fit into uint16$"),
         (STATE, "-1e-999999999", r"^-1e-999999999 does not fit into uint16$"),
         (SPEED, "1e999999999", r"^1e999999999 does not fit into int32$"),
+        (COIL, "snan", r"^snan is not a bit: write 0 or 1, off or on$"),
+        (COIL, "inf", r"^inf is not a bit: write 0 or 1, off or on$"),
         (NAME, "a long name", r'^"a long name" has 11 bytes, and 4 registers hold 8$'),
         (Point("a", Area.HOLDING, 0, scale=-1.0), "1", r"does not fit into uint16: -65535 to 0$"),
     ],
