@@ -3,11 +3,12 @@
 import asyncio
 import random
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Final
 
 from gateway.errors import BrokerError, TlsError
 from gateway.events import BrokerLost, BrokerRefused, BrokerUp, Emit, PartFailed
-from gateway.plant.connection import VERSIONS, BrokerSettings, Connection, Version, WrongVersionError
+from gateway.plant.connection import STEP_TIME, VERSIONS, BrokerSettings, Connection, Version, WrongVersionError
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
 from gateway.ports.threads import ThreadPerCall
@@ -144,11 +145,15 @@ class Broker:
         """Wait until something happens.
 
         Raises:
-            BrokerError: the connection is lost.
+            BrokerError: the connection is lost, or the broker does not confirm what was published.
         """
-        await self._driver.wake.wait()
+        with suppress(TimeoutError):
+            async with asyncio.timeout_at(connection.deadline):
+                await self._driver.wake.wait()
         self._driver.wake.clear()
         self._raise_if_lost(connection)
+        if connection.deadline is not None and asyncio.get_running_loop().time() >= connection.deadline:
+            raise BrokerError(f"it has not confirmed a message for {STEP_TIME:g} s")
 
     def _raise_if_lost(self, connection: Connection) -> None:
         if connection.lost.done():

@@ -27,8 +27,10 @@ VERSIONS: Final[tuple[Version, ...]] = ("5", "3.1.1")
 #: How long each step of connecting may take, in seconds, and how often the broker must be heard at least.
 STEP_TIME: Final = 10.0
 KEEP_ALIVE: Final = 15
-#: The most messages that the broker has not confirmed yet; fewer if it wants that.
-MOST_IN_FLIGHT: Final = 100
+#: The most messages that the broker has not confirmed yet; fewer if it wants that. They grow old if it pauses.
+MOST_IN_FLIGHT: Final = 20
+#: The largest packet that is taken from the broker, in bytes.
+LARGEST_PACKET: Final = 65536
 
 _PROTOCOLS: Final = {"5": MQTTProtocolVersion.MQTTv5, "3.1.1": MQTTProtocolVersion.MQTTv311}
 _UNSUPPORTED_VERSION: Final = 0x84
@@ -62,7 +64,11 @@ class BrokerSettings:
 
 
 class Connection:
-    """A connection with one `version` of MQTT. `deliver` takes what is received, `confirmed` is called for each ack."""
+    """A connection with one `version` of MQTT. `deliver` takes what is received.
+
+    `confirmed` is called for each message that the broker has taken, or refused for the reason given. QoS 0 has no
+    confirmation in MQTT; the answer to a ping that was sent after the message takes its place.
+    """
 
     def __init__(
         self,
@@ -76,6 +82,8 @@ class Connection:
     ) -> None:
         self.version = version
         self.in_flight = 0
+        #: When the broker must have confirmed something, by the clock of the event loop; None if it has confirmed all.
+        self.deadline: float | None = None
         self.most_in_flight = MOST_IN_FLIGHT
         self._settings = settings
         self._deliver = deliver
@@ -86,6 +94,8 @@ class Connection:
         self._subscribed: dict[int, asyncio.Future[None]] = {}
         #: Done when the connection is lost, with the reason.
         self.lost: asyncio.Future[str] = self._loop.create_future()
+        self._unpinged = self._pinged = 0
+        self._awaited: set[int] = set()
         self._client = self._new_client(will)
         self._timer: asyncio.TimerHandle | None = None
         self._is_abandoned = False
@@ -130,7 +140,7 @@ class Connection:
             raise BrokerError("it does not confirm a subscription") from None
 
     def publish(self, message: Message) -> None:
-        """Send a message. What is not sent at once is kept, up to `most_in_flight` messages."""
+        """Send a message. `in_flight` counts it until it is confirmed: beyond `most_in_flight` none should be sent."""
         properties = None
         if self.version == "5" and (message.expiry is not None or message.correlation is not None):
             properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
@@ -138,8 +148,15 @@ class Connection:
                 properties.MessageExpiryInterval = max(1, round(message.expiry))
             if message.correlation is not None:
                 properties.CorrelationData = message.correlation
-        self.in_flight += message.qos > 0
-        self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
+        if not self.in_flight:
+            self.deadline = self._loop.time() + STEP_TIME
+        self.in_flight += 1
+        sent = self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
+        if message.qos:
+            self._awaited.add(sent.mid)
+        else:
+            self._unpinged += 1
+            self._ping()
 
     def end(self, *, with_will: bool) -> None:
         """Log out; the broker publishes the will if that is said, and with MQTT 5 only."""
@@ -198,9 +215,16 @@ class Connection:
 
     def _connect(self) -> None:
         """Connect; name servers and TLS may take their time."""
-        settings, is_newest = self._settings, self.version == "5"
+        settings, is_newest, properties = self._settings, self.version == "5", None
+        if is_newest:
+            properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+            properties.MaximumPacketSize = LARGEST_PACKET
         self._client.connect(
-            settings.host, settings.port, KEEP_ALIVE, clean_start=True if is_newest else MQTT_CLEAN_START_FIRST_ONLY
+            settings.host,
+            settings.port,
+            KEEP_ALIVE,
+            clean_start=True if is_newest else MQTT_CLEAN_START_FIRST_ONLY,
+            properties=properties,
         )
         if self._is_abandoned:
             sock = self._client.socket()
@@ -228,11 +252,20 @@ class Connection:
 
     def _readable(self) -> None:
         try:
-            self._client.loop_read()
-            while isinstance(sock := self._client.socket(), ssl.SSLSocket) and sock.pending():
-                self._client.loop_read()
+            self._read()
+            while (pending := getattr(self._client.socket(), "pending", None)) is not None and pending():
+                self._read()
+        except BrokerError as error:
+            self._unwatch(self._client.socket())
+            self._fail(str(error))
         except Exception as error:  # noqa: BLE001 - the library raises anything for packets that are none
             self._fail(f"what it sends is not understood: {error!r}")
+
+    def _read(self) -> None:
+        self._client.loop_read()
+        if self._client._in_packet["remaining_length"] > LARGEST_PACKET:  # noqa: SLF001 - the library has no limit
+            raise BrokerError(f"it has sent a message of more than {LARGEST_PACKET} bytes")
+        self._ping()
 
     def _writable(self) -> None:
         try:
@@ -240,9 +273,28 @@ class Connection:
         except OSError as error:
             self._fail(str(error))
 
+    def _ping(self) -> None:
+        """Ping after messages with QoS 0, one ping at a time; count them as confirmed when it was answered."""
+        client = self._client
+        if client._ping_t:  # noqa: SLF001 - the library has no other sign of an answer than that this is 0 again
+            return
+        answered, self._pinged, self._unpinged = self._pinged, self._unpinged, 0
+        if self._pinged:
+            client._send_pingreq()  # noqa: SLF001 - the library pings by itself only if nothing else is sent
+        for _ in range(answered):
+            self._count_confirmed("")
+
+    def _count_confirmed(self, refusal: str) -> None:
+        self.in_flight -= 1
+        self.deadline = self._loop.time() + STEP_TIME if self.in_flight else None
+        self._confirmed(refusal)
+
     def _tick(self) -> None:
-        self._client.loop_misc()
         self._timer = self._loop.call_later(1.0, self._tick)
+        try:
+            self._client.loop_misc()
+        except Exception as error:  # noqa: BLE001 - the library raises anything when a ping cannot be written
+            self._fail(f"the connection was lost: {error!r}")
 
     def _on_more_to_write(self, _client: Client, _data: Any, sock: Any) -> None:
         self._loop.add_writer(sock, self._writable)
@@ -297,10 +349,11 @@ class Connection:
             confirmed.set_exception(BrokerError(f"it refuses a subscription: {_in_words(refused)}"))
 
     def _on_publish(
-        self, _client: Client, _data: Any, _number: int, reason: ReasonCode, _properties: Properties | None
+        self, _client: Client, _data: Any, number: int, reason: ReasonCode, _properties: Properties | None
     ) -> None:
-        self.in_flight -= 1
-        self._confirmed(_in_words(reason) if reason.is_failure else "")
+        if number in self._awaited:  # with QoS 0 it says that the message is written, and no more
+            self._awaited.remove(number)
+            self._count_confirmed(_in_words(reason) if reason.is_failure else "")
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         properties = message.properties

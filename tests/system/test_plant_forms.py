@@ -141,3 +141,24 @@ def test_a_node_waits_for_its_host_and_leaves_with_it(broker, tmp_path):
         assert metrics(host.wait_for("NDEATH/plant-2")) == {"bdSeq": 0}
         host.say(state, b'{"online": true, "timestamp": 2}', retain=True)
         assert metrics(host.wait_for("NBIRTH/plant-2"))["bdSeq"] == 1
+
+
+def many_images(broker: Mosquitto) -> str:
+    images = [
+        f'[[image]]\nunit = {unit}\nname = "silo-{unit}"\nprofile = "silo"\nholding = 20\ncoils = 4\n'
+        for unit in range(42, 60)
+    ]
+    return config(broker, 'sparkplug = { group = "plant" }').replace('"silo-1", points', '"silo-*", points') + "".join(
+        images
+    )
+
+
+def test_a_node_with_many_devices_is_born_and_leaves_properly(broker, tmp_path):
+    with Listener(broker, "spBv1.0/#") as host, GatewayProcess(tmp_path, many_images(broker)) as gateway:
+        gateway.wait_for("broker_up")
+        host.wait_for("DBIRTH/plant-2/silo-59")
+        host.say(*command("spBv1.0/plant/DCMD/plant-2/silo-59", Metric("limit", 7, DataType.UINT16)), qos=0)
+        host.wait_for("DDATA/plant-2/silo-59", where=lambda payload: metrics(payload).get("limit") == 7)
+        assert gateway.stop() == 0
+        host.wait_for("NDEATH/plant-2")
+    assert "Received DISCONNECT from mbgw-plant-2" in broker.log

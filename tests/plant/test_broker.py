@@ -1,0 +1,107 @@
+"""Keeping a connection, in virtual time: what a broker does not confirm."""
+
+import asyncio
+from contextlib import asynccontextmanager
+from typing import ClassVar
+
+import pytest
+
+from gateway.events import BrokerLost, BrokerUp
+from gateway.plant import broker as module
+from gateway.plant.broker import Broker
+from gateway.plant.connection import STEP_TIME
+from gateway.service.plant import reading
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.gateway_bench import gateway_bench
+
+CONFIG = """
+site = "plant"
+
+[[line]]
+name    = "hall"
+port    = "/dev/hall"
+baud    = 115200
+devices = [{ unit = 1, name = "silo-1", profile = "scale" }]
+
+[profile.scale]
+points = [{ name = "weight", holding = 0 }, { name = "state", holding = 2, write = true }]
+
+[mqtt]
+broker  = "mqtt://broker"
+publish = [{ device = "silo-1", every = "500 ms" }]
+write   = true
+"""
+
+
+class FakeConnection:
+    """A connection without a network, that confirms a message as soon as the loop runs, unless `refusal` is None."""
+
+    made: ClassVar[list["FakeConnection"]] = []
+    refusal = ""
+
+    def __init__(self, settings, version, will, *, deliver, confirmed, unix) -> None:
+        self.in_flight = 0
+        self.most_in_flight = 20
+        self.deadline = None
+        self.messages = []
+        self.lost = asyncio.get_running_loop().create_future()
+        self._confirmed = confirmed
+        self.made.append(self)
+
+    async def open(self) -> None:
+        """It is open at once."""
+
+    async def subscribe(self, topics) -> None:
+        """Any topic."""
+
+    def publish(self, message) -> None:
+        """Take a message."""
+        loop = asyncio.get_running_loop()
+        self.messages.append(message)
+        if not self.in_flight:
+            self.deadline = loop.time() + STEP_TIME
+        self.in_flight += 1
+        if self.refusal is not None:
+            loop.call_soon(self._confirm)
+
+    def _confirm(self) -> None:
+        self.in_flight -= 1
+        self.deadline = None
+        self._confirmed(self.refusal)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+@pytest.fixture
+def connections(monkeypatch):
+    """The connections that were made."""
+    monkeypatch.setattr(module, "Connection", FakeConnection)
+    monkeypatch.setattr(FakeConnection, "made", [])
+    return FakeConnection.made
+
+
+@asynccontextmanager
+async def publishing():
+    async with gateway_bench(CONFIG) as bench:
+        device = SimulatedDevice(1, delay=0.002)
+        bench.attach("hall", SimulatedLine("rtu", device))
+        loop, gateway = asyncio.get_running_loop(), bench.gateway
+        driver = reading(gateway.plan.mqtt, gateway, bench.events.append, loop.time)
+        broker = Broker("broker", lambda: None, driver, bench.events.append, loop.time)
+        task = asyncio.create_task(broker.run())
+        yield bench, device, broker
+        task.cancel()
+
+
+async def test_a_broker_that_confirms_nothing_is_left_although_new_values_come(connections, monkeypatch):
+    async with publishing() as (bench, device, _):
+        await asyncio.sleep(5.0)
+        assert any(isinstance(event, BrokerUp) for event in bench.events)
+        monkeypatch.setattr(FakeConnection, "refusal", None)
+        for value in range(1, 13):
+            device.holding[0] = value
+            await asyncio.sleep(1.0)
+        [lost] = [event for event in bench.events if isinstance(event, BrokerLost)]
+        assert lost.reason == "it has not confirmed a message for 10 s"
+        assert len(connections) == 2

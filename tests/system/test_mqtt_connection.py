@@ -1,0 +1,99 @@
+"""One connection to a broker, byte by byte: what it asks for, what counts as confirmed, what it does not take."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import asynccontextmanager
+
+import pytest
+
+from gateway.plant.connection import LARGEST_PACKET, BrokerSettings, Connection, Version
+from gateway.plant.messages import Delivery, Message
+from kit.process import PATIENCE
+
+CONNECT, PUBLISH, PINGREQ = 0x10, 0x30, 0xC0
+CONNACK = {"5": bytes((0x20, 3, 0, 0, 0)), "3.1.1": bytes((0x20, 2, 0, 0))}
+PINGRESP = bytes((0xD0, 0))
+MAXIMUM_PACKET_SIZE = 0x27
+
+
+class Peer:
+    """A broker that does what the test says. `packets` are what came."""
+
+    def __init__(self, version: Version) -> None:
+        self.version = version
+        self.packets: asyncio.Queue[tuple[int, bytes]] = asyncio.Queue()
+        self.writer: asyncio.StreamWriter
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Accept one client."""
+        self.writer = writer
+        while head := await reader.read(1):
+            size = shift = 0
+            while (byte := (await reader.readexactly(1))[0]) >= 0x80:
+                size, shift = size | (byte & 0x7F) << shift, shift + 7
+            self.packets.put_nowait((head[0] & 0xF0, await reader.readexactly(size | byte << shift)))
+            if head[0] == CONNECT:
+                writer.write(CONNACK[self.version])
+        writer.close()
+
+    async def next(self, kind: int) -> bytes:
+        """The content of the next packet of this kind."""
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                found, content = await self.packets.get()
+                if found == kind:
+                    return content
+
+
+async def until(is_so: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE):
+        while not is_so():  # noqa: ASYNC110 - the connection tells nobody else
+            await asyncio.sleep(0.005)
+
+
+@asynccontextmanager
+async def connected(version: Version, deliveries: list[Delivery]):
+    peer = Peer(version)
+    server = await asyncio.start_server(peer.serve, "127.0.0.1", 0)
+    settings = BrokerSettings("127.0.0.1", server.sockets[0].getsockname()[1], "", "mbgw-test")
+    connection = Connection(
+        settings, version, Message("gone", b""), deliver=deliveries.append, confirmed=lambda *_: None, unix=lambda: 0.0
+    )
+    await connection.open()
+    try:
+        yield connection, peer
+    finally:
+        connection.close()
+        peer.writer.close()
+        server.close()
+        await server.wait_closed()
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+async def test_the_answer_to_a_ping_confirms_the_messages_before_it(version):
+    async with connected(version, []) as (connection, peer):
+        for number in range(30):
+            connection.publish(Message("value", str(number).encode(), qos=0))
+        assert connection.in_flight == 30
+        for left in (29, 0):  # the first ping was sent after the first message, the second one after all
+            await peer.next(PINGREQ)
+            peer.writer.write(PINGRESP)
+            await until(lambda left=left: connection.in_flight == left)
+        assert connection.deadline is None
+
+
+async def test_it_asks_for_no_large_packets():
+    async with connected("5", []) as (_, peer):
+        assert bytes((MAXIMUM_PACKET_SIZE, *LARGEST_PACKET.to_bytes(4))) in await peer.next(CONNECT)
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+async def test_a_packet_that_is_too_large_ends_the_connection_before_it_is_read(version):
+    deliveries = []
+    async with connected(version, deliveries) as (connection, peer):
+        small = b"\0\1t" + (b"\0" if version == "5" else b"")
+        peer.writer.write(bytes((PUBLISH, len(small))) + small)
+        await until(lambda: deliveries)
+        peer.writer.write(bytes((PUBLISH, 0xFF, 0xFF, 0xFF, 0x7F)) + bytes(1000))
+        async with asyncio.timeout(PATIENCE):
+            assert await connection.lost == f"it has sent a message of more than {LARGEST_PACKET} bytes"
