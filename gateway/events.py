@@ -602,7 +602,7 @@ class AnswerWithheld(Event):
 
 
 class PollRefused(Event):
-    """A device answers a poll of a mirror with an exception: these addresses cannot be read, or not together."""
+    """A device refuses a read of a mirror or of `[mqtt]`: these addresses cannot be read, or not together."""
 
     level = Level.WARNING
     image: str

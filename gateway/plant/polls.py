@@ -4,14 +4,14 @@ It has no clock: time is an argument, and `deadline` says when `tick` must be ca
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import count
 from math import ceil
 from typing import Final, NamedTuple, Protocol
 
-from gateway.errors import Busy, PathUnavailable, TargetFailedToRespond
+from gateway.errors import Busy, IllegalDataAddress, IllegalDataValue, PathUnavailable, TargetFailedToRespond
 from gateway.events import Emit, PollRefused
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
@@ -25,8 +25,13 @@ from gateway.request import Origin, Request
 MOST_READS: Final = 16
 #: After a read that got no response the next one comes no later than this, in seconds.
 RETRY: Final = 5.0
-#: Exceptions by which devices refuse a range as a whole: address, quantity, and 04, which some send instead.
-_REFUSALS: Final = frozenset({2, 3, 4})
+#: Exceptions by which devices refuse a range: address and quantity.
+_REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code})
+#: A failure of the device, which passes. Some send it for addresses that they do not have: so often in a row.
+_FAILURE: Final = 4
+_FAILURES_OF_REFUSAL: Final = 3
+#: After so many seconds points that are read one by one are tried together again.
+TOGETHER_AGAIN: Final = 60.0
 #: The unit is not reached, or does not answer.
 _NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
 
@@ -63,7 +68,10 @@ class Counts:
 
 @dataclass(slots=True, eq=False)
 class _Read:
-    """One request, and when it is due. `is_asked`: it waits here or at the line, or is in progress."""
+    """One request, and when it is due. `is_asked`: it waits here or at the line, or is in progress.
+
+    While it is refused, `parts` read its points one by one. `is_over`: it is a part that is not needed any more.
+    """
 
     device: PublishedDevice
     every: float
@@ -71,23 +79,26 @@ class _Read:
     due_at: float
     is_asked: bool = False
     is_refused: bool = False
+    is_over: bool = False
+    failures: int = 0
+    parts: list["_Read"] = field(default_factory=list)
     pdu: bytes = field(init=False)
 
     def __post_init__(self) -> None:
         self.pdu = read_request(self.batch.span)
 
     @property
-    def parts(self) -> Iterator["_Read"]:
-        """A read for each of its points."""
-        for point in self.batch.points:
-            yield _Read(self.device, self.every, Batch(point.span, (point,)), self.due_at)
+    def interval(self) -> float:
+        """How many seconds later it is due again."""
+        return max(self.every, TOGETHER_AGAIN) if self.parts else self.every
 
 
 class _Line:
-    """What goes to one line: few reads at once, the others wait here."""
+    """What goes to one line: few reads at once, the others wait here. `is_passing` them on at this moment."""
 
     def __init__(self) -> None:
         self.in_progress = 0
+        self.is_passing = False
         self.waiting: deque[_Read] = deque()
 
 
@@ -130,8 +141,8 @@ class Polls:
         failed = []
         while (due := self.deadline()) is not None and due <= now:
             read = heappop(self._due)[2]
-            missed = max(1, ceil((now - due) / read.every))
-            self._plan(read, due + read.every * missed)
+            missed = max(1, ceil((now - due) / read.interval))
+            self._plan(read, due + read.interval * missed)
             if read.is_asked:
                 self.counts.skipped += 1
             elif self._targets[read.device.name].is_resting(now):
@@ -161,7 +172,7 @@ class Polls:
         """Something was written to `span`: what reads it is due."""
         for read in self._reads[device]:
             own = read.batch.span
-            if own.area is span.area and own.start < span.end and span.start < own.end:
+            if not read.parts and own.area is span.area and own.start < span.end and span.start < own.end:
                 self._plan(read, now)
 
     def _add(self, reads: Iterable[_Read]) -> None:
@@ -170,18 +181,28 @@ class Polls:
             self._plan(read, read.due_at)
 
     def _plan(self, read: _Read, due_at: float) -> None:
+        if read.is_over:
+            return
         read.due_at = due_at
         heappush(self._due, (due_at, next(self._number), read))
 
     def _go_on(self, line: _Line, now: float) -> None:
-        """Pass waiting reads to their line. An answer may come before `submit` returns."""
-        while line.waiting and line.in_progress < MOST_READS:
-            read = line.waiting.popleft()
-            request = Request(read.device.unit, read.pdu, self._origin, now)
-            self._asked[request] = read
-            line.in_progress += 1
-            self.counts.polls += 1
-            self._targets[read.device.name].submit(request, now, yields=True)
+        """Pass waiting reads to their line. An answer may come before `submit` returns; then this loop goes on."""
+        if line.is_passing:
+            return
+        line.is_passing = True
+        try:
+            while line.waiting and line.in_progress < MOST_READS:
+                self._submit(line, line.waiting.popleft(), now)
+        finally:
+            line.is_passing = False
+
+    def _submit(self, line: _Line, read: _Read, now: float) -> None:
+        request = Request(read.device.unit, read.pdu, self._origin, now)
+        self._asked[request] = read
+        line.in_progress += 1
+        self.counts.polls += 1
+        self._targets[read.device.name].submit(request, now, yields=True)
 
     def _answer(self, read: _Read, request: Request, response: bytes | None, now: float) -> Answer:
         if response is not None and not response[0] & EXCEPTION_BIT:
@@ -190,7 +211,7 @@ class Polls:
             except ValueError:
                 response = None
             else:
-                read.is_refused = False
+                self._accepted(read, now)
                 return Answer(read.device, values, answers=True)
         self.counts.failed += 1
         code = 0 if response is None else response[1]
@@ -200,23 +221,35 @@ class Polls:
         if response is None or code in _NO_ANSWER:
             self._plan(read, min(read.due_at, now + RETRY))
             return Answer(read.device, {}, answers=False)
-        if code in _REFUSALS:
+        read.failures = read.failures + 1 if code == _FAILURE else 0
+        if code in _REFUSALS or read.failures >= _FAILURES_OF_REFUSAL:
             self._refused(read, code, now)
         return Answer(read.device, {}, answers=True)
 
+    def _accepted(self, read: _Read, now: float) -> None:
+        """Its points are read together, again if they were not."""
+        read.is_refused, read.failures = False, 0
+        if not read.parts:
+            return
+        self._plan(read, now + read.every)
+        for part in read.parts:
+            self._reads[read.device.name].remove(part)
+            part.is_over, part.due_at = True, -1.0  # its entry in the heap counts no more
+        read.parts.clear()
+
     def _refused(self, read: _Read, code: int, now: float) -> None:
-        """Read the points one by one from now on; what is refused alone is logged, once until it is answered."""
+        """Log it once until it is answered, and read the points one by one until then."""
+        if read.is_refused:
+            return
+        read.is_refused = True
+        span = read.batch.span
+        what = f"{span.area} {span.addresses}"
+        self._emit(PollRefused(self._origin.client, read.device.name, what, code, self._source))
         if len(read.batch.points) > 1:
-            read.due_at = now
-            reads = self._reads[read.device.name]
-            reads.remove(read)
+            batches = [Batch(point.span, (point,)) for point in read.batch.points]
+            read.parts = [_Read(read.device, read.every, batch, now) for batch in batches]
             self._add(read.parts)
-            read.due_at = -1.0  # its entry in the heap counts no more
-        elif not read.is_refused:
-            read.is_refused = True
-            span = read.batch.span
-            what = f"{span.area} {span.addresses}"
-            self._emit(PollRefused(self._origin.client, read.device.name, what, code, self._source))
+            self._plan(read, now + read.interval)
 
 
 def _values(batch: Batch, response: bytes) -> dict[str, Value]:

@@ -8,7 +8,8 @@ from itertools import pairwise
 import pytest
 
 from gateway.config.line_load import load_of, total_share
-from gateway.events import AccessDenied, BrokerLost, PollRefused, WriteAudit
+from gateway.events import AccessDenied, BrokerLost, PartFailed, PollRefused, WriteAudit
+from gateway.plant.polls import TOGETHER_AGAIN
 from gateway.plant.publisher import MOST_COMMANDS
 from gateway.simulator.generic import Generic
 from kit.broker import FakeBroker
@@ -207,7 +208,67 @@ async def test_what_a_device_refuses_together_is_read_one_by_one():
         refused = [
             (event.device, event.addresses, event.code) for event in bench.events if isinstance(event, PollRefused)
         ]
-        assert sorted(refused) == [("silo-1", "coils 3", 2), ("silo-1", "holding 10", 2), ("silo-1", "holding 2", 2)]
+        assert sorted(refused) == [
+            ("silo-1", "coils 3", 2),
+            ("silo-1", "holding 0-2", 2),
+            ("silo-1", "holding 10", 2),
+            ("silo-1", "holding 2", 2),
+        ]
+
+
+async def test_points_that_were_refused_together_are_tried_together_again():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        FakeBroker.of(bench)
+        registers, silo.holding[:] = list(silo.holding), silo.holding[:2]
+        await asyncio.sleep(5.0)
+        silo.holding[:] = registers
+        await asyncio.sleep(TOGETHER_AGAIN)
+        silo.heard.clear()
+        await asyncio.sleep(9.9)
+        assert {pdu: reads(silo).count(pdu) for pdu in set(reads(silo))} == {
+            "0300000003": 20,
+            "0100030001": 20,
+            "03000a0001": 10,
+        }
+
+
+async def test_a_failure_that_passes_does_not_part_what_is_read_together():
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        FakeBroker.of(bench)
+        await asyncio.sleep(2.2)
+        silo.refuses[HOLDING] = 4
+        await asyncio.sleep(1.0)
+        del silo.refuses[HOLDING]
+        silo.heard.clear()
+        await asyncio.sleep(5.0)
+        assert set(reads(silo)) == {"0300000003", "0100030001", "03000a0001"}
+
+
+async def test_what_always_fails_together_is_read_one_by_one():
+    """Some devices say 04 for addresses that they do not have."""
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        FakeBroker.of(bench)
+        silo.refuses[HOLDING] = 4
+        await asyncio.sleep(5.0)
+        assert {"0300000002", "0300020001"} < set(reads(silo))
+
+
+async def test_many_waiting_reads_fail_at_once_when_their_line_goes_down():
+    """Each of them answers before `submit` returns; they must not pile up on the stack."""
+    points = ", ".join(f'{{ name = "p{at}", holding = {2 * at} }}' for at in range(1000))
+    config = CONFIG.replace('name = "silo-1", profile = "scale"', f'name = "silo-1", points = [{points}]')
+    async with gateway_bench(config + MQTT.replace('{ device = "silo-1", points = ["speed"]', "#")) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(0.05)
+        silo.silent = True
+        bench.lines["hall"].pull()
+        await asyncio.sleep(5.0)
+        assert [event for event in bench.events if isinstance(event, PartFailed)] == []
+        assert broker.driver.publisher.polls.counts.failed >= 900
 
 
 async def test_no_number_is_null():
