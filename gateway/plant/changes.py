@@ -48,6 +48,13 @@ class Watch:
         self.forget()
         return True
 
+    def expire(self, now: float) -> None:
+        """A point has no new reading: what was published of it, and is too old by now, is to be taken back."""
+        old = self._latest.keys() - self.readings(now).keys()
+        for name in old:
+            del self._latest[name]
+        self.changed |= old & self._published.keys()
+
     def forget(self) -> None:
         """Nothing of it counts as published."""
         self._published.clear()
@@ -69,6 +76,12 @@ class Watch:
         """These readings were published."""
         self._published.update(readings)
         self.changed.difference_update(readings)
+
+    def taken_back(self) -> None:
+        """It was published that what had changed, and was not published as a reading, has none."""
+        for name in self.changed:
+            self._published.pop(name, None)
+        self.changed.clear()
 
     def _is_due(self, point: PublishedPoint, reading: Reading) -> bool:
         """Whether a reading differs enough from what was published last, or that is long ago."""

@@ -125,7 +125,10 @@ class Form(Protocol):
     def values(
         self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float
     ) -> Sequence[Message]:
-        """New readings of a device: all that are known, and the names of those that are to be published now."""
+        """New readings of a device: all that are known, and the names of points whose readings are to be published now.
+
+        A point among these without a reading had one, which is too old by now.
+        """
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
         """A device begins to answer, with what it has read, or no longer does."""

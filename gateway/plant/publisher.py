@@ -186,12 +186,18 @@ class Publisher:
     def _heed(self, answer: Answer, now: float) -> None:
         name = answer.device.name
         watch = self._watches[name]
+        if not answer.values:
+            watch.expire(now)
         if answer.answers is None:
+            self._note_change(name)
             return
         has_turned = watch.answered(answer.values, now) if answer.answers else watch.failed()
         if has_turned:
             self._came_or_went[name] = None
-        if self._is_born and watch.changed:
+        self._note_change(name)
+
+    def _note_change(self, name: str) -> None:
+        if self._is_born and self._watches[name].changed:
             self._changed[name] = None
 
     def _availability(self, name: str, now: float) -> Sequence[Message]:
@@ -204,11 +210,11 @@ class Publisher:
     def _values(self, name: str, now: float) -> Sequence[Message]:
         watch = self._watches[name]
         readings = watch.readings(now)
-        changed = watch.changed.intersection(readings)
-        watch.changed.clear()
+        changed = frozenset(watch.changed)
         if not changed:
             return ()
-        watch.published({each: readings[each] for each in changed})
+        watch.published({each: readings[each] for each in changed if each in readings})
+        watch.taken_back()
         return self.form.values(watch.device, self._readings(readings), changed, self._unix(now))
 
     def _told(self, state: DeviceState) -> DeviceState:

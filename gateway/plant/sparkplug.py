@@ -105,8 +105,8 @@ class Sparkplug:
     def values(
         self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float
     ) -> Sequence[Message]:
-        """New values of a device that is born."""
-        points = [point for point in device.points if point.name in changed and point.name in readings]
+        """New values of a device that is born; null for what is not known any more."""
+        points = [point for point in device.points if point.name in changed]
         if device.name not in self._born or not points:
             return []
         metrics = _metrics(points, readings, at)

@@ -82,3 +82,26 @@ def test_a_device_is_gone_after_several_failures_in_a_row_and_back_with_one_answ
     assert (seen.state(1.0).is_available, seen.readings(1.0)) == (False, {})
     assert seen.answered({"a": 1}, 2.0) is True
     assert seen.changed == {"a"}, "what was published before it was gone counts no more"
+
+
+def test_a_published_reading_that_is_too_old_is_taken_back_once():
+    seen = watch()
+    seen.answered({"a": 1}, 0.0)
+    seen.published(seen.readings(0.0))
+    seen.expire(1.5)
+    assert seen.changed == set()
+    seen.expire(1.6)
+    assert (seen.changed, seen.readings(1.6)) == ({"a"}, {})
+    seen.taken_back()
+    seen.expire(2.6)
+    assert seen.changed == set()
+    seen.answered({"a": 1}, 3.0)
+    assert seen.changed == {"a"}, "the same value is new after that"
+
+
+def test_a_reading_that_was_never_published_is_not_taken_back():
+    seen = watch()
+    seen.answered({"a": 1}, 0.0)
+    seen.changed.clear()
+    seen.expire(9.0)
+    assert seen.changed == set()

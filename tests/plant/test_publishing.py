@@ -196,6 +196,20 @@ async def test_a_value_that_is_too_old_is_not_published_as_new():
         assert said[SILO].keys() == {"weight", "state", "speed"}
 
 
+@pytest.mark.parametrize("code", [2, 11])
+async def test_a_point_without_new_values_disappears_from_its_device_until_it_has_one(code):
+    async with gateway_bench(CONFIG + MQTT) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        silo.refuses[COILS] = code
+        assert await settled(broker) == {SILO: {"weight": 0.0, "state": "off", "speed": 0.0}}
+        assert await settled(broker, 4.0) == {}, "it is told once; the others have not changed"
+        del silo.refuses[COILS]
+        assert await settled(broker, 8.0) == {SILO: {"weight": 0.0, "state": "off", "speed": 0.0, "valve": 0}}
+
+
 async def test_what_a_device_refuses_together_is_read_one_by_one():
     async with gateway_bench(CONFIG + MQTT) as bench:
         silo, _ = furnish(bench)

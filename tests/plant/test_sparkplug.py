@@ -328,6 +328,13 @@ def test_data_has_what_has_changed():
     assert decode(data.payload) == Payload((Metric("weight", 4999.66, None, AT - 1),), AT + 1, 3)
 
 
+def test_what_is_not_known_any_more_is_null():
+    node = born()
+    (data,) = node.values(SCALE, {"state": WEIGHED["state"]}, {"weight"}, AT + 1)
+    [metric] = decode(data.payload).metrics
+    assert (metric.name, metric.value, metric.at) == ("weight", None, AT + 1)
+
+
 @tck(
     "topics-ddata-seq-num",
     "topics-ddeath-seq-num",
