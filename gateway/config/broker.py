@@ -117,10 +117,10 @@ def check_topic_part(name: object, what: str) -> None:
     Raises:
         WrongValue: it cannot.
     """
-    if not isinstance(name, str) or not name or not name.isprintable() or set(name) & _IN_TOPICS:
+    if not isinstance(name, str) or not is_topic_part(name):
         raise WrongValue(f"{what} must be text without +, # and /")
 
 
 def is_topic_part(name: str) -> bool:
     """Whether a name can be one part of a topic."""
-    return bool(name) and not set(name) & _IN_TOPICS
+    return bool(name) and name.isprintable() and not set(name) & _IN_TOPICS

@@ -18,6 +18,9 @@ from gateway.routing.access import EntryPoint, Rights
 
 _TLS_KEYS: Final = ("ca", "certificate", "key", "server_name")
 _MOST_NAMES: Final = 3
+#: Names in plain messages: the topic beside those of devices, and the key beside those of points.
+_STATUS: Final = "status"
+_TIME: Final = "time"
 
 
 def check_mqtt(config: Config) -> Iterator[Problem]:
@@ -103,6 +106,19 @@ def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[
     if wrong:
         what = f"{_named(wrong)} cannot be a part of topics, where +, # and / mean something else"
         yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
+    if mqtt.sparkplug is None:
+        yield from _check_taken(mqtt, devices)
+
+
+def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
+    """No device and no point has a name that plain messages use for something else."""
+    for device in devices:
+        if device.name == _STATUS:
+            what = f"the topic of {_STATUS} says whether the gateway is there"
+            yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
+        if device.point(_TIME):
+            what = f'the point "{_TIME}" of {device.name} has the name of the time of each message'
+            yield error((*mqtt.path, "publish"), what, "give the point another name, or leave it out of points here")
 
 
 def _check_rights(mqtt: Mqtt, devices: tuple[PublishedDevice, ...], plan: Plan) -> Iterator[Problem]:

@@ -366,7 +366,6 @@ class Connection:
                 is_duplicate=message.dup,
                 expiry=getattr(properties, "MessageExpiryInterval", None),
                 correlation=getattr(properties, "CorrelationData", None),
-                response_topic=getattr(properties, "ResponseTopic", None),
             )
         )
 

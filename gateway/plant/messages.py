@@ -29,7 +29,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """A message received from the broker at `at`. The last three are known with MQTT 5 only.
+    """A message received from the broker at `at`. The last two are known with MQTT 5 only.
 
     `is_retained`: the broker kept it from before the subscription. `is_duplicate`: it may have been delivered before.
     `expiry` is how many seconds of its life were left.
@@ -42,7 +42,6 @@ class Delivery:
     is_duplicate: bool = False
     expiry: float | None = None
     correlation: bytes | None = None
-    response_topic: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

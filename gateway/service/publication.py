@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 _MISSING: Final = "{} is not installed: pip install 'mbgw[mqtt]'"
 #: How long the last messages may take at a stop, in seconds.
 _FAREWELL: Final = 1.2
+#: In bytes.
 _LONGEST_PASSWORD: Final = 1024
 
 
@@ -221,12 +222,22 @@ def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
 
 
 def _password(file: SecretFile) -> str:
-    """Read a password: the first line of its file."""
+    """Read a password: the first line of its file.
+
+    Raises:
+        BrokerError: it cannot be read, or is none.
+    """
     try:
         path = path_of(file)
         if not file.is_credential:
             refuse_if_exposed(path)
-        with path.open(encoding="utf-8", errors="replace") as stream:
-            return stream.readline(_LONGEST_PASSWORD).rstrip("\r\n")
+        with path.open("rb") as stream:
+            line = stream.readline(_LONGEST_PASSWORD + 1).rstrip(b"\r\n")
     except OSError as error:
         raise BrokerError(f"{error.filename or file.name}: {error.strerror or error}") from error
+    if len(line) > _LONGEST_PASSWORD:
+        raise BrokerError(f"{path}: the password has more than {_LONGEST_PASSWORD} bytes")
+    try:
+        return line.decode()
+    except UnicodeDecodeError:
+        raise BrokerError(f"{path}: the password is not UTF-8 text") from None

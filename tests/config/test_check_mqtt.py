@@ -164,3 +164,18 @@ def test_images_and_mirrors_are_published_too():
     loaded = parse(f'{DEVICES}\n{more}[mqtt]\n{BROKER}publish = [{{ device = "shift", every = "1 s" }}]', "g.toml")
     [device] = resolve(loaded.config).mqtt.devices
     assert (device.unit, [point.name for point in device.points]) == (9, ["weight", "state"])
+
+
+def test_names_that_plain_messages_use_for_something_else_are_refused():
+    devices = DEVICES.replace("hall/3", "status").replace('"level"', '"time"')
+    row = 'publish = [{ device = "status", points = ["POINT"], every = "1 s" }]\n'
+    status = "error: mqtt.publish: the topic of status says whether the gateway is there"
+    time = 'error: mqtt.publish: the point "time" of status has the name of the time of each message'
+    assert of_mqtt(BROKER + row.replace("POINT", "weight"), devices) == [status]
+    assert of_mqtt(BROKER + row.replace("POINT", "time"), devices) == [status, time]
+    assert of_mqtt(BROKER + row.replace("POINT", "time") + 'sparkplug = { group = "a" }', devices) == []
+
+
+def test_a_site_is_printable():
+    devices = DEVICES.replace("plant-2", "plant\\u00012")
+    assert of_mqtt(BROKER + ROW, devices) == ["error: site: is a part of topics, where +, # and / mean something else"]
