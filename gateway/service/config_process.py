@@ -81,13 +81,14 @@ class ConfigProcess:
         self._limit = limit
         kind = "look-around" if look_around else "plan"
         try:
-            self._process = subprocess.Popen(  # noqa: S603 - this interpreter, and a program of ours
-                [*_interpreter(), str(file), kind, f"{limit:g}", ":".join(sys.path)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                process_group=0,  # Ctrl-C is for the gateway, which ends it
-            )
+            with _without_hang_up():
+                self._process = subprocess.Popen(  # noqa: S603 - this interpreter, and a program of ours
+                    [*_interpreter(), str(file), kind, f"{limit:g}", ":".join(sys.path)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.PIPE,
+                    process_group=0,  # Ctrl-C is for the gateway, which ends it
+                )
         except OSError as error:
             raise ConfigError(f"{file} cannot be read: no process can be started for it: {error.strerror}") from None
 
@@ -118,6 +119,19 @@ class ConfigProcess:
         for pipe in (process.stdout, process.stderr):
             if pipe is not None:
                 pipe.close()
+
+
+@contextmanager
+def _without_hang_up() -> Iterator[None]:
+    """A process that is started in this context never gets SIGHUP.
+
+    `systemctl kill --signal=HUP` sends it to all processes of the service, and means the gateway.
+    """
+    before = pthread_sigmask(SIG_BLOCK, {Signals.SIGHUP})
+    try:
+        yield
+    finally:
+        pthread_sigmask(SIG_SETMASK, before)
 
 
 def remake(kind: type[Any], values: dict[str, Any]) -> object:

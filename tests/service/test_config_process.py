@@ -1,6 +1,7 @@
 """A config is read in a process of its own, which hands over the same as if it was read here."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -46,6 +47,15 @@ def test_a_file_that_is_none_is_given_up_and_so_is_the_process(tmp_path):
     with pytest.raises(ConfigError, match=r"gateway.toml: cannot be read within 0.5 s; is it a file\?"):
         process.result()
     assert process._process.wait(60) < 0
+
+
+def test_a_hang_up_that_is_meant_for_the_gateway_does_not_end_it(tmp_path):
+    file = tmp_path / "gateway.toml"
+    file.write_text("[[image]]\nunit = 1\nholding = 8\n")
+    process = ConfigProcess(file, 60.0)
+    os.kill(process._process.pid, signal.SIGHUP)
+    assert process.result().plan is not None
+    assert signal.SIGHUP not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 def _fake(monkeypatch, folder: Path, script: str) -> None:
