@@ -7,10 +7,11 @@ What reads and checks a config takes as much memory as all else of the gateway, 
 import pickle
 import subprocess
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from signal import Signals
+from signal import SIG_BLOCK, SIG_SETMASK, Signals, pthread_sigmask
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from gateway.config.problem import Problem
