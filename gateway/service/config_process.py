@@ -14,6 +14,7 @@ from pathlib import Path
 from signal import SIG_BLOCK, SIG_SETMASK, Signals, pthread_sigmask
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from gateway import __version__
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError
 
@@ -35,6 +36,10 @@ sys.path[:] = sys.argv.pop().split(":")
 from gateway.service.config_reader import main
 main()
 """
+#: What an answer begins with. The process runs what is installed now, the gateway what was installed at its start.
+ANSWER: Final = f"\0config of modbus-gateway {__version__}\n".encode()
+#: What taking over an answer of another version raises.
+_NOT_OURS: Final = (pickle.UnpicklingError, EOFError, TypeError, AttributeError, ImportError, ValueError, LookupError)
 #: What the process says of its own failure goes to the log, up to so many characters.
 _MOST_SAID: Final = 200
 
@@ -108,8 +113,12 @@ class ConfigProcess:
             self._end()
         if process.returncode != 0:
             raise ConfigError(f"{self._file} was not read: {_explain(process.returncode, said)}")
-        read: ConfigRead = pickle.loads(answer)  # noqa: S301 - of our own process, by a pipe that nobody else has
-        return read
+        try:
+            return _handed_over(answer)
+        except _NOT_OURS:
+            raise ConfigError(
+                f"{self._file} was not read: modbus-gateway has been changed since its start; restart it"
+            ) from None
 
     def _end(self) -> None:
         process = self._process
@@ -120,6 +129,19 @@ class ConfigProcess:
         for pipe in (process.stdout, process.stderr):
             if pipe is not None:
                 pipe.close()
+
+
+def _handed_over(output: bytes) -> ConfigRead:
+    """What the process has read, of what it said: a library may have said something before.
+
+    Raises:
+        _NOT_OURS: it is of another version of the gateway.
+    """
+    _, begin, answer = output.partition(ANSWER)
+    if not begin:
+        raise ValueError
+    read: ConfigRead = pickle.loads(answer)  # noqa: S301 - of our own process, by a pipe that nobody else has
+    return read
 
 
 @contextmanager

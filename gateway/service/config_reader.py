@@ -12,7 +12,7 @@ from typing import Any
 from gateway.config.address_trouble import address_trouble
 from gateway.config.load import load
 from gateway.config.resolve import resolve
-from gateway.service.config_process import ConfigRead, remake
+from gateway.service.config_process import ANSWER, ConfigRead, remake
 
 
 def read_here(file: Path, *, look_around: bool = False) -> ConfigRead:
@@ -36,7 +36,7 @@ def main() -> None:
     """Read the file, in the way and within the seconds that the arguments say, and write what it says to stdout."""
     file, kind, limit = sys.argv[1:]
     signal.alarm(ceil(float(limit)) + 1)  # the gateway may have ended: nothing then waits for a file that is none
-    sys.stdout.buffer.write(packed(read_here(Path(file), look_around=kind == "look-around")))
+    sys.stdout.buffer.write(ANSWER + packed(read_here(Path(file), look_around=kind == "look-around")))
 
 
 class _Pickler(pickle.Pickler):

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import ConfigError
-from gateway.service.config_process import ConfigProcess, read_config
-from gateway.service.config_reader import read_here
+from gateway.service.config_process import ANSWER, ConfigProcess, ConfigRead, read_config
+from gateway.service.config_reader import packed, read_here
 
+NOTHING = ConfigRead(None, ())
 EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
 
 
@@ -78,6 +79,30 @@ def test_a_process_that_dies_is_a_sentence(monkeypatch, tmp_path, script, reason
     with pytest.raises(ConfigError) as caught:
         read_config(Path("/etc/gateway.toml"))
     assert str(caught.value) == f"/etc/gateway.toml was not read: {reason}"
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"\0config of modbus-gateway 0.0.1\n" + packed(NOTHING),
+        ANSWER + packed(NOTHING)[:-9],
+        ANSWER + packed(NOTHING).replace(b"problems", b"troubles"),
+        ANSWER + packed(NOTHING).replace(b"ConfigRead", b"ConfigText"),
+    ],
+    ids=["nothing", "version", "cut", "field", "class"],
+)
+def test_what_another_version_of_the_gateway_has_read_is_not_taken_over(monkeypatch, tmp_path, answer):
+    (tmp_path / "answer").write_bytes(answer)
+    _fake(monkeypatch, tmp_path, f"cat {tmp_path}/answer")
+    with pytest.raises(ConfigError, match="was not read: modbus-gateway has been changed since its start; restart it"):
+        read_config(Path("/etc/gateway.toml"))
+
+
+def test_what_a_library_prints_is_no_part_of_the_answer(monkeypatch, tmp_path):
+    (tmp_path / "answer").write_bytes(b"hello\n" + ANSWER + packed(NOTHING))
+    _fake(monkeypatch, tmp_path, f"cat {tmp_path}/answer")
+    assert read_config(Path("/etc/gateway.toml")) == NOTHING
 
 
 def test_a_process_that_cannot_be_started_is_a_sentence(monkeypatch):
