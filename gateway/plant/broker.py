@@ -175,9 +175,11 @@ class Broker:
             self._pause = FIRST_PAUSE
             self.reason = "it is to be connected anew"
 
-    def _has_confirmed(self, refusal: str) -> None:
+    def _has_confirmed(self, message: Message | None, refusal: str) -> None:
         if refusal:
             self.refused += 1
+            if message is not None:
+                self._driver.publisher.refused(message)
             if refusal != self._refusal:
                 self._refusal = refusal
                 self._emit(BrokerRefused(self.name, refusal))

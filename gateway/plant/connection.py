@@ -35,6 +35,8 @@ LARGEST_PACKET: Final = 65536
 _PROTOCOLS: Final = {"5": MQTTProtocolVersion.MQTTv5, "3.1.1": MQTTProtocolVersion.MQTTv311}
 _UNSUPPORTED_VERSION: Final = 0x84
 _WITH_WILL: Final = 0x04
+#: Refusals that say nothing of the message: unspecified error, implementation specific error, quota exceeded.
+_PASSING: Final = (0x80, 0x83, 0x97)
 _REASONS: Final = {
     0x84: "it does not have this version of MQTT",
     0x85: "it refuses this client identifier",
@@ -66,7 +68,8 @@ class BrokerSettings:
 class Connection:
     """A connection with one `version` of MQTT. `deliver` takes what is received.
 
-    `confirmed` is called for each message that the broker has taken, or refused for the reason given. QoS 0 has no
+    `confirmed` is called for each message that the broker has taken, or refused for the reason given; with the message
+    if the broker may take it later. QoS 0 has no
     confirmation in MQTT; the answer to a ping that was sent after the message takes its place.
     """
 
@@ -77,7 +80,7 @@ class Connection:
         will: Message,
         *,
         deliver: Callable[[Delivery], None],
-        confirmed: Callable[[str], None],
+        confirmed: Callable[[Message | None, str], None],
         unix: Callable[[], float],
     ) -> None:
         self.version = version
@@ -95,7 +98,7 @@ class Connection:
         #: Done when the connection is lost, with the reason.
         self.lost: asyncio.Future[str] = self._loop.create_future()
         self._unpinged = self._pinged = 0
-        self._awaited: set[int] = set()
+        self._awaited: dict[int, Message] = {}
         self._client = self._new_client(will)
         self._timer: asyncio.TimerHandle | None = None
         self._is_abandoned = False
@@ -153,7 +156,7 @@ class Connection:
         self.in_flight += 1
         sent = self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
         if message.qos:
-            self._awaited.add(sent.mid)
+            self._awaited[sent.mid] = message
         else:
             self._unpinged += 1
             self._ping()
@@ -282,12 +285,12 @@ class Connection:
         if self._pinged:
             client._send_pingreq()  # noqa: SLF001 - the library pings by itself only if nothing else is sent
         for _ in range(answered):
-            self._count_confirmed("")
+            self._count_confirmed(None, "")
 
-    def _count_confirmed(self, refusal: str) -> None:
+    def _count_confirmed(self, message: Message | None, refusal: str) -> None:
         self.in_flight -= 1
         self.deadline = self._loop.time() + STEP_TIME if self.in_flight else None
-        self._confirmed(refusal)
+        self._confirmed(message, refusal)
 
     def _tick(self) -> None:
         self._timer = self._loop.call_later(1.0, self._tick)
@@ -351,9 +354,10 @@ class Connection:
     def _on_publish(
         self, _client: Client, _data: Any, number: int, reason: ReasonCode, _properties: Properties | None
     ) -> None:
-        if number in self._awaited:  # with QoS 0 it says that the message is written, and no more
-            self._awaited.remove(number)
-            self._count_confirmed(_in_words(reason) if reason.is_failure else "")
+        message = self._awaited.pop(number, None)
+        if message is not None:  # with QoS 0 it says that the message is written, and no more
+            is_passing = reason.value in _PASSING
+            self._count_confirmed(message if is_passing else None, _in_words(reason) if reason.is_failure else "")
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         properties = message.properties

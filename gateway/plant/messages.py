@@ -4,7 +4,7 @@ A form is a way to put values into messages: JSON (`plain`) or Sparkplug B. It h
 Unix times in seconds: they are what messages carry.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -16,7 +16,8 @@ from gateway.registers.datatypes import Value
 class Message:
     """A message to publish. With MQTT 5 the broker drops it `expiry` seconds after it has got it, if nobody took it.
 
-    `correlation` is sent back to who asked, with MQTT 5 only.
+    `correlation` is sent back to who asked, with MQTT 5 only. `device` is the name of the device whose values or
+    availability it tells.
     """
 
     topic: str
@@ -25,6 +26,7 @@ class Message:
     qos: int = 1
     expiry: float | None = None
     correlation: bytes | None = None
+    device: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +120,8 @@ class Form(Protocol):
     def late_subscriptions(self) -> Sequence[str]:
         """Topics (filters) to subscribe to after the birth."""
 
-    def born(self, states: Sequence[DeviceState], at: float) -> Sequence[Message]:
-        """What to publish at first: all devices with their availability and last readings."""
+    def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
+        """What to publish at first: all devices with their availability and last readings, each when it is taken."""
 
     def values(
         self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float

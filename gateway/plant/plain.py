@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -48,10 +48,12 @@ class PlainForm:
         """What sets the points that can be written."""
         return tuple(self._settable)
 
-    def born(self, states: Sequence[DeviceState], at: float) -> Sequence[Message]:
+    def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
         """What is announced, each device with what is known of it, and then that the gateway is there."""
-        found = [message for state in states for message in self.availability(state, at)]
-        return (*self._announcements, *found, Message(self._topics.status, ONLINE, retain=True))
+        yield from self._announcements
+        for state in states:
+            yield from self.availability(state, at)
+        yield Message(self._topics.status, ONLINE, retain=True)
 
     def values(
         self,
@@ -62,14 +64,14 @@ class PlainForm:
     ) -> Sequence[Message]:
         """All values of the device."""
         values = {name: _as_json(reading.value) for name, reading in readings.items()}
-        return (self._json(self._topics.values(device.name), at, values, retain=True),)
+        return (self._json(self._topics.values(device.name), at, values, retain=True, device=device.name),)
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
         """Whether the device answers; before that, what it has read."""
         device = state.device
         values = self.values(device, state.readings, (), at) if state.readings else ()
         payload = ONLINE if state.is_available else OFFLINE
-        return (*values, Message(self._topics.availability(device.name), payload, retain=True))
+        return (*values, Message(self._topics.availability(device.name), payload, retain=True, device=device.name))
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
         """A value for a point. To delete a retained message an empty one is sent, which sets nothing."""

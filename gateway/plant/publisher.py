@@ -4,9 +4,11 @@ It has no clock and no connection: time is an argument, messages are taken from 
 handed to it. Without a connection it goes on reading, and keeps the last reading of each point.
 """
 
+import math
 from collections import OrderedDict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from math import isfinite
 from typing import Final, Protocol
 
@@ -26,6 +28,10 @@ CLIENT: Final = "mqtt"
 #: So many commands are carried out at once, and so many are remembered to find those that come again.
 MOST_COMMANDS: Final = 32
 MOST_REMEMBERED: Final = 1000
+#: So many results wait until they are published; the oldest are dropped for more.
+MOST_RESULTS: Final = 100
+#: Births that hosts ask for are published at most so often, in seconds.
+REBIRTH_PAUSE: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +45,12 @@ class PublisherSettings:
 
 @dataclass(slots=True)
 class Counts:
-    """Messages that were handed to the connection, and commands by what became of them."""
+    """Messages that were handed to the connection, commands by what became of them, results that nobody gets."""
 
     messages: int = 0
     commands: int = 0
     refused: int = 0
+    dropped_results: int = 0
 
 
 class Asker(Origin, Protocol):
@@ -84,11 +91,17 @@ class Publisher:
         self.polls = Polls(settings.devices, targets, origin, emit, settings.source, clock())
         self._is_connected = False
         self._is_born = False
-        self._ready: deque[Message] = deque()
+        self._birth: Iterator[Message] = iter(())
+        self._is_giving_birth = False
+        self._born_at = -math.inf
+        self._rebirth_at: float | None = None
+        self._results: deque[Message] = deque()
+        self._is_turn_of_results = False
         self._came_or_went: dict[str, None] = {}
         self._changed: dict[str, None] = {}
         self._in_progress = 0
-        self._done: OrderedDict[tuple[str, bytes], None] = OrderedDict()
+        self._done: OrderedDict[bytes, None] = OrderedDict()
+        self._refused: set[str] = set()
 
     @property
     def watches(self) -> Mapping[str, Watch]:
@@ -98,14 +111,16 @@ class Publisher:
     @property
     def has_messages(self) -> bool:
         """Whether `take` has something to publish."""
-        return self._is_born and bool(self._ready or self._came_or_went or self._changed)
+        return self._is_born and bool(self._is_giving_birth or self._came_or_went or self._changed or self._results)
 
     def deadline(self) -> float | None:
         """When `tick` must be called."""
-        return self.polls.deadline()
+        return min((at for at in (self.polls.deadline(), self._rebirth_at) if at is not None), default=None)
 
     def tick(self, now: float) -> None:
-        """Send the reads that are due."""
+        """Send the reads that are due, and begin a birth that was put off."""
+        if self._rebirth_at is not None and now >= self._rebirth_at:
+            self._be_born(now)
         for answer in self.polls.tick(now):
             self._heed(answer, now)
 
@@ -127,14 +142,17 @@ class Publisher:
     def disconnected(self) -> None:
         """The connection is lost, and everything that was not published with it. The last readings are kept."""
         self._is_connected = self._is_born = False
-        self._ready.clear()
+        self._end_birth()
+        self._born_at, self._rebirth_at = -math.inf, None
+        self._results.clear()
+        self._refused.clear()
         self._came_or_went.clear()
         self._changed.clear()
 
     @property
     def has_birth(self) -> bool:
-        """Whether a part of a birth, or a result, is still to be taken."""
-        return bool(self._ready)
+        """Whether a part of a birth is still to be taken."""
+        return self._is_giving_birth
 
     @property
     def is_born(self) -> bool:
@@ -142,19 +160,20 @@ class Publisher:
         return self._is_born
 
     def take(self, now: float) -> Sequence[Message]:
-        """The next messages to publish, in this order; none if there are none at present."""
+        """The next messages to publish, in this order; none if there are none at present.
+
+        Results and all else take turns.
+        """
         if not self._is_born:
             return ()
-        if self._ready:
-            messages: Sequence[Message] = (self._ready.popleft(),)
-        elif self._came_or_went:
-            messages = self._availability(_pop(self._came_or_went), now)
-        elif self._changed:
-            messages = self._values(_pop(self._changed), now)
-        else:
-            return ()
+        messages = self._next(now)
         self.counts.messages += len(messages)
         return messages
+
+    def refused(self, message: Message) -> None:
+        """The broker has no room for this message: the next read of the device it is about publishes all of it."""
+        if message.device in self._watches:
+            self._refused.add(message.device)
 
     def received(self, delivery: Delivery, now: float) -> None:
         """Do what a message from the broker asks for."""
@@ -163,7 +182,7 @@ class Publisher:
             if isinstance(wish, Command):
                 self._carry_out(wish, refusal, now)
             elif isinstance(wish, Rebirth) and self._is_connected:
-                self._be_born(now)
+                self._be_born_again(now)
             elif isinstance(wish, Leave):
                 self.must_leave = True
 
@@ -171,17 +190,47 @@ class Publisher:
         """What to publish last."""
         return self.form.ended(self._unix(now)) if self._is_born else ()
 
+    def _be_born_again(self, now: float) -> None:
+        """Publish the birth, or put it off if the last one was just before."""
+        if now - self._born_at >= REBIRTH_PAUSE:
+            self._be_born(now)
+        else:
+            self._rebirth_at = self._born_at + REBIRTH_PAUSE
+
     def _be_born(self, now: float) -> None:
-        self._is_born = True
-        self._came_or_went.clear()
-        self._changed.clear()
-        states = []
+        self._is_born = self._is_giving_birth = True
+        self._born_at, self._rebirth_at = now, None
         for watch in self._watches.values():
             watch.forget()
-            state = watch.state(now)
+        self._came_or_went.clear()
+        self._changed.clear()
+        self._birth = iter(self.form.born(self._states(), self._unix(now)))
+
+    def _end_birth(self) -> None:
+        self._birth, self._is_giving_birth = iter(()), False
+
+    def _states(self) -> Iterator[DeviceState]:
+        """What a birth tells of each device, at the time when it is told."""
+        for name, watch in self._watches.items():
+            state = watch.state(self._clock())
+            self._came_or_went.pop(name, None)
+            self._changed.pop(name, None)
             watch.published(state.readings)
-            states.append(self._told(state))
-        self._ready = deque(self.form.born(states, self._unix(now)))
+            yield self._told(state)
+
+    def _next(self, now: float) -> Sequence[Message]:
+        if self._is_giving_birth:
+            message = next(self._birth, None)
+            if message is not None:
+                return (message,)
+            self._end_birth()
+        has_news = bool(self._came_or_went or self._changed)
+        self._is_turn_of_results = bool(self._results) and not (has_news and self._is_turn_of_results)
+        if self._is_turn_of_results:
+            return (self._results.popleft(),)
+        if self._came_or_went:
+            return self._availability(_pop(self._came_or_went), now)
+        return self._values(_pop(self._changed), now) if self._changed else ()
 
     def _heed(self, answer: Answer, now: float) -> None:
         name = answer.device.name
@@ -192,7 +241,8 @@ class Publisher:
             self._note_change(name)
             return
         has_turned = watch.answered(answer.values, now) if answer.answers else watch.failed()
-        if has_turned:
+        if has_turned or name in self._refused:
+            self._refused.discard(name)
             self._came_or_went[name] = None
         self._note_change(name)
 
@@ -232,15 +282,17 @@ class Publisher:
             return "it may have been delivered before"
         if delivery.expiry is not None and delivery.expiry <= 0:
             return "it has expired"
-        if delivery.correlation is None:
-            return ""
-        key = (delivery.topic, delivery.correlation)
-        if key in self._done:
+        if delivery.correlation is not None and _key(delivery.topic, delivery.correlation) in self._done:
             return "one with this correlation was received before"
-        self._done[key] = None
+        return ""
+
+    def _remember(self, delivery: Delivery) -> None:
+        """Find the delivery if it comes again."""
+        if delivery.correlation is None:
+            return
+        self._done[_key(delivery.topic, delivery.correlation)] = None
         if len(self._done) > MOST_REMEMBERED:
             self._done.popitem(last=False)
-        return ""
 
     def _carry_out(self, command: Command, refusal: str, now: float) -> None:
         self.counts.commands += 1
@@ -254,6 +306,7 @@ class Publisher:
         if refusal:
             self._refuse(command, refusal, now)
             return
+        self._remember(command.delivery)
         self._in_progress += 1
         expiry = command.delivery.expiry
         origin = _Writer(self._asker, command, self._clock, None if expiry is None else now + expiry)
@@ -277,7 +330,10 @@ class Publisher:
 
     def _tell(self, command: Command, error: str | None, now: float) -> None:
         if self._is_born:
-            self._ready.extend(self.form.result(command, error, self._unix(now)))
+            self._results.extend(self.form.result(command, error, self._unix(now)))
+            while len(self._results) > MOST_RESULTS:
+                self._results.popleft()
+                self.counts.dropped_results += 1
 
 
 class _Writer:
@@ -319,6 +375,11 @@ def _write_request(command: Command) -> bytes:
         raise ValueError("it does not fit into one request")
     multiple = functions is not None and single not in functions and several in functions
     return write_request(point.area, point.address, items, multiple=multiple)
+
+
+def _key(topic: str, correlation: bytes) -> bytes:
+    """A few bytes for a delivery; its correlation may have 64 KiB."""
+    return blake2b(correlation, digest_size=16, key=blake2b(topic.encode()).digest()).digest()
 
 
 def _pop(names: dict[str, None]) -> str:

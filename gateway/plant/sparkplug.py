@@ -89,18 +89,20 @@ class Sparkplug:
             if any(point.is_writable for point in device.points)
         ]
 
-    def born(self, states: Sequence[DeviceState], at: float) -> Sequence[Message]:
+    def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
         """The birth of the node, and of each device that answers."""
         self._sequence = 0
         self._is_born = True
-        self._devices = {state.device.name: state.device for state in states}
         self._born.clear()
         metrics = (
             Metric(_SESSION, self._session, DataType.INT64, at),
             Metric(_REBIRTH, value=False, data_type=DataType.BOOLEAN, at=at),
         )
-        node = self._message(self._topic("NBIRTH"), Payload(metrics, at, self._next()))
-        return [node, *(self._birth(state, at) for state in states if state.is_available)]
+        yield self._message(self._topic("NBIRTH"), Payload(metrics, at, self._next()))
+        for state in states:
+            self._devices[state.device.name] = state.device
+            if state.is_available:
+                yield self._birth(state, at)
 
     def values(
         self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float

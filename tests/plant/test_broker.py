@@ -1,6 +1,7 @@
 """Keeping a connection, in virtual time: what a broker does not confirm."""
 
 import asyncio
+import json
 from contextlib import asynccontextmanager
 from typing import ClassVar
 
@@ -10,7 +11,7 @@ from gateway.events import BrokerLost, BrokerUp
 from gateway.plant import broker as module
 from gateway.plant.broker import Broker
 from gateway.plant.connection import STEP_TIME
-from gateway.service.plant import reading
+from gateway.service.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -62,12 +63,12 @@ class FakeConnection:
             self.deadline = loop.time() + STEP_TIME
         self.in_flight += 1
         if self.refusal is not None:
-            loop.call_soon(self._confirm)
+            loop.call_soon(self._confirm, message)
 
-    def _confirm(self) -> None:
+    def _confirm(self, message) -> None:
         self.in_flight -= 1
         self.deadline = None
-        self._confirmed(self.refusal)
+        self._confirmed(message, self.refusal)
 
     def close(self) -> None:
         """Nothing to close."""
@@ -105,3 +106,19 @@ async def test_a_broker_that_confirms_nothing_is_left_although_new_values_come(c
         [lost] = [event for event in bench.events if isinstance(event, BrokerLost)]
         assert lost.reason == "it has not confirmed a message for 10 s"
         assert len(connections) == 2
+
+
+async def test_what_a_broker_has_refused_for_want_of_room_is_published_after_the_next_read(connections, monkeypatch):
+    async with publishing() as (_, device, broker):
+        await asyncio.sleep(5.0)
+        monkeypatch.setattr(FakeConnection, "refusal", "quota exceeded")
+        device.holding[0] = 7
+        await asyncio.sleep(2.0)
+        assert 1 <= broker.refused <= 12, "not without a pause"
+        monkeypatch.setattr(FakeConnection, "refusal", "")
+        [connection] = connections
+        connection.messages.clear()
+        await asyncio.sleep(2.0)
+        values, availability = connection.messages
+        assert json.loads(values.payload)["weight"] == 7
+        assert availability.payload == b"online"

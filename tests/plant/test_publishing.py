@@ -9,8 +9,10 @@ import pytest
 
 from gateway.config.line_load import load_of, total_share
 from gateway.events import AccessDenied, BrokerLost, PartFailed, PollRefused, WriteAudit
+from gateway.plant.messages import Delivery
 from gateway.plant.polls import TOGETHER_AGAIN
-from gateway.plant.publisher import MOST_COMMANDS
+from gateway.plant.publisher import MOST_COMMANDS, MOST_RESULTS
+from gateway.plant.sparkplug_payload import DataType, Metric, Payload, encode
 from gateway.simulator.generic import Generic
 from kit.broker import FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine
@@ -412,6 +414,53 @@ async def test_too_many_commands_at_once_are_refused():
             "failed",
             f"{MOST_COMMANDS} others are not finished yet",
         )
+
+
+async def test_a_retry_of_what_was_refused_is_carried_out():
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        silo, broker, _ = await commanded(bench)
+        for _ in range(MOST_COMMANDS):
+            broker.send(f"{SILO}/valve/set", "on")
+        outcome, _ = result(broker.send(f"{STATE}/set", "on", correlation=b"7"))
+        assert outcome == "failed"
+        await asyncio.sleep(2.0)
+        broker.send(f"{STATE}/set", "on", correlation=b"7")
+        await asyncio.sleep(0.3)
+        assert result(broker.said()) == ("ok", "")
+        assert silo.holding[2] == 1
+
+
+async def test_a_flood_of_commands_delays_no_values_and_takes_no_more_room():
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        silo, broker, _ = await commanded(bench)
+        for _ in range(3 * MOST_RESULTS):
+            broker.driver.received(Delivery(f"{STATE}/set", b"blue", broker.driver.now()))
+        silo.holding[10] = 50
+        await asyncio.sleep(1.5)
+        first = [message.topic for message in (*broker.driver.take(), *broker.driver.take())]
+        assert sorted(first) == [SILO, f"{STATE}/result"]
+        assert len(broker.take()) == MOST_RESULTS - 1
+        assert broker.driver.publisher.counts.dropped_results == 2 * MOST_RESULTS
+
+
+REBIRTH = encode(Payload((Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN),)), with_types=True)
+
+
+async def test_many_hosts_that_want_a_birth_get_one_a_second():
+    async with gateway_bench(CONFIG + MQTT.replace("publish", 'sparkplug = { group = "g" }\npublish', 1)) as bench:
+        furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        broker.messages.clear()
+        for _ in range(30):
+            broker.driver.received(Delivery("spBv1.0/g/NCMD/plant", REBIRTH, broker.driver.now()))
+            await asyncio.sleep(0.1)
+            broker.take()
+        assert [message.topic.split("/")[2] for message in broker.messages].count("NBIRTH") in (2, 3)
+        await asyncio.sleep(2.0)
+        assert broker.take(), "the last one gets its own"
+        assert await settled(broker) == {}
 
 
 async def test_the_exception_of_the_device_is_the_result():

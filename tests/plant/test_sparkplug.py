@@ -73,7 +73,7 @@ def connected(primary_host=None):
 
 def born():
     node = connected()
-    node.born(STATES, AT)
+    list(node.born(STATES, AT))
     return node
 
 
@@ -159,7 +159,7 @@ def test_birth_and_death_have_the_number_of_their_connection():
 def test_a_node_that_leaves_says_so():
     node = connected()
     will = node.will(AT)
-    node.born(STATES, AT)
+    list(node.born(STATES, AT))
     (death,) = node.ended(AT)
     assert (death.topic, metrics(death)) == (will.topic, metrics(will))
 
@@ -296,7 +296,7 @@ def test_the_unit_is_a_property_of_the_birth():
 
 
 def test_a_device_that_does_not_answer_is_not_born():
-    messages = connected().born([replace(STATES[0], is_available=False, readings={}), STATES[1]], AT)
+    messages = [*connected().born([replace(STATES[0], is_available=False, readings={}), STATES[1]], AT)]
     assert [each.topic.split("/")[2] for each in messages] == ["NBIRTH", "DBIRTH"]
 
 
@@ -360,7 +360,7 @@ def test_messages_are_numbered_from_0_to_255_and_again():
 @tck("payloads-ddata-order")
 def test_a_device_that_is_not_born_has_no_data():
     node = connected()
-    node.born([replace(STATES[0], is_available=False, readings={})], AT)
+    list(node.born([replace(STATES[0], is_available=False, readings={})], AT))
     assert node.values(SCALE, WEIGHED, {"weight"}, AT) == []
 
 
@@ -408,10 +408,10 @@ def test_commands_are_subscribed_to():
 )
 def test_a_rebirth_is_a_whole_birth_of_the_same_session():
     node = connected()
-    first = node.born(STATES, AT)
+    first = list(node.born(STATES, AT))
     node.values(SCALE, WEIGHED, {"weight"}, AT)
     assert wants_rebirth(node) == [Rebirth()]
-    assert node.born(STATES, AT) == first
+    assert list(node.born(STATES, AT)) == first
 
 
 def test_a_rebirth_that_is_not_wanted_is_none():
@@ -500,7 +500,7 @@ def test_an_older_state_does_not_count():
 def test_a_node_leaves_when_its_primary_host_does():
     node = connected("scada")
     state_of_host(node, online=True, timestamp=10)
-    node.born(STATES, AT)
+    list(node.born(STATES, AT))
     assert state_of_host(node, online=False, timestamp=10) == [Leave()]
     (death,) = node.ended(AT)
     assert death.topic == "spBv1.0/plant/NDEATH/gw"
