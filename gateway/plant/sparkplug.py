@@ -29,6 +29,9 @@ _REBIRTH: Final = "Node Control/Rebirth"
 _SESSION: Final = "bdSeq"
 _NUMBERS: Final = 256
 
+#: Commands with more bytes are ignored: to read them takes time from all else.
+_LARGEST_COMMAND: Final = 8192
+
 _TYPES: Final = {
     "uint16": DataType.UINT16,
     "int16": DataType.INT16,
@@ -128,6 +131,8 @@ class Sparkplug:
         """The primary host comes or goes, somebody wants a new birth, or to write."""
         if delivery.topic == self._host:
             return self._host_tells(delivery.payload)
+        if len(delivery.payload) > _LARGEST_COMMAND:
+            return []
         try:
             metrics = decode(delivery.payload).metrics
         except ValueError:

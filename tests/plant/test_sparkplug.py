@@ -538,3 +538,12 @@ def test_what_is_no_state_is_ignored(payload):
     node = connected("scada")
     assert node.received(Delivery("spBv1.0/STATE/scada", payload, AT)) == []
     assert node.is_held
+
+
+def test_a_large_command_is_not_even_read():
+    node = born()
+    payload = encode(
+        Payload((Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN),)), with_types=True
+    )
+    assert node.received(Delivery("spBv1.0/plant/NCMD/gw", payload, AT)) == [Rebirth()]
+    assert node.received(Delivery("spBv1.0/plant/NCMD/gw", payload + bytes((8, 0)) * 8192, AT)) == []

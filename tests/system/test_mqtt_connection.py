@@ -1,10 +1,12 @@
 """One connection to a broker, byte by byte: what it asks for, what counts as confirmed, what it does not take."""
 
 import asyncio
+import socket
 from collections.abc import Callable
 from contextlib import asynccontextmanager
 
 import pytest
+from paho.mqtt.client import Client
 
 from gateway.plant.connection import LARGEST_PACKET, BrokerSettings, Connection, Version
 from gateway.plant.messages import Delivery, Message
@@ -97,3 +99,37 @@ async def test_a_packet_that_is_too_large_ends_the_connection_before_it_is_read(
         peer.writer.write(bytes((PUBLISH, 0xFF, 0xFF, 0xFF, 0x7F)) + bytes(1000))
         async with asyncio.timeout(PATIENCE):
             assert await connection.lost == f"it has sent a message of more than {LARGEST_PACKET} bytes"
+
+
+async def test_an_error_of_the_library_while_it_pings_ends_the_connection(monkeypatch):
+    def fail(_client: Client) -> None:
+        raise OSError("broken")
+
+    async with connected("5", []) as (connection, _):
+        monkeypatch.setattr(Client, "loop_misc", fail)
+        async with asyncio.timeout(PATIENCE):
+            assert "broken" in await connection.lost
+
+
+class Decrypted:
+    """A socket with a second packet that is decrypted already, as the library wraps one for WebSockets."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        self.fileno = sock.fileno
+        self.close = sock.close
+        self._waiting = [1]
+
+    def pending(self) -> int:
+        """How many bytes select does not know of."""
+        return self._waiting.pop() if self._waiting else 0
+
+
+async def test_what_is_decrypted_already_is_read_too(monkeypatch):
+    async with connected("5", []) as (connection, peer):
+        reads, read = [], Client.loop_read
+        client = connection._client
+        wrapped = Decrypted(client.socket())
+        monkeypatch.setattr(client, "socket", lambda: wrapped)
+        monkeypatch.setattr(client, "loop_read", lambda: (reads.append(1), read(client)))
+        peer.writer.write(PINGRESP)
+        await until(lambda: len(reads) == 2)
