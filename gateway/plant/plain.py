@@ -96,6 +96,14 @@ class PlainForm:
         return Message(topic, text.encode(), **options)
 
 
+def gone(topics: Topics, device: str) -> Sequence[Message]:
+    """The device is no longer published: it is offline, and the broker keeps no values of it."""
+    return (
+        Message(topics.availability(device), OFFLINE, retain=True),
+        Message(topics.values(device), b"", retain=True),
+    )
+
+
 def _command(device: PublishedDevice, point: PublishedPoint, delivery: Delivery) -> Command:
     try:
         text = delivery.payload[:LONGEST_VALUE].decode()

@@ -17,9 +17,19 @@ class Topics:
         """Whether the gateway is connected."""
         return f"{_ROOT}/{self.site}/status"
 
+    @property
+    def folder(self) -> str:
+        """What all topics of the site begin with."""
+        return f"{_ROOT}/{self.site}/"
+
     def values(self, device: str) -> str:
         """The last values of a device."""
-        return f"{_ROOT}/{self.site}/{device}"
+        return f"{self.folder}{device}"
+
+    def device(self, topic: str) -> str | None:
+        """The device whose last values have this topic; None if it is another topic."""
+        name = topic.removeprefix(self.folder)
+        return name if name != topic and "/" not in name else None
 
     def availability(self, device: str) -> str:
         """Whether a device answers."""

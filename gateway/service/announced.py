@@ -1,6 +1,6 @@
-"""What Home Assistant was told of devices: a device or point that is gone must be taken back there.
+"""What brokers keep of devices: a device or point that is gone must be taken back there.
 
-    {"homeassistant/device/plant-2/silo-1/config": {"weight": "sensor"}}
+    {"homeassistant/device/plant-2/silo-1/config": {"weight": "sensor"}, "modbus/plant-2/silo-1": {"": "plain"}}
 
 Brokers keep what was announced, so it outlives reloads and restarts.
 """

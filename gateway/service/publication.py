@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, Final
 from gateway import events
 from gateway.config.plan import MqttPlan
 from gateway.errors import BrokerError
-from gateway.plant.discovery import Discovery
+from gateway.plant.discovery import Announced, Discovery
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Form, Message
-from gateway.plant.plain import PlainForm
+from gateway.plant.plain import PlainForm, gone
 from gateway.plant.polls import Target
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 _MISSING: Final = "{} is not installed: pip install 'mbgw[mqtt]'"
 #: How long the last messages may take at a stop, in seconds.
 _FAREWELL: Final = 1.2
+#: The entry of a device whose last values a broker keeps, in the list of what was announced.
+_PLAIN: Final[Mapping[str, str]] = {"": "plain"}
 #: In bytes.
 _LONGEST_PASSWORD: Final = 1024
 
@@ -198,16 +200,32 @@ def _as_target(destination: Any) -> Target:
 
 
 class _Announcing:
-    """What Home Assistant is told by one plan: the devices that there are, and those that are gone."""
+    """What brokers keep of devices by one plan: of those that there are, and how those that are gone are taken back.
+
+    Sparkplug takes nothing back, so with it all that was announced before remains known.
+    """
 
     def __init__(self, plan: MqttPlan, announced: AnnouncedDevices) -> None:
-        discovery = Discovery(Topics(plan.site), plan.home_assistant or "")
-        devices = () if plan.home_assistant is None else plan.devices
         self._announced = announced
-        self._before = announced.below(discovery.folder)
-        self._now = discovery.announced(devices)
-        self.messages = discovery.messages(devices, self._before)
-        announced.add(self._now)
+        self._before: Announced = {}
+        self._now: Announced = {}
+        self.messages: Sequence[Message] = ()
+        if plan.sparkplug is None:
+            self._announce(plan, Topics(plan.site))
+
+    def _announce(self, plan: MqttPlan, topics: Topics) -> None:
+        discovery = Discovery(topics, plan.home_assistant or "")
+        found = () if plan.home_assistant is None else plan.devices
+        told = self._announced.below(discovery.folder)
+        kept = {topic: each for topic, each in self._announced.below(topics.folder).items() if topics.device(topic)}
+        present = {topics.values(device.name): _PLAIN for device in plan.devices}
+        lost = [name for topic in kept if topic not in present and (name := topics.device(topic))]
+        self.messages = [
+            *discovery.messages(found, told),
+            *(message for name in lost for message in gone(topics, name)),
+        ]
+        self._before, self._now = {**told, **kept}, {**discovery.announced(found), **present}
+        self._announced.add(self._now)
 
     def done(self) -> None:
         """The messages have been published."""

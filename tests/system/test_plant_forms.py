@@ -97,6 +97,17 @@ def test_without_discovery_devices_are_taken_back(broker, tmp_path):
         assert home.wait_for(SILO, where=lambda payload: not payload) == b""
 
 
+def test_a_device_that_is_no_longer_published_is_offline_and_its_values_are_gone(broker, tmp_path):
+    other = '[[image]]\nunit = 42\nname = "silo-2"\nprofile = "silo"\nholding = 20\ncoils = 4\n'
+    text = config(broker, "").replace('device = "silo-1"', 'device = "silo-*"')
+    with GatewayProcess(tmp_path, text + other) as gateway, Listener(broker, "modbus/#") as panel:
+        panel.wait_for("modbus/plant-2/silo-2/availability", where=lambda payload: payload == b"online")
+        gateway.config.write_text(text)
+        gateway.signal(signal.SIGHUP)
+        panel.wait_for("modbus/plant-2/silo-2/availability", where=lambda payload: payload == b"offline")
+        panel.wait_for("modbus/plant-2/silo-2", where=lambda payload: not payload)
+
+
 def metrics(payload: bytes) -> dict[str, object]:
     return {metric.name: metric.value for metric in decode(payload).metrics}
 
