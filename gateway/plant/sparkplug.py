@@ -76,6 +76,7 @@ class Sparkplug:
         """The death of the node; starts a new session."""
         self._session = (self._session + 1) % _NUMBERS
         self._host_is_online = self._host is None
+        self._host_seen = -1
         self._is_born = False
         self._born.clear()
         return self._death(at)
@@ -247,7 +248,7 @@ def _state(payload: bytes) -> tuple[bool, int] | None:
     """Whether a host is online, and since when (milliseconds); None if the payload does not tell (6.4.24)."""
     try:
         told = json.loads(payload)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(told, dict):
         return None

@@ -12,6 +12,8 @@ from ruamel.yaml import YAML
 
 from gateway import __version__
 from gateway.config.load import parse
+from gateway.plant.discovery import Discovery
+from gateway.plant.topics import Topics
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 PAGE = DEPLOY.parent / "docs" / "plant.md"
@@ -130,6 +132,12 @@ def test_nobody_may_use_the_broker_without_a_password(file):
 def test_telegraf_may_only_read():
     rights = (DEPLOY / "mosquitto" / "acl").read_text(encoding="utf-8").partition("user telegraf\n")[2]
     assert rights.partition("\n\n")[0] == "topic read modbus/#"
+
+
+def test_a_site_that_has_another_name_in_home_assistant_may_announce_its_devices():
+    rights = (DEPLOY / "mosquitto" / "acl").read_text(encoding="utf-8")
+    folder = Discovery(Topics("werk.1"), "homeassistant").folder
+    assert f"user werk.1\n#   topic write homeassistant{folder}#\n" in rights
 
 
 @pytest.mark.skipif(shutil.which("sh") is None, reason="sh is missing")

@@ -525,6 +525,13 @@ def test_a_new_connection_waits_for_the_primary_host_again():
     assert state_of_host(node, online=True, timestamp=10) == [Rebirth()]
 
 
+def test_a_host_whose_clock_was_set_back_counts_in_the_next_connection():
+    node = connected("scada")
+    state_of_host(node, online=True, timestamp=10)
+    node.will(AT)
+    assert state_of_host(node, online=True, timestamp=9) == [Rebirth()]
+
+
 def test_a_host_that_says_again_that_it_is_online_changes_nothing():
     node = connected("scada")
     state_of_host(node, online=True, timestamp=10)
@@ -532,7 +539,7 @@ def test_a_host_that_says_again_that_it_is_online_changes_nothing():
 
 
 @pytest.mark.parametrize(
-    "payload", [b"ONLINE", b"[]", b"{}", b'{"online":1,"timestamp":1}', b'{"online":true}', b"\xff"]
+    "payload", [b"ONLINE", b"[]", b"{}", b'{"online":1,"timestamp":1}', b'{"online":true}', b"\xff", b"[" * 100_000]
 )
 def test_what_is_no_state_is_ignored(payload):
     node = connected("scada")
