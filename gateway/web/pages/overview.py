@@ -27,6 +27,8 @@ ALL_SHOWN: Final = 32
 PANEL_LINES: Final = 10
 PANEL_UNITS: Final = 12
 _WRONG_FIRST: Final = {"resting": 0, "failing": 1}
+#: How bad a trouble is, from the worst on. A panel has room for some only.
+_BADNESS: Final = ("down", "resting", "fix", "full", "failing")
 _SOME_LOST: Final = 2
 _FINE: Final = 3
 
@@ -71,9 +73,10 @@ class OverviewPage:
 
         def content() -> Mapping[str, Any]:
             states, lines = states_of(status.units, past), tuple(shown_lines(status))
+            found = with_findings(list(troubles(status, states)), report)
             return {
                 "lines": _of_panel(lines) if is_panel else lines,
-                "troubles": with_findings(list(troubles(status, states)), report),
+                "troubles": worst_first(found) if is_panel else found,
                 "counted": counted(report),
                 "axis": axis(past),
                 "shown_units": lambda: shown_units(
@@ -136,6 +139,11 @@ def with_findings(known: Sequence[Trouble], report: Report) -> list[Trouble]:
         # Doctor says of what is down what its row says already.
         told.append(trouble if fix is None or trouble.kind == "down" else replace(trouble, found=fix.found))
     return [*told, *fixes.values()]
+
+
+def worst_first(known: Sequence[Trouble]) -> list[Trouble]:
+    """The troubles in the order of how bad they are; of one unit or line there may be a finding that must be fixed."""
+    return sorted(known, key=lambda each: _BADNESS.index("fix" if each.found and each.kind == "failing" else each.kind))
 
 
 def _trouble(finding: Finding, line: str) -> Trouble:

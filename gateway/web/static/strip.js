@@ -554,7 +554,7 @@ class Strip {
 
 function countsInWords({ requests, ...others }, span) {
   const perSecond = requests / span;
-  return TEXTS.counts(requests ? perSecond.toFixed(perSecond < 10 ? 1 : 0) : "", others);
+  return (isPanel ? TEXTS.briefCounts : TEXTS.counts)(requests ? perSecond.toFixed(perSecond < 10 ? 1 : 0) : "", others);
 }
 
 // The table: the same in words
@@ -588,6 +588,7 @@ function readTheme() {
   patterns.clear();
   theme.lost = patternOf("lost", theme.bad);
   theme.unknown = patternOf("lost", theme.quiet);
+  showMarks();
 }
 
 /** A fill of one colour: 0 plain, 1 slanted, 2 dotted, 3 upright; `lost` is thin lines on the ground. */
@@ -617,6 +618,11 @@ function patternOf(kind, colour) {
   made.setTransform(new DOMMatrix().scale(1 / ratio));
   patterns.set(key, made);
   return made;
+}
+
+/** On a panel the signs of all lines are explained once. */
+function showMarks() {
+  document.querySelector("[data-marks]")?.replaceChildren(...Object.entries(TEXTS.marks).map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
 }
 
 /** The sign of a mark, in a box of 18 by 12. */

@@ -15,6 +15,11 @@ export const TEXTS = {
       counted(others.broken, "坏帧"), counted(others.refused, "未发送"), counted(others.silent, "未响应"),
       counted(others.foreign, "外来帧"),
     ].filter(Boolean).join(" · "),
+  briefCounts: (perSecond, others) =>
+    [
+      perSecond ? `每秒 ${perSecond} 个请求` : "没有请求", others.timeout ? `超时 ${others.timeout}` : "", others.failed ? `失败 ${others.failed}` : "", others.broken ? `坏帧 ${others.broken}` : "",
+      others.refused ? `未发送 ${others.refused}` : "", others.silent ? `未响应 ${others.silent}` : "", others.foreign ? `外来帧 ${others.foreign}` : "",
+    ].filter(Boolean).join(" · "),
   marks: { exception: "异常响应", timeout: "超时", broken: "坏帧", foreign: "外来通信", late: "迟到的响应", refused: "未发送" },
   hint: "指向一次事务，或用 ← 和 → 选择，即可查看其帧。",
   keys: "空格键暂停，+ 和 − 缩放，← 和 → 切换到前后事务，拖动或 Page Up、Page Down 移动，End 键回到实时。",
