@@ -12,7 +12,7 @@ from hashlib import blake2b
 from math import isfinite
 from typing import Final, Protocol
 
-from gateway.events import Emit
+from gateway.events import Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.plant.changes import Watch
 from gateway.plant.messages import Command, Delivery, DeviceState, Form, Leave, Message, Reading, Readings, Rebirth
@@ -83,6 +83,7 @@ class Publisher:
         self.must_leave = False
         self._way = way
         self._asker = origin
+        self._emit = emit
         self._clock = clock
         self._unix = unix
         self._watches = {
@@ -304,6 +305,7 @@ class Publisher:
         except ValueError as wrong:
             refusal = str(wrong)
         if refusal:
+            self._emit(_audit(command))
             self._refuse(command, refusal, now)
             return
         self._remember(command.delivery)
@@ -355,6 +357,23 @@ class _Writer:
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response."""
         self._asker.written(self._command, request, pdu)
+
+
+def _audit(command: Command) -> WriteAudit:
+    """The audit event of a command that becomes no request."""
+    point = command.point.point
+    function = WRITERS[point.area][0] if point.area in WRITERS else 0
+    return WriteAudit(
+        client=CLIENT,
+        listener=CLIENT,
+        unit=command.device.unit,
+        function=function,
+        address=point.address,
+        count=point.count,
+        result="refused",
+        code="",
+        elapsed_ms=0.0,
+    )
 
 
 def _write_request(command: Command) -> bytes:

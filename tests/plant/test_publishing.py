@@ -374,6 +374,8 @@ async def test_what_must_not_be_written_is_refused_with_a_result(payload, option
         silo, broker, _ = await commanded(bench)
         said = broker.send(f"{STATE}/set", payload, **options)
         assert result(said) == ("failed", reason)
+        [audit] = [event for event in bench.events if isinstance(event, WriteAudit)]
+        assert (audit.client, audit.unit, audit.function, audit.address, audit.result) == ("mqtt", 41, 6, 2, "refused")
         await asyncio.sleep(1.0)
         assert not any(frame.pdu[0] in (5, 6, 15, 16) for frame in silo.heard)
 
