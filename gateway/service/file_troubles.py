@@ -1,17 +1,22 @@
 """What is wrong with the files that a config names, and with its own: what `check` says beside what stands in it."""
 
+import os
 import stat
 from collections.abc import Iterator
 from dataclasses import replace
+from errno import EACCES
 from pathlib import Path
 
 from gateway.config.file_trouble import SERVICE_CONFIG, file_trouble
 from gateway.config.load import Loaded
 from gateway.config.positions import Positions
 from gateway.config.problem import Problem, warning
-from gateway.config.schema import Web
-from gateway.errors import UsersError
+from gateway.config.schema import Config, Mqtt, Web
+from gateway.errors import BrokerError, UsersError
 from gateway.service.certificate_troubles import certificate_troubles
+from gateway.service.libraries import Extra, missing_library, not_installed
+from gateway.service.password import read_password
+from gateway.tls.secret_file import SecretFile
 from gateway.web.users import Users, read_users
 
 #: Rights that others than the owner and the group have, and writing by the group.
@@ -26,10 +31,43 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
     trouble = file_trouble(file, folder)
     found = [] if trouble is None else [trouble]
     found += certificate_troubles(config, file)
+    positions = Positions(loaded.text)
+    found += [each.located(file, *positions.key(each.path)) for each in _about_libraries(config)]
+    mqtt = config.mqtt
+    if mqtt is not None and mqtt.password is not None:
+        place = positions.value((*mqtt.path, "password"))
+        found += [each.located(file, *place) for each in _about_password(mqtt, mqtt.password, folder)]
     if config.web is not None and config.web.users is not None:
-        place = Positions(loaded.text).value((*config.web.path, "users"))
+        place = positions.value((*config.web.path, "users"))
         found += [each.located(file, *place) for each in _about_users(config.web, config.web.users, folder)]
     return replace(loaded, problems=(*found, *loaded.problems)) if found else loaded
+
+
+def _about_libraries(config: Config) -> Iterator[Problem]:
+    """Warnings about tables without effect, because a library is missing."""
+    tables: tuple[tuple[Extra, Web | Mqtt | None], ...] = (("web", config.web), ("mqtt", config.mqtt))
+    for extra, table in tables:
+        module = None if table is None else missing_library(extra)
+        if table is not None and module is not None:
+            yield warning(table.path, f"has no effect: {not_installed(module, extra)}")
+
+
+def _about_password(mqtt: Mqtt, secret: SecretFile, folder: Path) -> Iterator[Problem]:
+    """Warnings about the password for the broker: without it nothing is published. Only the service has credentials."""
+    path = (*mqtt.path, "password")
+    if secret.is_credential:
+        return
+    try:
+        read_password(secret)
+        status = Path(secret.name).stat()
+    except BrokerError as error:
+        cause = error.__cause__
+        if isinstance(cause, PermissionError) and cause.strerror == os.strerror(EACCES):
+            yield warning(path, f"{secret.name} cannot be read by who runs this command", "run it as root")
+        else:
+            yield warning(path, f"nothing will be published: {error}")
+    else:
+        yield from _about_access(path, secret.name, status.st_uid, status.st_gid, status.st_mode, folder)
 
 
 def _about_users(web: Web, name: str, folder: Path) -> Iterator[Problem]:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
 from gateway.config.plan import MqttPlan
-from gateway.errors import BrokerError
 from gateway.plant.discovery import Announced, Discovery
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Form, Message
@@ -25,24 +24,20 @@ from gateway.plant.topics import Topics
 from gateway.request import Request
 from gateway.request import Target as Destination
 from gateway.service.announced import AnnouncedDevices
+from gateway.service.libraries import not_installed
 from gateway.service.parts import GatewayLine, GatewayUpstream
+from gateway.service.password import read_password
 from gateway.service.plant import BrokerStatus
 from gateway.tls.contexts import load
-from gateway.tls.files import path_of, refuse_if_exposed
-from gateway.tls.secret_file import SecretFile
 from gateway.tls.store import TlsStore
 
 if TYPE_CHECKING:
     from gateway.service.build import Gateway
 
-#: The package's extra with the library.
-_MISSING: Final = "{} is not installed: pip install 'mbgw[mqtt]'"
 #: How long the last messages may take at a stop, in seconds.
 _FAREWELL: Final = 1.2
 #: The entry of a device whose last values a broker keeps, in the list of what was announced.
 _PLAIN: Final[Mapping[str, str]] = {"": "plain"}
-#: In bytes.
-_LONGEST_PASSWORD: Final = 1024
 
 
 def reading(
@@ -85,7 +80,7 @@ class Publication:
         try:
             module = import_module("gateway.plant.broker")
         except ModuleNotFoundError as error:
-            self.reason = _MISSING.format(error.name)
+            self.reason = not_installed(error.name, "mqtt")
             emit(events.BrokerLost(str(plan.broker), self.reason))
             return
         self.broker = module.Broker(
@@ -169,7 +164,7 @@ class _Access:
             path=plan.broker.path,
             client=f"mbgw-{plan.site}",
             user=plan.user,
-            password=None if plan.password is None else _password(plan.password),
+            password=None if plan.password is None else read_password(plan.password),
             context=context,
             server_name="" if plan.tls is None else plan.tls.server_name,
         )
@@ -237,25 +232,3 @@ def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
         return PlainForm(plan.site, plan.devices, announcements)
     names = plan.sparkplug
     return Sparkplug(names.group, names.node or plan.site, names.primary_host or None)
-
-
-def _password(file: SecretFile) -> str:
-    """Read a password: the first line of its file.
-
-    Raises:
-        BrokerError: it cannot be read, or is none.
-    """
-    try:
-        path = path_of(file)
-        if not file.is_credential:
-            refuse_if_exposed(path)
-        with path.open("rb") as stream:
-            line = stream.readline(_LONGEST_PASSWORD + 1).rstrip(b"\r\n")
-    except OSError as error:
-        raise BrokerError(f"{error.filename or file.name}: {error.strerror or error}") from error
-    if len(line) > _LONGEST_PASSWORD:
-        raise BrokerError(f"{path}: the password has more than {_LONGEST_PASSWORD} bytes")
-    try:
-        return line.decode()
-    except UnicodeDecodeError:
-        raise BrokerError(f"{path}: the password is not UTF-8 text") from None

@@ -24,6 +24,7 @@ from gateway.service.build import Gateway
 from gateway.service.config_view import ConfigView, ConfigViewer
 from gateway.service.examinations import Examinations
 from gateway.service.history import history_kept
+from gateway.service.libraries import not_installed
 from gateway.service.operator import Question, UnitPicture, picture, pictures, send
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.rights import Verdict, rights_in_words, routers, verdict
@@ -35,8 +36,6 @@ from gateway.tls.store import TlsStore, load_all
 from gateway.web.answers import Answer, Asker, Which
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
 
-#: The package's extra with the libraries.
-_MISSING = "{} is not installed: pip install 'mbgw[web]'"
 #: How old the status may be that is told, in seconds: any number of readers costs no more than one.
 _STATUS_KEPT: Final = 1.0
 
@@ -59,7 +58,7 @@ async def web_pages(
             try:
                 await stack.enter_async_context(_open(plan, running, reloader, fan_out, contexts, folder))
             except ModuleNotFoundError as error:
-                running.emit(events.WebClosed(str(plan.bind), _MISSING.format(error.name)))
+                running.emit(events.WebClosed(str(plan.bind), not_installed(error.name, "web")))
             except OSError as error:
                 running.emit(
                     events.WebClosed(str(plan.bind), f"{error.filename or ''} {error.strerror or error}".strip())

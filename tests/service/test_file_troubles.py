@@ -1,7 +1,7 @@
-"""What `check` says of the file with the users of the web page."""
+"""What `check` says of the files with users and passwords, and of libraries."""
 
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import pytest
 
@@ -19,6 +19,23 @@ baud = 9600
 bind = "http://127.0.0.1:8502"
 users = "{users}"
 write = {write}
+"""
+
+MQTT = """\
+site = "plant-2"
+
+[[line]]
+name = "hall"
+port = "/dev/null"
+baud = 9600
+devices = [{{ unit = 1, name = "silo-1", points = [{{ name = "weight", holding = 0 }}] }}]
+
+[mqtt]
+broker = "mqtt://127.0.0.1:1883"
+publish = [{{ device = "silo-1", every = "1 s" }}]
+
+user = "plant-2"
+password = {{ {password} }}
 """
 
 
@@ -85,6 +102,63 @@ def test_who_may_not_read_it_is_told(tmp_path):
     with not_as_root():
         (told,) = with_file_troubles(loaded, str(file), tmp_path / "elsewhere").problems
     assert "cannot be read by who runs this command" in str(told)
+
+
+@pytest.fixture
+def about_mqtt(tmp_path):
+    """Writes a config with this password; what is said of [mqtt]."""
+
+    def find(password, who=nullcontext()):  # noqa: B008 - it can be used again
+        file = tmp_path / "gateway.toml"
+        file.write_text(MQTT.format(password=password))
+        loaded = load(file)
+        with who:
+            loaded = with_file_troubles(loaded, str(file), tmp_path / "elsewhere")
+        assert loaded.config is not None
+        return [str(each) for each in loaded.problems if str(each.path[:1]) == "('mqtt',)"]
+
+    return find
+
+
+def test_a_password_that_can_be_used_is_fine(about_mqtt, tmp_path):
+    (tmp_path / "password").touch(mode=0o600)
+    assert about_mqtt(f'file = "{tmp_path}/password"') == []
+
+
+def test_a_credential_is_known_to_the_service_only(about_mqtt):
+    assert about_mqtt('credential = "mqtt"') == []
+
+
+@pytest.mark.parametrize(
+    ("mode", "what"), [(None, "No such file or directory"), (0o644, "others may read or change it; chmod 600 ")]
+)
+def test_a_password_that_cannot_be_used_is_a_warning_at_its_place(about_mqtt, tmp_path, mode, what):
+    if mode is not None:
+        (tmp_path / "password").touch(mode=mode)
+    (told,) = about_mqtt(f'file = "{tmp_path}/password"')
+    assert f":14:12: warning: mqtt.password: nothing will be published: {tmp_path}/password: {what}" in told
+
+
+def test_who_may_not_read_the_password_is_told(about_mqtt, tmp_path):
+    (tmp_path / "password").touch(mode=0o200)
+    (told,) = about_mqtt(f'file = "{tmp_path}/password"', not_as_root())
+    assert "cannot be read by who runs this command" in told
+
+
+@pytest.mark.parametrize(
+    ("module", "said"),
+    [
+        ("paho", ["12:1: warning: mqtt: has no effect: paho is not installed: pip install 'mbgw[mqtt]'"]),
+        ("jinja2", ["9:1: warning: web: has no effect: jinja2 is not installed: pip install 'mbgw[web]'"]),
+    ],
+)
+def test_a_library_that_is_missing_is_a_warning(tmp_path, monkeypatch, module, said):
+    monkeypatch.setattr("gateway.service.libraries.find_spec", lambda name: None if name == module else name)
+    file = tmp_path / "gateway.toml"
+    text = MQTT.format(password='credential = "mqtt"').replace("[mqtt]", '[web]\nbind = "http://127.0.0.1:1"\n\n[mqtt]')
+    file.write_text(text)
+    told = map(str, with_file_troubles(load(file), str(file), tmp_path / "elsewhere").problems)
+    assert [each.partition("gateway.toml:")[2] for each in told if "has no effect" in each] == said
 
 
 @contextmanager

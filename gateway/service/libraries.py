@@ -1,0 +1,22 @@
+"""Libraries that only some tables of the config need: they come with an extra of the package, named as the table."""
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import Final, Literal
+
+Extra = Literal["web", "mqtt"]
+
+_MODULES: Final[Mapping[Extra, tuple[str, ...]]] = {
+    "web": ("aiohttp", "jinja2", "prometheus_client"),
+    "mqtt": ("paho",),
+}
+
+
+def missing_library(extra: Extra) -> str | None:
+    """The first module of an extra that is not there; None if all are."""
+    return next((module for module in _MODULES[extra] if find_spec(module) is None), None)
+
+
+def not_installed(module: str | None, extra: Extra) -> str:
+    """What is said where a module of an extra is missing."""
+    return f"{module} is not installed: pip install 'mbgw[{extra}]'"
