@@ -196,6 +196,18 @@ class BrokerRefused(Event):
     reason: str
 
 
+class CommandRefused(Event):
+    """Somebody wants to write what the broker's `topic` names, but there is no such point, or it must not be written.
+
+    `client` is `mqtt`.
+    """
+
+    level = Level.WARNING
+    client: str
+    topic: str
+    reason: str
+
+
 class Ready(Event):
     """Clients can connect and every line was tried once."""
 

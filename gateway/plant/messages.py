@@ -82,6 +82,15 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True)
+class Misdirected:
+    """Somebody wants to write something that is no point, or must not be written: `refusal` says which."""
+
+    text: str
+    delivery: Delivery
+    refusal: str
+
+
+@dataclass(frozen=True, slots=True)
 class Rebirth:
     """The birth is to be published (again)."""
 
@@ -92,7 +101,7 @@ class Leave:
 
 
 #: What a message that was received asks for.
-Received = Command | Rebirth | Leave
+Received = Command | Misdirected | Rebirth | Leave
 
 
 class Form(Protocol):
@@ -137,7 +146,7 @@ class Form(Protocol):
     def received(self, delivery: Delivery) -> Sequence[Received]:
         """What a message from the broker asks for; often one thing, or nothing."""
 
-    def result(self, command: Command, error: str | None, at: float) -> Sequence[Message]:
+    def result(self, command: Command | Misdirected, error: str | None, at: float) -> Sequence[Message]:
         """What became of a command: None if the device confirmed it, else why not."""
 
     def ended(self, at: float) -> Sequence[Message]:

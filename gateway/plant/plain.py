@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from gateway.plant.messages import Command, Delivery, DeviceState, Message, Readings, Received
+from gateway.plant.messages import Command, Delivery, DeviceState, Message, Misdirected, Readings, Received
 from gateway.plant.topics import Topics
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.datatypes import Value
@@ -15,6 +15,8 @@ ONLINE: Final = b"online"
 OFFLINE: Final = b"offline"
 #: The longest value that is taken, in bytes: a string of 125 registers has 250.
 LONGEST_VALUE: Final = 256
+#: Values for longer topics than this, in characters, are ignored.
+LONGEST_TOPIC: Final = 1000
 
 
 class PlainForm:
@@ -29,12 +31,8 @@ class PlainForm:
     def __init__(self, site: str, devices: Sequence[PublishedDevice], announcements: Sequence[Message] = ()) -> None:
         self._topics = Topics(site)
         self._announcements = announcements
-        self._settable = {
-            self._topics.setting(device.name, point.name): (device, point)
-            for device in devices
-            for point in device.points
-            if point.is_writable
-        }
+        self._devices = {device.name: device for device in devices}
+        self._has_settable = any(point.is_writable for device in devices for point in device.points)
 
     def will(self, at: float) -> Message:  # noqa: ARG002 - the broker cannot know when it publishes it
         """The gateway is gone."""
@@ -45,8 +43,8 @@ class PlainForm:
         return ()
 
     def late_subscriptions(self) -> Sequence[str]:
-        """What sets the points that can be written."""
-        return tuple(self._settable)
+        """What sets points, if any can be written: also what can never work, so that it gets a result."""
+        return (self._topics.settings,) if self._has_settable else ()
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
         """What is announced, each device with what is known of it, and then that the gateway is there."""
@@ -75,14 +73,19 @@ class PlainForm:
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
         """A value for a point. To delete a retained message an empty one is sent, which sets nothing."""
-        device, point = self._settable.get(delivery.topic, (None, None))
-        if device is None or point is None or (delivery.is_retained and not delivery.payload):
+        names = self._topics.named(delivery.topic) if len(delivery.topic) <= LONGEST_TOPIC else None
+        if names is None or (delivery.is_retained and not delivery.payload):
             return ()
-        return (_command(device, point, delivery),)
+        device_name, point_name = names
+        device = self._devices.get(device_name)
+        point = None if device is None else device.point(point_name)
+        if device is not None and point is not None and point.is_writable:
+            return (_command(device, point, delivery),)
+        return (_misdirected(device, device_name, point_name, delivery),)
 
-    def result(self, command: Command, error: str | None, at: float) -> Sequence[Message]:
+    def result(self, command: Command | Misdirected, error: str | None, at: float) -> Sequence[Message]:
         """Whether the device has confirmed the value, or why not."""
-        topic = self._topics.result(command.device.name, command.point.name)
+        topic = self._topics.result(command.delivery.topic)
         outcome = {"result": "ok"} if error is None else {"result": "failed", "reason": error}
         correlation = command.delivery.correlation
         return (self._json(topic, at, {"value": command.text, **outcome}, correlation=correlation),)
@@ -114,6 +117,15 @@ def _command(device: PublishedDevice, point: PublishedPoint, delivery: Delivery)
     if point.point.type == "string":
         return Command(device, point, text, delivery)
     return Command(device, point, text.strip(), delivery)
+
+
+def _misdirected(device: PublishedDevice | None, device_name: str, point_name: str, delivery: Delivery) -> Misdirected:
+    text = delivery.payload[:LONGEST_VALUE].decode(errors="replace")
+    if device is None:
+        return Misdirected(text, delivery, f"no device {device_name} is published")
+    if device.point(point_name) is None:
+        return Misdirected(text, delivery, f"{device_name} has no point {point_name}")
+    return Misdirected(text, delivery, f"{point_name} must not be written")
 
 
 def _shown(at: float) -> str:

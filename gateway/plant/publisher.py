@@ -12,10 +12,21 @@ from hashlib import blake2b
 from math import isfinite
 from typing import Final, Protocol
 
-from gateway.events import Emit, WriteAudit
+from gateway.events import CommandRefused, Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.plant.changes import Watch
-from gateway.plant.messages import Command, Delivery, DeviceState, Form, Leave, Message, Reading, Readings, Rebirth
+from gateway.plant.messages import (
+    Command,
+    Delivery,
+    DeviceState,
+    Form,
+    Leave,
+    Message,
+    Misdirected,
+    Reading,
+    Readings,
+    Rebirth,
+)
 from gateway.plant.polls import Answer, Polls, Target
 from gateway.profiles.published import PublishedDevice
 from gateway.registers.items import WRITERS, write_request
@@ -182,6 +193,10 @@ class Publisher:
         for wish in self.form.received(delivery):
             if isinstance(wish, Command):
                 self._carry_out(wish, refusal, now)
+            elif isinstance(wish, Misdirected):
+                self.counts.commands += 1
+                self._emit(CommandRefused(CLIENT, delivery.topic, wish.refusal))
+                self._refuse(wish, wish.refusal, now)
             elif isinstance(wish, Rebirth) and self._is_connected:
                 self._be_born_again(now)
             elif isinstance(wish, Leave):
@@ -326,11 +341,11 @@ class Publisher:
         else:
             self._tell(command, None, now)
 
-    def _refuse(self, command: Command, why: str, now: float) -> None:
+    def _refuse(self, command: Command | Misdirected, why: str, now: float) -> None:
         self.counts.refused += 1
         self._tell(command, why, now)
 
-    def _tell(self, command: Command, error: str | None, now: float) -> None:
+    def _tell(self, command: Command | Misdirected, error: str | None, now: float) -> None:
         if self._is_born:
             self._results.extend(self.form.result(command, error, self._unix(now)))
             while len(self._results) > MOST_RESULTS:

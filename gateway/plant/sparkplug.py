@@ -14,6 +14,7 @@ from gateway.plant.messages import (
     DeviceState,
     Leave,
     Message,
+    Misdirected,
     Readings,
     Rebirth,
     Received,
@@ -146,7 +147,7 @@ class Sparkplug:
                 return list(_commands(device, metrics, delivery))
         return []
 
-    def result(self, command: Command, error: str | None, at: float) -> Sequence[Message]:  # noqa: ARG002
+    def result(self, command: Command | Misdirected, error: str | None, at: float) -> Sequence[Message]:  # noqa: ARG002
         """Nothing: a host sees by the next value whether its command was carried out."""
         return []
 

@@ -39,6 +39,19 @@ class Topics:
         """Takes values for a point."""
         return f"{self.values(device)}/{point}/set"
 
-    def result(self, device: str, point: str) -> str:
-        """What became of a value for a point."""
-        return f"{self.values(device)}/{point}/result"
+    @property
+    def settings(self) -> str:
+        """The filter for all that takes values."""
+        return self.setting("+", "+")
+
+    def named(self, setting: str) -> tuple[str, str] | None:
+        """The names of device and point in a topic that takes values; None if it is another topic."""
+        match setting.split("/"):
+            case [root, site, device, point, "set"] if root == _ROOT and site == self.site:
+                return device, point
+        return None
+
+    @staticmethod
+    def result(setting: str) -> str:
+        """Where it is told what became of a value, by the topic that has taken it."""
+        return f"{setting.removesuffix('/set')}/result"

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from gateway.config.line_load import load_of, total_share
-from gateway.events import AccessDenied, BrokerLost, PartFailed, PollRefused, WriteAudit
+from gateway.events import AccessDenied, BrokerLost, CommandRefused, PartFailed, PollRefused, WriteAudit
 from gateway.plant.messages import Delivery
 from gateway.plant.polls import TOGETHER_AGAIN
 from gateway.plant.publisher import MOST_COMMANDS, MOST_RESULTS
@@ -333,7 +333,7 @@ def result(said, point=STATE):
 async def test_a_value_is_written_confirmed_and_published():
     async with gateway_bench(CONFIG + WRITE) as bench:
         silo, broker, topics = await commanded(bench)
-        assert topics == [f"{STATE}/set", f"{SILO}/valve/set"]
+        assert topics == ["modbus/plant/+/+/set"]
         broker.send(f"{STATE}/set", "on")
         await asyncio.sleep(0.3)
         said = broker.said()
@@ -378,6 +378,29 @@ async def test_what_must_not_be_written_is_refused_with_a_result(payload, option
         assert (audit.client, audit.unit, audit.function, audit.address, audit.result) == ("mqtt", 41, 6, 2, "refused")
         await asyncio.sleep(1.0)
         assert not any(frame.pdu[0] in (5, 6, 15, 16) for frame in silo.heard)
+
+
+@pytest.mark.parametrize(
+    ("target", "reason"),
+    [
+        ("silo-1/weight", "weight must not be written"),
+        ("silo-1/valv", "silo-1 has no point valv"),
+        ("silo-2/state", "no device silo-2 is published"),
+        (f"silo-1/{'x' * 1000}", None),
+    ],
+)
+async def test_what_can_never_be_written_gets_a_result_and_is_logged(target, reason):
+    async with gateway_bench(CONFIG + WRITE) as bench:
+        _, broker, _ = await commanded(bench)
+        topic = f"modbus/plant/{target}"
+        said = broker.send(f"{topic}/set", "7" * 300)
+        logged = [(event.topic, event.reason) for event in bench.events if isinstance(event, CommandRefused)]
+        if reason is None:
+            assert said == {}
+            assert logged == []
+        else:
+            assert said == {f"{topic}/result": {"value": "7" * 256, "result": "failed", "reason": reason}}
+            assert logged == [(f"{topic}/set", reason)]
 
 
 async def test_the_same_command_is_carried_out_once():

@@ -161,7 +161,8 @@ def test_a_value_is_written_and_one_that_is_retained_or_repeated_never(tmp_path)
             subscriber.wait_for(SHIFT, state="off")
             broker.publish(topic, "on", *repeated)
             assert subscriber.wait_for(result).content["reason"] == "one with this correlation was received before"
-            broker.publish(f"{SHIFT}/weight/set", "1")  # no point that can be written
+            broker.publish(f"{SHIFT}/weight/set", "1")
+            assert subscriber.wait_for(f"{SHIFT}/weight/result").content["reason"] == "weight must not be written"
             broker.publish(topic, "blue")
             assert "is not a number" in subscriber.wait_for(result).content["reason"]
             assert gateway.stop() == 0
