@@ -55,7 +55,7 @@ class Broker:
         self._pause = FIRST_PAUSE
         self._is_stopping = False
         self._told = ""
-        self._refusal = ""
+        self._has_told_refusal = False
 
     async def run(self) -> None:
         """Connect, publish, connect again, until `stop`."""
@@ -89,7 +89,7 @@ class Broker:
         driver, publisher, form = self._driver, self._driver.publisher, self._driver.publisher.form
         loop = asyncio.get_running_loop()
         settings = await loop.run_in_executor(ThreadPerCall("read password"), self._settings)
-        self._refusal = ""
+        self._has_told_refusal = False
         self.attempts += 1
         connection = Connection(
             settings,
@@ -180,8 +180,8 @@ class Broker:
             self.refused += 1
             if message is not None:
                 self._driver.publisher.refused(message)
-            if refusal != self._refusal:
-                self._refusal = refusal
+            if not self._has_told_refusal:
+                self._has_told_refusal = True
                 self._emit(BrokerRefused(self.name, refusal))
         else:
             self.confirmed += 1

@@ -34,14 +34,17 @@ LARGEST_PACKET: Final = 65536
 
 _PROTOCOLS: Final = {"5": MQTTProtocolVersion.MQTTv5, "3.1.1": MQTTProtocolVersion.MQTTv311}
 _UNSUPPORTED_VERSION: Final = 0x84
+_WRONG_LOGIN: Final = 0x86
+_NO_RIGHT: Final = 0x87
+#: Brokers say the one or the other when a client logs in, whatever the cause.
+_LOGIN_REFUSED: Final = "user or password is wrong, or this user may not connect"
 _WITH_WILL: Final = 0x04
 #: Refusals that say nothing of the message: unspecified error, implementation specific error, quota exceeded.
 _PASSING: Final = (0x80, 0x83, 0x97)
 _REASONS: Final = {
     0x84: "it does not have this version of MQTT",
     0x85: "it refuses this client identifier",
-    0x86: "it refuses user and password",
-    0x87: "it says that this user has no right",
+    _NO_RIGHT: "it says that this user has no right",
     0x88: "it is not available",
     0x8E: "another client has connected with the same identifier: is this site published twice?",
 }
@@ -94,7 +97,7 @@ class Connection:
         self._unix = unix
         self._loop = asyncio.get_running_loop()
         self._accepted: asyncio.Future[None] = self._loop.create_future()
-        self._subscribed: dict[int, asyncio.Future[None]] = {}
+        self._subscribed: dict[int, asyncio.Future[list[ReasonCode]]] = {}
         #: Done when the connection is lost, with the reason.
         self.lost: asyncio.Future[str] = self._loop.create_future()
         self._unpinged = self._pinged = 0
@@ -138,9 +141,12 @@ class Connection:
         confirmed = self._subscribed[number] = self._loop.create_future()
         try:
             async with asyncio.timeout(STEP_TIME):
-                await confirmed
+                reasons = await confirmed
         except TimeoutError:
             raise BrokerError("it does not confirm a subscription") from None
+        for topic, reason in zip(topics, reasons, strict=False):
+            if reason.is_failure:
+                raise BrokerError(self._refused(reason, f"subscribe to {topic}"))
 
     def publish(self, message: Message) -> None:
         """Send a message. `in_flight` counts it until it is confirmed: beyond `most_in_flight` none should be sent."""
@@ -180,7 +186,8 @@ class Connection:
             self._unwatch(sock)
             with suppress(OSError):
                 sock.close()
-        for waiting in (self._accepted, *self._subscribed.values()):
+        self._accepted.cancel()
+        for waiting in self._subscribed.values():
             waiting.cancel()
 
     def _new_client(self, will: Message) -> Client:
@@ -325,7 +332,8 @@ class Connection:
         if reason.value == _UNSUPPORTED_VERSION:
             self._accepted.set_exception(WrongVersionError(_REASONS[_UNSUPPORTED_VERSION]))
         elif reason.is_failure:
-            self._accepted.set_exception(BrokerError(_in_words(reason)))
+            is_login = reason.value in (_WRONG_LOGIN, _NO_RIGHT)
+            self._accepted.set_exception(BrokerError(_LOGIN_REFUSED if is_login else _in_words(reason)))
         else:
             wanted = getattr(properties, "ReceiveMaximum", MOST_IN_FLIGHT)
             self.most_in_flight = min(MOST_IN_FLIGHT, wanted)
@@ -343,13 +351,8 @@ class Connection:
         self, _client: Client, _data: Any, number: int, reasons: list[ReasonCode], _properties: Properties | None
     ) -> None:
         confirmed = self._subscribed.pop(number, None)
-        if confirmed is None or confirmed.done():
-            return
-        refused = next((reason for reason in reasons if reason.is_failure), None)
-        if refused is None:
-            confirmed.set_result(None)
-        else:
-            confirmed.set_exception(BrokerError(f"it refuses a subscription: {_in_words(refused)}"))
+        if confirmed is not None and not confirmed.done():
+            confirmed.set_result(reasons)
 
     def _on_publish(
         self, _client: Client, _data: Any, number: int, reason: ReasonCode, _properties: Properties | None
@@ -357,7 +360,16 @@ class Connection:
         message = self._awaited.pop(number, None)
         if message is not None:  # with QoS 0 it says that the message is written, and no more
             is_passing = reason.value in _PASSING
-            self._count_confirmed(message if is_passing else None, _in_words(reason) if reason.is_failure else "")
+            refusal = self._refused(reason, f"publish to {message.topic}") if reason.is_failure else ""
+            self._count_confirmed(message if is_passing else None, refusal)
+
+    def _refused(self, reason: ReasonCode, what: str) -> str:
+        """Why the gateway may not do something, in words."""
+        if reason.value == _NO_RIGHT:
+            user = self._settings.user
+            who = "a client without a user" if user is None else f'user "{user}"'
+            return f"{who} may not {what}"
+        return f"to {what} is refused: {_in_words(reason)}"
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         properties = message.properties

@@ -212,9 +212,18 @@ def test_a_wrong_password_is_told_and_the_right_one_taken_without_a_restart(tmp_
         running(tmp_path, config(broker.port, *keys)) as gateway,
     ):
         lost = gateway.wait_for("broker_lost")
-        assert lost["reason"] in ("it refuses user and password", "it says that this user has no right")
+        assert lost["reason"] == "user or password is wrong, or this user may not connect"
         password.write_text("right\n")
         gateway.wait_for("broker_up")
+
+
+@pytest.mark.parametrize(("keys", "who"), [(('user = "gw"',), 'user "gw"'), ((), "a client without a user")])
+def test_without_the_right_to_publish_it_is_told_who_may_not_publish_where(tmp_path, keys, who):
+    rights = tmp_path / "acl"
+    rights.write_text("topic read #\n")
+    with Mosquitto(tmp_path, f"acl_file {rights}") as broker, running(tmp_path, config(broker.port, *keys)) as gateway:
+        reason = gateway.wait_for("broker_refused")["reason"]
+        assert reason.startswith(f"{who} may not publish to modbus/plant-2/")
 
 
 def test_a_password_that_others_can_read_is_not_used(tmp_path):
