@@ -81,6 +81,10 @@ class Status(Protocol):
     def mirrors(self) -> Sequence[Any]:
         """The mirrors."""
 
+    @property
+    def brokers(self) -> Sequence[Any]:
+        """The broker at which values are published, if there is one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:

@@ -1,6 +1,9 @@
 """In which order a wall panel names what is wrong: it has room for some of it only."""
 
-from gateway.web.pages.overview import Trouble, worst_first
+from types import SimpleNamespace
+
+from gateway.diagnosis.finding import Finding
+from gateway.web.pages.overview import Trouble, troubles, with_findings, worst_first
 
 
 def test_a_panel_names_what_must_be_fixed_before_what_fails_now_and_then():
@@ -13,3 +16,15 @@ def test_a_panel_names_what_must_be_fixed_before_what_fails_now_and_then():
         Trouble("down", "lines", "dock"),
     ]
     assert [each.name for each in worst_first(known)] == ["dock", "axis", "drive", "yard", "hall", "mixer"]
+
+
+def test_a_lost_broker_is_a_trouble_of_its_own_and_told_once():
+    def told(broker: SimpleNamespace) -> list[Trouble]:
+        status = SimpleNamespace(lines=(), servers=(), upstreams=(), units=(), brokers=(broker,))
+        finding = Finding("fix", f"broker {broker.broker}", "nothing is published: it has closed the connection")
+        return with_findings(list(troubles(status, {})), SimpleNamespace(groups=[("", [finding])]))
+
+    lost = SimpleNamespace(broker="mqtt://10.0.0.9:1883", state="down", reason="it has closed the connection")
+    assert told(lost) == [Trouble("down", "", "broker mqtt://10.0.0.9:1883", reason="it has closed the connection")]
+    refusing = SimpleNamespace(broker="mqtt://10.0.0.9:1883", state="up", reason="")
+    assert [each.kind for each in told(refusing)] == ["fix"]

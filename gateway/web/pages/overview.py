@@ -35,7 +35,7 @@ _FINE: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """What is wrong with the line or unit of this name; a `reason` is in the gateway's words.
+    """What is wrong with the line, unit or broker of this name; a `reason` is in the gateway's words.
 
     `share` is that of the time in which a line was busy, or of the `requests` of the last minutes without an answer.
     A unit that rests is left alone for `rests_ms` from now on. `found` is what doctor says must be fixed.
@@ -100,10 +100,13 @@ class OverviewPage:
 
 
 def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
-    """What is wrong now, lines first."""
+    """What is wrong now, lines and the broker first."""
     for line in (*status.lines, *status.servers, *status.upstreams):
         if line.state == "down":
             yield Trouble("down", "lines", line.name, reason=line.reason)
+    for broker in status.brokers:
+        if broker.state == "down":
+            yield Trouble("down", "", f"broker {broker.broker}", reason=broker.reason)
     for line in status.lines:
         if (line.busy_share or 0.0) >= FULL:
             yield Trouble("full", "lines", line.name, share=line.busy_share)
