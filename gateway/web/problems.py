@@ -39,6 +39,8 @@ STATUSES: Final[Mapping[int, int]] = {
     ExceptionCode.GATEWAY_PATH_UNAVAILABLE: 502,
     ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND: 504,
 }
+#: Where nothing can be written, though it can be read.
+_READ_ONLY: Final = "/api/v1/images/"
 _KEPT_HEADERS: Final = ("Allow", "WWW-Authenticate", "Retry-After")
 
 
@@ -116,6 +118,8 @@ def problems(answers: Answers) -> Middleware:
         except web.HTTPError as error:
             phrase = HTTPStatus(error.status).phrase
             detail = error.text if error.text and not error.text.startswith(str(error.status)) else phrase
+            if error.status == HTTPStatus.METHOD_NOT_ALLOWED and request.path.startswith(_READ_ONLY):
+                detail = f"{_READ_ONLY} is only read; values are written under /api/v1/units/"
             headers = {name: error.headers[name] for name in _KEPT_HEADERS if name in error.headers}
             return _response(ProblemError(error.status, detail, headers))
         except Exception as error:  # noqa: BLE001 - the error boundary of a request

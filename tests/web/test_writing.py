@@ -400,3 +400,11 @@ def test_a_request_that_was_not_sent_says_so_and_why():
         "exception 0B, gateway target failed to respond: not sent: the unit has not answered and rests"
     )
     assert str(complaint(Answer(b"\x86\x02", 0.1))) == "exception 02, illegal data address"
+
+
+async def test_who_writes_to_an_image_is_told_where_values_are_written(bench):
+    anna = bench.browser()
+    await anna.log_in("anna")
+    page = await anna.put("/api/v1/images/shift/holding/0", [1])
+    assert page.status == 405
+    assert page.problem == "/api/v1/images/ is only read; values are written under /api/v1/units/"
