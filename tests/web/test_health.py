@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from gateway.service.examinations import LONGEST, PAUSE
+from gateway.web.pages.health import in_parts
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
@@ -31,8 +32,8 @@ async def bench(tmp_path):
         yield bench
 
 
-async def rows(browser):
-    page = await browser.get("/health")
+async def rows(browser, path="/health"):
+    page = await browser.get(path)
     assert page.status == 200, page.text
     return [" | ".join(row) for row in Markup(page.text).rows()]
 
@@ -53,6 +54,13 @@ async def test_what_was_measured_is_shown_at_once_and_nothing_is_sent_for_it(ben
     assert any(row.startswith("to fix | port of hall | /dev/hall does not exist plug the adapter in") for row in shown)
     assert any(row.startswith("to fix | unit 47, <oven> | does not answer") for row in shown)
     assert "note | hall | not asked yet: 1 of 2 units" in shown
+
+
+async def test_what_a_finding_is_about_is_named_in_the_language_of_the_page(bench):
+    for _ in range(4):
+        await bench.inner.client().asks(47, "03 00 00 00 01")
+    about = {row.split(" | ")[1] for row in await rows(bench.browser(), "/health?lang=zh") if " | " in row}
+    assert {"hall 的端口", "单元 47, <oven>"} <= about
 
 
 async def test_it_is_found_out_again_after_some_seconds_only(bench):
@@ -146,3 +154,22 @@ async def test_nothing_of_the_config_becomes_markup(bench):
     for _ in range(4):
         await client.asks(47, "03 00 00 00 01")
     assert "<oven>" not in (await bench.browser().get("/health")).text
+
+
+@pytest.mark.parametrize(
+    ("remedy", "typed"),
+    [
+        ("disconnect one of them and give it another address", []),
+        ("systemctl disable --now gpsd.socket gpsd.service", ["systemctl disable --now gpsd.socket gpsd.service"]),
+        ("end it: kill 4711", ["kill 4711"]),
+        ("echo 1 > /sys/class/tty/x/latency_timer, or install the rules", ["echo 1 > /sys/class/tty/x/latency_timer"]),
+        ("gateway.toml:12: unit = 3, or set the address at the device", ["unit = 3"]),
+        ('connect it to a line of its own with role = "server"', ['role = "server"']),
+        ("modbus-gateway profile shows what each kind of device accepts", ["modbus-gateway profile"]),
+        ("let clients ask less often, or let them read an [[image]]", ["[[image]]"]),
+    ],
+)
+def test_only_what_is_to_be_typed_is_in_the_font_of_commands(remedy, typed):
+    parts = in_parts(remedy)
+    assert "".join(text for text, _ in parts) == remedy
+    assert [text for text, is_typed in parts if is_typed] == typed

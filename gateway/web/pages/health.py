@@ -1,6 +1,8 @@
 """The page of the health: what doctor says."""
 
+import re
 from collections.abc import Sequence
+from typing import Final
 
 from aiohttp import web
 
@@ -9,6 +11,12 @@ from gateway.web.guard import VISITOR, Need
 from gateway.web.pages.times import day_and_time
 from gateway.web.problems import Handler
 from gateway.web.renderer import Renderer
+
+#: What is typed as it stands: commands, and keys of the config with their values.
+_TYPED: Final = re.compile(
+    r"((?:systemctl|modbus-gateway|echo|kill) [^,;]*?(?= shows |[,;]|$)"
+    r'|\b[a-z_]+ = (?:"[^"]*"|[^\s,;]+)|\[+[a-z]+\]+|--\w+)'
+)
 
 
 class HealthPage:
@@ -47,6 +55,7 @@ class HealthPage:
             counted=counted,
             ranked=ranked,
             clock=day_and_time,
+            in_parts=in_parts,
         )
 
 
@@ -60,6 +69,11 @@ def ranked(report: Report) -> list[tuple[str, Sequence[Finding]]]:
     """The findings by line, what must be fixed first."""
     groups = [(name, sorted(found, key=_rank)) for name, found in report.groups if found]
     return sorted(groups, key=lambda group: _rank(group[1][0]))
+
+
+def in_parts(remedy: str) -> list[tuple[str, bool]]:
+    """A remedy in parts, each with whether it is to be typed as it stands."""
+    return [(text, place % 2 == 1) for place, text in enumerate(_TYPED.split(remedy)) if text]
 
 
 def _rank(finding: Finding) -> int:
