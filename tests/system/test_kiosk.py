@@ -62,7 +62,7 @@ def test_the_links_of_a_panel_lead_to_pages_of_a_panel(browser: Any, tmp_path: P
     with GatewayProcess(tmp_path, config(port, "hall")), watched(browser) as page:
         page.goto(f"http://127.0.0.1:{port}/?kiosk")
         page.get_by_role("link", name="hall").first.click()
-        assert page.locator("h1").inner_text() == "hall"
+        assert page.locator("h1").inner_text() == "Line hall"
         assert page.locator("header, nav, footer").count() == 0
 
 

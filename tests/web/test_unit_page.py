@@ -9,6 +9,7 @@ from gateway.web.pages.histogram import WIDTH, plotted
 from gateway.web.unit_answers import FunctionTimes
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
+from kit.markup import Markup
 
 CONFIG = """
 [[line]]
@@ -80,8 +81,14 @@ async def test_a_unit_is_found_by_name_and_by_number(bench):
     for path in (PAGE, "/units/41"):
         page = await bench.browser().get(path)
         assert page.status == 200
-        assert "<h1>41 silo/a</h1>" in page.text
+        assert '<h1>Unit silo/a <span class="quiet">41</span></h1>' in page.text
         assert 'href="/lines/hall"' in page.text
+
+
+async def test_the_page_of_its_line_gives_it_the_same_number_everywhere(bench):
+    await read(bench, 20)
+    rows = Markup((await bench.browser().get("/lines/hall")).text).rows()
+    assert [cell for row in rows for cell in row if cell.startswith("silo/a")] == ["silo/a 41", "silo/a 41"]
 
 
 async def test_a_unit_that_there_is_not_is_told_to_people_as_a_page(bench):
@@ -101,7 +108,7 @@ async def test_nobody_without_a_login_sees_it_from_elsewhere(bench):
 async def test_a_limit_that_is_far_too_long_is_said_to_be_and_a_better_one_proposed(bench):
     await read(bench, 150)
     page = (await bench.browser().get(PAGE)).text
-    assert "The limit is far too long" in page
+    assert "The limit could be shorter" in page
     assert re.search(r"Each request without a response holds the line for 20\d\d ms\.", page)
     assert "modbus-gateway calibrate silo/a" in page
     proposed = re.search(r"proposed (\d+) ms</text>", page)

@@ -37,7 +37,7 @@ export const FAILED = new Set(["timeout", "failed", "broken"]);
 export function titleOf(item) {
   const { fact } = item;
   if (item.kind === "port") return fact.reason ? TEXTS.portLost(fact.reason) : TEXTS.portOpen;
-  if (item.kind === "heard") return `${TEXTS.states[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + TEXTS.unit(bytesOf(fact.frame)[0])}`;
+  if (item.kind === "heard") return `${TEXTS.states[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + TEXTS.onTheWire(bytesOf(fact.frame)[0])}`;
   return `${TEXTS.named(fact.unit, fact.name)}: ${requestInWords(bytesOf(fact.request))}`;
 }
 

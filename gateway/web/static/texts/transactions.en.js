@@ -1,7 +1,7 @@
 import { ms } from "../quantities.js";
 
 export const TEXTS = {
-  unit: (unit) => `unit ${unit}`,
+  onTheWire: (address) => `address ${address} on the wire`,
   named: (unit, name) => (name ? `${unit} ${name}` : `unit ${unit}`),
   states: {
     ok: "ok", exception: "exception", timeout: "time-out", broken: "broken frame", failed: "no valid response", late: "late response", foreign: "foreign traffic",

@@ -1,7 +1,7 @@
 import { ms } from "../quantities.js";
 
 export const TEXTS = {
-  unit: (unit) => `单元 ${unit}`,
+  onTheWire: (address) => `线上地址 ${address}`,
   named: (unit, name) => (name ? `${unit} ${name}` : `单元 ${unit}`),
   states: {
     ok: "成功", exception: "异常响应", timeout: "超时", broken: "坏帧", failed: "无有效响应", late: "迟到的响应", foreign: "外来通信",
