@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import unified_diff
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -22,6 +23,8 @@ MOST_LINES: Final = 400
 MOST_TEXT: Final = 128 * 1024
 #: Files that it names may change too: after so many seconds all is looked at again.
 KEPT: Final = 30.0
+#: Why a file cannot be read is kept for so many seconds: to find out may have taken READING_TIME.
+UNREAD_KEPT: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +49,10 @@ class ConfigView:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """The file as it was looked at: `sign` changes when it does."""
+    """The file as it was looked at: `sign` changes when it does, and it is good `until` this time of the loop."""
 
     sign: tuple[int, ...]
-    at: float
+    until: float
     loaded: ConfigRead
 
 
@@ -61,26 +64,28 @@ class ConfigViewer:
         self._reloader = reloader
         self._clock = clock
         self._seen: _Seen | None = None
-        self._one_at_a_time = asyncio.Lock()
 
     async def view(self) -> ConfigView:
-        """The config as it is now."""
+        """The config as it is now; one view at a time."""
         loop = asyncio.get_running_loop()
-        async with self._one_at_a_time:
-            try:
-                async with asyncio.timeout(READING_TIME):
-                    self._seen = await loop.run_in_executor(ThreadPerCall("web config"), self._look)
-            except TimeoutError:
-                self._seen = _unread(f"cannot be read within {READING_TIME:g} s; is it a file?")
-            except ConfigError as error:
-                self._seen = _unread(str(error))
-            return await loop.run_in_executor(ThreadPerCall("web config"), self._view, self._seen, loop.time())
+        self._seen = await self._look(loop)
+        return await loop.run_in_executor(ThreadPerCall("web config"), self._view, self._seen, loop.time())
 
-    def _look(self) -> _Seen:
-        file, sign, now = self._reloader.file, _sign(self._reloader.file), time.monotonic()
-        if self._seen is not None and sign and self._seen.sign == sign and now - self._seen.at < KEPT:
-            return self._seen
-        return _Seen(sign, now, self._reloader.read(file, look_around=True))
+    async def _look(self, loop: asyncio.AbstractEventLoop) -> _Seen:
+        sign: tuple[int, ...] = ()
+        now = loop.time()
+        try:
+            async with asyncio.timeout(READING_TIME):
+                sign = await loop.run_in_executor(ThreadPerCall("web config"), _sign, self._reloader.file)
+                if self._seen is not None and sign and self._seen.sign == sign and now < self._seen.until:
+                    return self._seen
+                read = partial(self._reloader.read, self._reloader.file, look_around=True)
+                return _Seen(sign, now + KEPT, await loop.run_in_executor(ThreadPerCall("web config"), read))
+        except TimeoutError:
+            why = f"cannot be read within {READING_TIME:g} s; is it a file?"
+        except ConfigError as error:
+            why = str(error)
+        return _Seen(sign, loop.time() + UNREAD_KEPT, ConfigRead(None, (Problem("error", (), why),)))
 
     def _view(self, seen: _Seen, now: float) -> ConfigView:
         reloader = self._reloader
@@ -105,10 +110,6 @@ class ConfigViewer:
             changed=found.changed,
             restart=find_settled(self._reloader.at_start, plan),
         )
-
-
-def _unread(why: str) -> _Seen:
-    return _Seen((), 0.0, ConfigRead(None, (Problem("error", (), why),)))
 
 
 def _sign(file: Path) -> tuple[int, ...]:

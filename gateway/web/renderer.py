@@ -17,6 +17,7 @@ from gateway.web.guard import VISITOR, Need
 from gateway.web.languages import LANGUAGES, Language, Texts, keep_language, language_of
 from gateway.web.problems import Handler
 from gateway.web.themes import DARK, keep_theme, theme_of
+from gateway.web.turns import Turns
 
 FOLDER: Final = Path(__file__).parent / "templates"
 _HEADERS: Final = {"Cache-Control": "no-store", "Vary": "Accept-Language, Cookie"}
@@ -41,7 +42,7 @@ class Renderer:
     """Makes pages, one at a time and in a thread: the lines do not wait for them."""
 
     def __init__(self, assets: Assets, *, is_encrypted: bool) -> None:
-        self._one_at_a_time = asyncio.Lock()
+        self._turns = Turns()
         self._is_encrypted = is_encrypted
         self._templates = {code: _templates(language, assets) for code, language in LANGUAGES.items()}
 
@@ -55,6 +56,9 @@ class Renderer:
         """The page that a template makes of this content, for who has sent the request, in his language.
 
         `in_thread` is called in the thread that makes the page; it adds to the content.
+
+        Raises:
+            HTTPServiceUnavailable: who has sent it has gone before its turn came.
         """
         language = language_of(request)
         # A path that begins with // would lead to somebody else.
@@ -71,7 +75,8 @@ class Renderer:
             "themes": [(each, f"{path}?{chosen(theme=each).raw_query_string}") for each in DARK],
         }
         is_packed = "gzip" in request.headers.get("Accept-Encoding", "")
-        body = await self._rendered(language, template, {**frame, **content}, in_thread, is_packed=is_packed)
+        async with self._turns.turn(request):
+            body = await self._rendered(language, template, {**frame, **content}, in_thread, is_packed=is_packed)
         headers = {**_HEADERS, "Content-Encoding": "gzip"} if is_packed else _HEADERS
         response = web.Response(body=body, content_type="text/html", charset="utf-8", headers=headers)
         keep_language(request, response, is_encrypted=self._is_encrypted)
@@ -93,8 +98,7 @@ class Renderer:
             text = "".join(_in_slices(templates.get_template(template).generate({**content, **in_thread()}))).encode()
             return gzip.compress(text, _PACKING) if is_packed else text
 
-        async with self._one_at_a_time:
-            return await loop.run_in_executor(ThreadPerCall("web page"), make)
+        return await loop.run_in_executor(ThreadPerCall("web page"), make)
 
 
 def _in_slices(parts: Iterable[str]) -> Iterator[str]:

@@ -32,6 +32,7 @@ from gateway.web.sessions import Sessions
 from gateway.web.settings import HEADERS, WebSettings
 from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
+from gateway.web.turns import Turns
 from gateway.web.user_table import UserTable
 
 #: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
@@ -144,7 +145,7 @@ def _application(
 
 def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:
     """What programs ask without an API."""
-    one_at_a_time = asyncio.Lock()
+    turns = Turns()
 
     async def healthz(_request: web.Request) -> web.Response:
         return web.Response(text="ok\n")
@@ -155,8 +156,8 @@ def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:
             raise web.HTTPServiceUnavailable(text=trouble)
         return web.Response(text="ready\n")
 
-    async def metrics(_request: web.Request) -> web.Response:
-        async with one_at_a_time:
+    async def metrics(request: web.Request) -> web.Response:
+        async with turns.turn(request):
             body = await answers.metrics()
         return web.Response(body=body, headers={"Content-Type": answers.content_type, "Cache-Control": "no-store"})
 

@@ -11,6 +11,7 @@ from gateway.web.pages.times import day_and_time
 from gateway.web.problems import Handler
 from gateway.web.reloading import reload
 from gateway.web.renderer import Renderer
+from gateway.web.turns import Turns
 
 
 class ConfigPage:
@@ -19,6 +20,7 @@ class ConfigPage:
     def __init__(self, answers: Answers, renderer: Renderer) -> None:
         self._answers = answers
         self._renderer = renderer
+        self._turns = Turns()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
         """Method, path, handler, and what it needs."""
@@ -26,7 +28,8 @@ class ConfigPage:
 
     async def show(self, request: web.Request) -> web.Response:
         """What is in use, what the file says now, and what became of the last reload."""
-        config = await self._answers.config()
+        async with self._turns.turn(request):
+            config = await self._answers.config()
         at = day_and_time(config.at) if config.at else ""
         return await self._renderer.page(
             "config.html", request, config=config, commands=_commands(config), reloaded_at=at

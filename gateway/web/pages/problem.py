@@ -11,6 +11,7 @@ from aiohttp.typedefs import Middleware
 from gateway.web.guard import VISITOR, Visitor
 from gateway.web.problems import Handler
 from gateway.web.renderer import Renderer
+from gateway.web.turns import has_gone
 
 #: What only programs ask for.
 _OF_PROGRAMS: Final = ("/api/", "/metrics", "/healthz", "/readyz", "/static/")
@@ -26,6 +27,8 @@ def problem_pages(renderer: Renderer, visitor_of: Callable[[web.Request], Visito
     async def as_pages(request: web.Request, handler: Handler) -> web.StreamResponse:
         response = await handler(request)
         if not isinstance(response, web.Response) or response.content_type != "application/problem+json":
+            return response
+        if has_gone(request):
             return response
         if "text/html" not in request.headers.get("Accept", "") or request.path.startswith(_OF_PROGRAMS):
             return response
