@@ -10,7 +10,7 @@ from typing import Final
 from gateway.errors import TlsError
 from gateway.tls.certificate import ROLE
 from gateway.tls.revoking import index_of, keep, list_of
-from gateway.tls.workshop import AUTHORITY, Workshop, authority_of
+from gateway.tls.workshop import AUTHORITY, Workshop, alone_in, authority_of
 
 #: How long what is made is valid, in days: an authority as long as a plant's equipment, others until a next visit.
 AUTHORITY_DAYS: Final = 3650
@@ -89,8 +89,8 @@ def _make_signed(
     folder: Path, stem: str, name: str, extensions: Mapping[str, str], days: int, *, replace: bool
 ) -> Path:
     ca, ca_key = authority_of(folder)
-    certificate, key = _places(folder, stem, replace=replace)
-    with Workshop(folder) as shop:
+    with alone_in(folder), Workshop(folder) as shop:
+        certificate, key = _places(folder, stem, replace=replace)
         settings, request, made = shop.settings(name, {**_OF_OTHERS, **extensions}), *map(shop.place, _STEPS)
         shop.openssl("req", *_KEY, "-config", settings, "-keyout", shop.place("key"), "-out", request)
         signing = ("-CA", str(ca), "-CAkey", str(ca_key), "-set_serial", f"0x{int(token_hex(16), 16) >> 1:x}")

@@ -11,7 +11,7 @@ from typing import Final
 from gateway.errors import TlsError
 from gateway.tls.certificate import Certificate
 from gateway.tls.contexts import read_certificates
-from gateway.tls.workshop import AUTHORITY, Workshop, authority_of
+from gateway.tls.workshop import AUTHORITY, Workshop, alone_in, authority_of
 
 #: For how long a revocation list is valid, in days: nobody has to renew it.
 LIST_DAYS: Final = 3650
@@ -87,11 +87,12 @@ def revoke(folder: Path, files: list[Path]) -> Path:
     """Put the certificates in these files on the revocation list of the authority, `ca.crl`; returns that.
 
     Raises:
-        TlsError: there is no authority in `folder`, it has not issued all of them, or the list cannot be made.
+        TlsError: there is no authority in `folder`, it has not issued all of them, another command is at work there for
+            long, or the list cannot be made.
     """
     ca, key = authority_of(folder)
-    index, gone = index_of(folder), revoked(folder)
-    with Workshop(folder) as shop:
+    with alone_in(folder), Workshop(folder) as shop:
+        index, gone = index_of(folder), revoked(folder)
         own_index = Path(shop.place("index"))
         own_index.write_bytes(index.read_bytes() if index.exists() else b"")
         settings = shop.place("settings")

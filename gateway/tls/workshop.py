@@ -3,10 +3,14 @@
 (The library `cryptography` needs cffi, which has no wheel for armv7l, and `openssl` is installed on every machine.)
 """
 
+import fcntl
+import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Self
 
@@ -16,6 +20,9 @@ from gateway.errors import TlsError
 AUTHORITY: Final = "ca"
 #: How long openssl may take for one step, in seconds: a small machine has little randomness after its start.
 DEADLINE: Final = 60.0
+#: How long another command in the same folder is waited for, and how often it is looked for, in seconds.
+TURN_WITHIN: Final = 30.0
+_LOOK_EVERY: Final = 0.05
 
 
 def authority_of(folder: Path) -> tuple[Path, Path]:
@@ -31,6 +38,41 @@ def authority_of(folder: Path) -> tuple[Path, Path]:
     return certificate.absolute(), key.absolute()
 
 
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """In this context no other command changes what is in `folder`.
+
+    Raises:
+        TlsError: another one still does after TURN_WITHIN, or the folder cannot be opened.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise _trouble(folder, error) from error
+    try:
+        _wait_for_turn(folder, descriptor)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _wait_for_turn(folder: Path, descriptor: int) -> None:
+    deadline = time.monotonic() + TURN_WITHIN
+    while True:
+        try:
+            return fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            if time.monotonic() >= deadline:
+                raise TlsError(f"{folder}: another command is still at work there; try again later") from error
+        except OSError as error:
+            raise _trouble(folder, error) from error
+        time.sleep(_LOOK_EVERY)
+
+
+def _trouble(folder: Path, error: OSError) -> TlsError:
+    return TlsError(f"{folder}: {(error.strerror or str(error)).lower()}")
+
+
 class Workshop:
     """A folder for files that are not ready yet, beside those that they become."""
 
@@ -44,7 +86,7 @@ class Workshop:
             self._folder.mkdir(mode=0o755, parents=True, exist_ok=True)
             self._temporary = tempfile.TemporaryDirectory(prefix=".new-", dir=self._folder)
         except OSError as error:
-            raise TlsError(f"{self._folder}: {(error.strerror or str(error)).lower()}") from error
+            raise _trouble(self._folder, error) from error
         return self
 
     def __exit__(self, *_: object) -> None:

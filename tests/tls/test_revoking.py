@@ -1,0 +1,58 @@
+"""Commands that change the folder of an authority at the same time, and folders of any name."""
+
+import fcntl
+import os
+from pathlib import Path
+from threading import Barrier, Thread
+
+import pytest
+
+from gateway.errors import TlsError
+from gateway.tls import revoking, workshop
+from gateway.tls.contexts import read_certificates
+from gateway.tls.making import make_authority, make_client
+from gateway.tls.revoking import revoke, revoked
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    make_authority(tmp_path, "plant")
+    return tmp_path
+
+
+def test_revocations_at_the_same_time_are_all_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = [make_client(folder, name) for name in ("hmi", "spy")]
+    both, read = Barrier(2, timeout=1.0), revoking.revoked
+
+    def read_beside_the_other_one(where: Path) -> set[str]:
+        found = read(where)
+        if not both.broken:
+            try:
+                both.wait()
+            except Exception:  # noqa: BLE001 - the other one is not here: it waits
+                both.abort()
+        return found
+
+    monkeypatch.setattr(revoking, "revoked", read_beside_the_other_one)
+    threads = [Thread(target=revoke, args=(folder, [file])) for file in files]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert revoked(folder) == {read_certificates(file)[0].serial for file in files}
+
+
+def test_a_command_that_does_not_end_is_not_waited_for_without_end(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = make_client(folder, "hmi")
+    monkeypatch.setattr(workshop, "TURN_WITHIN", 0.1)
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        for command in (lambda: revoke(folder, [file]), lambda: make_client(folder, "new")):
+            with pytest.raises(TlsError, match="another command is still at work there"):
+                command()
+    finally:
+        os.close(held)
+    assert revoke(folder, [file])
