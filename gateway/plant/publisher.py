@@ -4,9 +4,8 @@ It has no clock and no connection: time is an argument, messages are taken from 
 handed to it. Without a connection it goes on reading, and keeps the last reading of each point.
 """
 
-import math
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from math import isfinite
@@ -14,6 +13,7 @@ from typing import Final, Protocol
 
 from gateway.events import CommandRefused, Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.plant.births import Births
 from gateway.plant.changes import Watch
 from gateway.plant.messages import (
     Command,
@@ -41,8 +41,6 @@ MOST_COMMANDS: Final = 32
 MOST_REMEMBERED: Final = 1000
 #: So many results wait until they are published; the oldest are dropped for more.
 MOST_RESULTS: Final = 100
-#: Births that hosts ask for are published at most so often, in seconds.
-REBIRTH_PAUSE: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +67,27 @@ class Asker(Origin, Protocol):
 
     def written(self, command: Command, request: Request, response: bytes | None) -> None:
         """Take the response to the write that carries out a command."""
+
+
+class _Results:
+    """Results that wait until they are published. They take turns with all else."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[Message] = deque()
+        self._was_last = False
+
+    def add(self, results: Iterable[Message]) -> int:
+        """Keep these; how many older ones were dropped for them."""
+        self.waiting.extend(results)
+        dropped = max(0, len(self.waiting) - MOST_RESULTS)
+        for _ in range(dropped):
+            self.waiting.popleft()
+        return dropped
+
+    def take(self, *, is_alone: bool) -> Message | None:
+        """The next one, if it is their turn: always if nothing else waits."""
+        self._was_last = bool(self.waiting) and (is_alone or not self._was_last)
+        return self.waiting.popleft() if self._was_last else None
 
 
 class Publisher:
@@ -102,13 +121,8 @@ class Publisher:
         }
         self.polls = Polls(settings.devices, targets, origin, emit, settings.source, clock())
         self._is_connected = False
-        self._is_born = False
-        self._birth: Iterator[Message] = iter(())
-        self._is_giving_birth = False
-        self._born_at = -math.inf
-        self._rebirth_at: float | None = None
-        self._results: deque[Message] = deque()
-        self._is_turn_of_results = False
+        self._births = Births()
+        self._results = _Results()
         self._came_or_went: dict[str, None] = {}
         self._changed: dict[str, None] = {}
         self._in_progress = 0
@@ -123,15 +137,15 @@ class Publisher:
     @property
     def has_messages(self) -> bool:
         """Whether `take` has something to publish."""
-        return self._is_born and bool(self._is_giving_birth or self._came_or_went or self._changed or self._results)
+        return self.is_born and bool(self.has_birth or self._came_or_went or self._changed or self._results.waiting)
 
     def deadline(self) -> float | None:
         """When `tick` must be called."""
-        return min((at for at in (self.polls.deadline(), self._rebirth_at) if at is not None), default=None)
+        return min((at for at in (self.polls.deadline(), self._births.next_at) if at is not None), default=None)
 
     def tick(self, now: float) -> None:
         """Send the reads that are due, and begin a birth that was put off."""
-        if self._rebirth_at is not None and now >= self._rebirth_at:
+        if self._births.next_at is not None and now >= self._births.next_at:
             self._be_born(now)
         for answer in self.polls.tick(now):
             self._heed(answer, now)
@@ -153,10 +167,9 @@ class Publisher:
 
     def disconnected(self) -> None:
         """The connection is lost, and everything that was not published with it. The last readings are kept."""
-        self._is_connected = self._is_born = False
-        self._end_birth()
-        self._born_at, self._rebirth_at = -math.inf, None
-        self._results.clear()
+        self._is_connected = False
+        self._births.forget()
+        self._results.waiting.clear()
         self._refused.clear()
         self._came_or_went.clear()
         self._changed.clear()
@@ -164,19 +177,19 @@ class Publisher:
     @property
     def has_birth(self) -> bool:
         """Whether a part of a birth is still to be taken."""
-        return self._is_giving_birth
+        return self._births.is_under_way
 
     @property
     def is_born(self) -> bool:
         """Whether the birth was handed out in this connection, or is about to be."""
-        return self._is_born
+        return self._births.has_begun
 
     def take(self, now: float) -> Sequence[Message]:
         """The next messages to publish, in this order; none if there are none at present.
 
         Results and all else take turns.
         """
-        if not self._is_born:
+        if not self.is_born:
             return ()
         messages = self._next(now)
         self.counts.messages += len(messages)
@@ -198,32 +211,21 @@ class Publisher:
                 self._emit(CommandRefused(CLIENT, delivery.topic, wish.refusal))
                 self._refuse(wish, wish.refusal, now)
             elif isinstance(wish, Rebirth) and self._is_connected:
-                self._be_born_again(now)
+                if self._births.may_begin(now):
+                    self._be_born(now)
             elif isinstance(wish, Leave):
                 self.must_leave = True
 
     def ended(self, now: float) -> Sequence[Message]:
         """What to publish last."""
-        return self.form.ended(self._unix(now)) if self._is_born else ()
-
-    def _be_born_again(self, now: float) -> None:
-        """Publish the birth, or put it off if the last one was just before."""
-        if now - self._born_at >= REBIRTH_PAUSE:
-            self._be_born(now)
-        else:
-            self._rebirth_at = self._born_at + REBIRTH_PAUSE
+        return self.form.ended(self._unix(now)) if self.is_born else ()
 
     def _be_born(self, now: float) -> None:
-        self._is_born = self._is_giving_birth = True
-        self._born_at, self._rebirth_at = now, None
         for watch in self._watches.values():
             watch.forget()
         self._came_or_went.clear()
         self._changed.clear()
-        self._birth = iter(self.form.born(self._states(), self._unix(now)))
-
-    def _end_birth(self) -> None:
-        self._birth, self._is_giving_birth = iter(()), False
+        self._births.begin(self.form.born(self._states(), self._unix(now)), now)
 
     def _states(self) -> Iterator[DeviceState]:
         """What a birth tells of each device, at the time when it is told."""
@@ -235,15 +237,9 @@ class Publisher:
             yield self._told(state)
 
     def _next(self, now: float) -> Sequence[Message]:
-        if self._is_giving_birth:
-            message = next(self._birth, None)
-            if message is not None:
-                return (message,)
-            self._end_birth()
-        has_news = bool(self._came_or_went or self._changed)
-        self._is_turn_of_results = bool(self._results) and not (has_news and self._is_turn_of_results)
-        if self._is_turn_of_results:
-            return (self._results.popleft(),)
+        message = self._births.take() or self._results.take(is_alone=not (self._came_or_went or self._changed))
+        if message is not None:
+            return (message,)
         if self._came_or_went:
             return self._availability(_pop(self._came_or_went), now)
         return self._values(_pop(self._changed), now) if self._changed else ()
@@ -263,7 +259,7 @@ class Publisher:
         self._note_change(name)
 
     def _note_change(self, name: str) -> None:
-        if self._is_born and self._watches[name].changed:
+        if self.is_born and self._watches[name].changed:
             self._changed[name] = None
 
     def _availability(self, name: str, now: float) -> Sequence[Message]:
@@ -346,11 +342,8 @@ class Publisher:
         self._tell(command, why, now)
 
     def _tell(self, command: Command | Misdirected, error: str | None, now: float) -> None:
-        if self._is_born:
-            self._results.extend(self.form.result(command, error, self._unix(now)))
-            while len(self._results) > MOST_RESULTS:
-                self._results.popleft()
-                self.counts.dropped_results += 1
+        if self.is_born:
+            self.counts.dropped_results += self._results.add(self.form.result(command, error, self._unix(now)))
 
 
 class _Writer:
