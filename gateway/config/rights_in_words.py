@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from gateway.config.plan import Plan
+from gateway.config.reserved import MQTT
 from gateway.config.unitset import show_units
 from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, Network, Right, Row
 
@@ -78,6 +79,9 @@ def _rest(plan: Plan) -> Iterator[RightsRow]:
     for server in plan.servers:
         if not _is_named(server.line.name, plan):
             yield RightsRow("the line", server.line.name, show_units(server.line.serves), "read, write, broadcast")
+    if plan.mqtt is not None and not _is_named(MQTT, plan):
+        units = show_units(device.unit for device in plan.mqtt.devices)
+        yield RightsRow("the broker", MQTT, units, "read, write" if plan.mqtt.write else "read")
 
 
 def _is_named(listener: str, plan: Plan) -> bool:

@@ -56,6 +56,33 @@ def rights(folder: Path, capsys: pytest.CaptureFixture[str], text: str) -> str:
     return said[said.index("Rights") :].partition("\n\n")[0]
 
 
+MQTT = """
+[mqtt]
+broker  = "mqtt://127.0.0.1"
+publish = [{{ device = "tank", every = "1 s" }}]
+{more}
+[profile.tank]
+points = [{{ name = "level", holding = 1, write = true }}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("more", "row"),
+    [
+        ("", ["the broker mqtt 41 read"]),
+        ("write = true\n", ["the broker mqtt 41 read, write"]),
+        ('[[access]]\nlisten = ["mqtt"]\nallow = ["read"]\n', []),
+    ],
+)
+def test_a_broker_that_no_row_names_does_what_mqtt_allows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: str, row: list[str]
+) -> None:
+    tank = 'holding = 10\nname = "tank"\nprofile = "tank"'
+    text = f'site = "plant"\n{FILE.replace("holding = 10", tank)}{ROWS}{MQTT.format(more=more)}'
+    table = rights(tmp_path, capsys, text).splitlines()
+    assert [" ".join(each.split()) for each in table if "the broker" in each] == row
+
+
 def test_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert rights(tmp_path, capsys, FILE) == dedent(
         """\
