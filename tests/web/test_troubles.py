@@ -3,7 +3,10 @@
 from types import SimpleNamespace
 
 from gateway.diagnosis.finding import Finding
+from gateway.lines.counts import Counts
+from gateway.timing.history import UnitUse
 from gateway.web.pages.overview import Trouble, troubles, with_findings, worst_first
+from gateway.web.pages.unit_states import ShownState
 
 
 def test_a_panel_names_what_must_be_fixed_before_what_fails_now_and_then():
@@ -28,3 +31,13 @@ def test_a_lost_broker_is_a_trouble_of_its_own_and_told_once():
     assert told(lost) == [Trouble("down", "", "broker mqtt://10.0.0.9:1883", reason="it has closed the connection")]
     refusing = SimpleNamespace(broker="mqtt://10.0.0.9:1883", state="up", reason="")
     assert [each.kind for each in told(refusing)] == ["fix"]
+
+
+def test_how_many_requests_were_not_sent_to_a_failing_unit_is_told_with_the_usual_reason():
+    unit = SimpleNamespace(name="mixer", line="hall", last_error="bad_frame", rests_ms=0.0, counts=Counts(overdue=47))
+    status = SimpleNamespace(lines=(), servers=(), upstreams=(), units=(unit,), brokers=())
+    state = ShownState("failing", UnitUse(requests=595, responses=540, failed=8, unsent=47))
+    (trouble,) = troubles(status, {"mixer": state})
+    assert (trouble.requests, trouble.unsent, trouble.unsent_for) == (595, 47, "overdue")
+    (answered,) = troubles(status, {"mixer": ShownState("failing", UnitUse(requests=9, failed=9))})
+    assert (answered.unsent, answered.unsent_for) == (0, "")

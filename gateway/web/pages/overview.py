@@ -29,6 +29,8 @@ PANEL_UNITS: Final = 12
 _WRONG_FIRST: Final = {"resting": 0, "failing": 1}
 #: How bad a trouble is, from the worst on. A panel has room for some only.
 _BADNESS: Final = ("down", "resting", "fix", "full", "failing")
+#: Results of requests that were not sent to their unit.
+_UNSENT: Final = ("overdue", "resting", "queue_full", "expired", "line_down", "echo_suspected", "refused", "unwanted")
 _SOME_LOST: Final = 2
 _FINE: Final = 3
 
@@ -37,8 +39,9 @@ _FINE: Final = 3
 class Trouble:
     """What is wrong with the line, unit or broker of this name; a `reason` is in the gateway's words.
 
-    `share` is that of the time in which a line was busy, or of the `requests` of the last minutes without an answer.
-    A unit that rests is left alone for `rests_ms` from now on. `found` is what doctor says must be fixed.
+    `share` is that of the time in which a line was busy, or of the `requests` of the last minutes without an answer; so
+    many of these were `unsent`, most often for the result `unsent_for`. A unit that rests is left alone for `rests_ms`
+    from now on. `found` is what doctor says must be fixed.
     """
 
     kind: Literal["down", "resting", "failing", "full", "fix"]
@@ -49,6 +52,8 @@ class Trouble:
     share: float = 0.0
     requests: int = 0
     rests_ms: float = 0.0
+    unsent: int = 0
+    unsent_for: str = ""
     found: tuple[str, ...] = ()
 
 
@@ -115,8 +120,22 @@ def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Troub
         for unit in status.units:
             state = states[unit.name]
             if state.word == kind and unit.line not in down:
-                share, requests = state.unanswered_share, state.use.requests
-                yield Trouble(kind, "units", unit.name, unit.line, unit.last_error, share, requests, unit.rests_ms)
+                yield _of_unit(unit, kind, state)
+
+
+def _of_unit(unit: Any, kind: Literal["resting", "failing"], state: ShownState) -> Trouble:
+    return Trouble(
+        kind,
+        "units",
+        unit.name,
+        unit.line,
+        unit.last_error,
+        state.unanswered_share,
+        state.use.requests,
+        unit.rests_ms,
+        state.use.unsent,
+        max(_UNSENT, key=lambda result: getattr(unit.counts, result)) if state.use.unsent else "",
+    )
 
 
 def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
