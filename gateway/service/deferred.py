@@ -27,11 +27,12 @@ class _StandIn(ModuleType):
     """Has what the library has, which is loaded when the first of it is looked up."""
 
     _turn: Final = RLock()
+    _library: ModuleType | None = None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):  # asked while it is imported
             raise AttributeError(name)
-        if name == "SSLSocket" and sys.modules.get(self.__name__) is self:
+        if name == "SSLSocket" and self._library is None:
             return _NotLoaded  # asyncio asks of every socket whether it is one
         found = getattr(self._loaded(), name)
         setattr(self, name, found)
@@ -41,4 +42,9 @@ class _StandIn(ModuleType):
         with self._turn:
             if sys.modules.get(self.__name__) is self:
                 del sys.modules[self.__name__]
-        return import_module(self.__name__)
+        try:  # not in turn: the import may wait for one of another thread, which waits for its turn
+            self._library = import_module(self.__name__)
+        except BaseException:
+            sys.modules.setdefault(self.__name__, self)
+            raise
+        return self._library

@@ -44,6 +44,24 @@ def test_the_first_use_loads_it(use, library):
     assert library in run(f"{use}\nprint(loaded())")
 
 
+def test_a_library_that_cannot_be_loaded_is_tried_again_and_plain_sockets_work():
+    script = """
+sys.modules["_ssl"] = None  # cannot be imported
+async def main():
+    ours, others = socket.socketpair()
+    ours.setblocking(False)
+    for _ in range(2):
+        try:
+            ssl.SSLContext
+        except ImportError:
+            await asyncio.get_running_loop().sock_sendall(ours, b"x")
+            print(sys.modules["ssl"] is ssl)
+    del sys.modules["_ssl"]
+    print(ssl.SSLContext is sys.modules["ssl"].SSLContext, ssl.SSLSocket is sys.modules["ssl"].SSLSocket)
+asyncio.run(main())"""
+    assert run(script).split() == ["True"] * 4
+
+
 def test_asyncio_has_tls_as_always_afterwards():
     script = """
 asyncio.selector_events.sslproto.SSLProtocol
