@@ -28,13 +28,17 @@ def save_password() -> None:
     try:
         with urlopen(request, timeout=10) as response:  # noqa: S310 - always http
             broker = json.load(response)["data"]
-    except (URLError, OSError, ValueError, KeyError) as error:
+        address = f"The broker is mqtt{'s' if broker.get('ssl') else ''}://{broker['host']}:{broker['port']}"
+        user, password = broker.get("username"), broker.get("password")
+    except (URLError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         print(f"Home Assistant names no broker ({error}): with [mqtt], set broker, user and password yourself.")
         return
+    print(f"{address}, the user {user}." if user else f"{address}, without a user.")
+    if not password:
+        PASSWORD.unlink(missing_ok=True)
+        return
     PASSWORD.touch(mode=0o600)
-    PASSWORD.write_text(broker["password"], encoding="utf-8")
-    encryption = "s" if broker.get("ssl") else ""
-    print(f"The broker is mqtt{encryption}://{broker['host']}:{broker['port']}, the user {broker['username']}.")
+    PASSWORD.write_text(password, encoding="utf-8")
 
 
 if __name__ == "__main__":

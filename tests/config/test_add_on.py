@@ -70,6 +70,24 @@ def test_the_password_of_the_broker_is_written_for_the_gateway_alone(start, supe
     assert "secret" not in said
 
 
+@pytest.mark.parametrize("none", [None, ""])
+def test_a_broker_without_a_password_has_no_file_for_it(start, supervisor, capsys, monkeypatch, none):
+    monkeypatch.setitem(BROKER, "password", none)
+    monkeypatch.delitem(BROKER, "username")
+    start.PASSWORD.write_text("of the broker before")
+    start.main()
+    assert not start.PASSWORD.exists()
+    assert start.started
+    assert "mqtt://core-mosquitto:1883, without a user" in capsys.readouterr().out
+
+
+def test_what_names_no_host_is_no_broker(start, supervisor, capsys, monkeypatch):
+    monkeypatch.delitem(BROKER, "host")
+    start.main()
+    assert start.started
+    assert "names no broker" in capsys.readouterr().out
+
+
 def test_without_a_broker_the_gateway_starts_all_the_same(start, capsys):
     start.main()
     assert not start.PASSWORD.exists()
