@@ -93,18 +93,18 @@ def revoke(folder: Path, files: list[Path]) -> Path:
     ca, key = authority_of(folder)
     with alone_in(folder), Workshop(folder) as shop:
         index, gone = index_of(folder), revoked(folder)
-        own_index = Path(shop.place("index"))
-        own_index.write_bytes(index.read_bytes() if index.exists() else b"")
+        Path(shop.place("index")).write_bytes(index.read_bytes() if index.exists() else b"")
         settings = shop.place("settings")
-        Path(settings).write_text(
-            f"[ca]\ndefault_ca=own\n[own]\ndatabase={own_index}\ncertificate={ca}\nprivate_key={key}\n"
+        Path(settings).write_text(  # no path of a folder: some of its characters would mean something here
+            f"[ca]\ndefault_ca=own\n[own]\ndatabase=index\n"
             f"default_md=sha256\ndefault_crl_days={LIST_DAYS}\nunique_subject=no\n"
         )
+        ca_words = ("ca", "-config", settings, "-cert", str(ca), "-keyfile", str(key))
         for file in files:
             if read_certificates(file)[0].serial not in gone:
                 _see_that_it_is_of(ca, file, shop)
-                shop.openssl("ca", "-config", settings, "-revoke", str(file.absolute()))
-        shop.openssl("ca", "-config", settings, "-gencrl", "-out", shop.place("crl"))
+                shop.openssl(*ca_words, "-revoke", str(file.absolute()))
+        shop.openssl(*ca_words, "-gencrl", "-out", shop.place("crl"))
         shop.deliver({"index": index, "crl": list_of(folder)})
     return list_of(folder)
 

@@ -109,7 +109,7 @@ class Workshop:
         return str(file)
 
     def openssl(self, *words: str) -> None:
-        """Run `openssl WORDS`; only its owner can read what it makes.
+        """Run `openssl WORDS` in the folder of what is made; only its owner can read what it makes.
 
         Raises:
             TlsError: it failed.
@@ -117,7 +117,13 @@ class Workshop:
         command = ["openssl", *words]
         try:
             done = subprocess.run(  # noqa: S603 - nothing in `words` is taken for an option or a command
-                command, capture_output=True, text=True, timeout=DEADLINE, check=False, umask=0o077
+                command,
+                cwd=self._temporary.name,
+                capture_output=True,
+                text=True,
+                timeout=DEADLINE,
+                check=False,
+                umask=0o077,
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise TlsError(f"openssl {words[0]} failed: {error}") from error

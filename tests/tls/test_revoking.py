@@ -56,3 +56,13 @@ def test_a_command_that_does_not_end_is_not_waited_for_without_end(
     finally:
         os.close(held)
     assert revoke(folder, [file])
+
+
+@pytest.mark.parametrize("name", ["cost $x", "hall #2", "${HOME}", "back\\slash", "a=b;c'd\"e"])
+def test_a_folder_may_have_any_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in (tmp_path / name, Path(name, "relative")):
+        make_authority(folder, "plant")
+        file = make_client(folder, "hmi")
+        revoke(folder, [file])
+        assert revoked(folder) == {read_certificates(file)[0].serial}
