@@ -206,6 +206,10 @@ def _count_answered(server: Mapping[str, Any]) -> int:
     return int(server["counts"]["responses"])
 
 
+def _down_for(broker: Mapping[str, Any]) -> str:
+    return _age(broker["down_ms"])
+
+
 def _online(broker: Mapping[str, Any]) -> str:
     return f"{broker['available']} of {broker['devices']}"
 
@@ -304,6 +308,7 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
         {
             "ADDRESS": "broker",
             "STATE": "state",
+            "DOWN FOR": _down_for,
             "REASON": "reason",
             "DEVICES": _online,
             "MESSAGES": "messages",

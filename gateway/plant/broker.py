@@ -41,6 +41,8 @@ class Broker:
         self.name = name
         #: Why nothing is published; empty if it is.
         self.reason = "not tried yet"
+        #: Since when, by the clock of the event loop; None if something is published.
+        self.down_since: float | None = asyncio.get_running_loop().time()
         self.version: Version = VERSIONS[0]
         #: How often it was tried to connect.
         self.attempts = 0
@@ -174,6 +176,7 @@ class Broker:
         if not self._is_stopping:
             self._pause = FIRST_PAUSE
             self.reason = "it is to be connected anew"
+            self._note_down()
 
     def _has_confirmed(self, message: Message | None, refusal: str) -> None:
         if refusal:
@@ -191,12 +194,18 @@ class Broker:
         if self._is_stopping:
             return
         self.reason = self._told = ""
+        self.down_since = None
         self._pause = FIRST_PAUSE
         self._emit(BrokerUp(self.name, self.version))
 
     def _lost(self, reason: str) -> None:
         """It is told once, and again when the reason is another one."""
         self.reason = reason
+        self._note_down()
         if reason != self._told and not self._is_stopping:
             self._told = reason
             self._emit(BrokerLost(self.name, reason))
+
+    def _note_down(self) -> None:
+        if self.down_since is None:
+            self.down_since = asyncio.get_running_loop().time()

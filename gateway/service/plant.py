@@ -21,14 +21,16 @@ if TYPE_CHECKING:
 class BrokerStatus:
     """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
 
-    `version` is that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker,
-    and `refused_messages` were not. `polls` is how often points were read, and `failed_polls` how often in vain.
+    `down_ms`: nothing has been published for so long; None when all is well, or the library is missing. `version` is
+    that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker, and
+    `refused_messages` were not. `polls` is how often points were read, and `failed_polls` how often in vain.
     """
 
     broker: str
     source: str
     state: Literal["up", "down"]
     reason: str
+    down_ms: float | None
     version: str
     attempts: int
     devices: int

@@ -109,6 +109,7 @@ class Publication:
             source=self.plan.source,
             state="down" if reason else "up",
             reason=reason,
+            down_ms=self._down_ms(),
             version="" if broker is None else broker.version,
             attempts=0 if broker is None else broker.attempts,
             devices=len(publisher.watches),
@@ -121,6 +122,10 @@ class Publication:
             polls=publisher.polls.counts.polls,
             failed_polls=publisher.polls.counts.failed,
         )
+
+    def _down_ms(self) -> float | None:
+        since = None if self.broker is None else self.broker.down_since
+        return None if since is None else 1000 * (asyncio.get_running_loop().time() - since)
 
     async def stop(self) -> None:
         """Say good-bye, and end."""

@@ -122,3 +122,14 @@ async def test_what_a_broker_has_refused_for_want_of_room_is_published_after_the
         values, availability = connection.messages
         assert json.loads(values.payload)["weight"] == 7
         assert availability.payload == b"online"
+
+
+async def test_it_is_known_since_when_nothing_is_published(connections):
+    async with publishing() as (_, _, broker):
+        began = broker.down_since
+        assert began is not None
+        await asyncio.sleep(5.0)
+        assert broker.down_since is None
+        connections[-1].lost.set_result("the connection was lost")
+        await asyncio.sleep(0.2)
+        assert broker.down_since == pytest.approx(began + 5.0, abs=0.01)
