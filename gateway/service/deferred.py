@@ -44,7 +44,7 @@ class _StandIn(ModuleType):
                 del sys.modules[self.__name__]
         try:  # not in turn: the import may wait for one of another thread, which waits for its turn
             self._library = import_module(self.__name__)
-        except BaseException:
-            sys.modules.setdefault(self.__name__, self)
-            raise
+        finally:
+            if self._library is None:  # it cannot be imported: the next use tries again
+                sys.modules.setdefault(self.__name__, self)
         return self._library

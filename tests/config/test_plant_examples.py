@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import subprocess
 import tomllib
 from pathlib import Path
@@ -140,7 +139,6 @@ def test_a_site_that_has_another_name_in_home_assistant_may_announce_its_devices
     assert f"user werk.1\n#   topic write homeassistant{folder}#\n" in rights
 
 
-@pytest.mark.skipif(shutil.which("sh") is None, reason="sh is missing")
 @pytest.mark.parametrize("service", ["gateway", "mosquitto"])
 def test_commands_in_the_compose_file_are_commands(service):
     (script,) = yaml(COMPOSE / "compose.yaml")["services"][service]["command"]
