@@ -1,0 +1,125 @@
+"""Debian's nats-server: a real one on a port of its own, which can be stopped, killed and halted."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+from urllib.request import urlopen
+
+import pytest
+
+from kit.free_port import free_port
+from kit.process import PATIENCE
+
+#: Servers stand in /usr/sbin, which is not in everybody's path.
+PROGRAM = shutil.which("nats-server") or shutil.which("nats-server", path="/usr/sbin:/usr/local/sbin")
+needs_nats = pytest.mark.skipif(PROGRAM is None, reason="nats-server is not installed (Debian package nats-server)")
+
+
+class NatsServer:
+    """A server with JetStream; in its context it runs, and after a restart it has its port, address and buckets again.
+
+    `settings` are lines of its config, such as `authorization { … }`. `leaf_of` is the hub whose leaf node it is;
+    then `domain` is its JetStream's name, which must differ from the hub's. `user` is "NAME:PASSWORD" at the hub.
+    """
+
+    def __init__(
+        self, folder: Path, settings: str = "", *, domain: str = "", leaf_of: "NatsServer | None" = None, user: str = ""
+    ) -> None:
+        self.port, self.leaf_port, self._monitor = free_port(), free_port(), free_port()
+        self.name = domain or f"nats-{self.port}"
+        self._config = folder / f"nats-{self.port}.conf"
+        self._log = folder / f"nats-{self.port}.log"
+        lines = [
+            f"server_name: {self.name}",
+            f"listen: 127.0.0.1:{self.port}",
+            f"http: 127.0.0.1:{self._monitor}",
+            f'jetstream {{ store_dir: "{folder / f"nats-{self.port}"}"{f", domain: {domain}" if domain else ""} }}',
+        ]
+        if leaf_of is None:
+            lines.append(f"leafnodes {{ listen: 127.0.0.1:{self.leaf_port} }}")
+        else:
+            at = f"{user}@" if user else ""
+            lines.append(
+                f'leafnodes {{ reconnect: 1, remotes: [{{ url: "nats-leaf://{at}127.0.0.1:{leaf_of.leaf_port}" }}] }}'
+            )
+        self._config.write_text("\n".join((*lines, settings, "")))
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+
+    @property
+    def url(self) -> str:
+        """Its address, without a user."""
+        return f"nats://127.0.0.1:{self.port}"
+
+    @property
+    def log(self) -> str:
+        """What it has logged."""
+        return self._log.read_text(errors="replace")
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def start(self) -> None:
+        """Start it, and wait until clients can connect and its JetStream can be used."""
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen([str(PROGRAM), "-c", str(self._config)], stdout=log, stderr=log)
+        self.wait_until(lambda: self.told("healthz?js-enabled=true")["status"] == "ok", "ready")
+
+    def stop(self) -> None:
+        """End it as its service is stopped: it says so to its clients."""
+        self._process.terminate()
+        self.resume()
+        self._process.wait(PATIENCE)
+
+    def kill(self) -> None:
+        """End it as a power cut would, halted or not."""
+        self._process.kill()
+        self._process.wait()
+
+    def restart(self) -> None:
+        """`kill -9`, then start."""
+        self.kill()
+        self.start()
+
+    def halt(self) -> None:
+        """SIGSTOP, and wait until it stands still: its connections stay open, and nothing is answered."""
+        self._process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, self.pid, os.WSTOPPED)
+
+    def resume(self) -> None:
+        """SIGCONT."""
+        self._process.send_signal(signal.SIGCONT)
+
+    def told(self, page: str) -> dict[str, Any]:
+        """A page of its monitoring, such as `varz`, `connz?subs=1`, `leafz` or `jsz`."""
+        with urlopen(f"http://127.0.0.1:{self._monitor}/{page}", timeout=PATIENCE) as answer:
+            return json.load(answer)
+
+    def wait_for_leaves(self, count: int = 1) -> None:
+        """Wait until it has so many connections to leaf nodes, or as a leaf node to its hub."""
+        self.wait_until(lambda: self.told("leafz")["leafnodes"] == count, f"{count} leaf nodes")
+
+    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait until something is so; pages that it cannot tell yet count as no."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            assert self._process.poll() is None, self.log
+            try:
+                if condition():
+                    return
+            except OSError:
+                pass
+            time.sleep(0.02)
+        raise AssertionError(f"not {what}: {self.log}")
