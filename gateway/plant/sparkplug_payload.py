@@ -8,8 +8,9 @@ it is read, as the encoding (Protocol Buffers, version 2) allows.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 from struct import Struct
-from typing import Final
+from typing import Final, NamedTuple
 
 from gateway.registers.datatypes import decode as decode_registers
 
@@ -35,6 +36,8 @@ _Value = bool | float | str
 
 #: How many bits the value of a signed type has.
 _SIGNED: Final = {DataType.INT8: 8, DataType.INT16: 16, DataType.INT32: 32, DataType.INT64: 64}
+
+_LONG: Final = (DataType.INT64, DataType.UINT64)
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FLOAT: Final = Struct("<f")
@@ -66,8 +69,7 @@ class _MetricField(IntEnum):
 _KEYS, _VALUES, _PROPERTY_TYPE, _PROPERTY_STRING = 1, 2, 1, 8
 
 
-@dataclass(frozen=True, slots=True)
-class Metric:
+class Metric(NamedTuple):
     """A value with its name and type. `at` is a Unix time in seconds, `unit` a property.
 
     Without a value the metric says that it has none. In payloads that were read whole numbers have no sign yet (see
@@ -101,11 +103,13 @@ def signed(value: int, data_type: DataType) -> int:
 
 def encode(payload: Payload, *, with_types: bool) -> bytes:
     """The bytes of a payload, in which each metric tells its type and unit, or none does."""
-    body = b"" if payload.at is None else _number(_PayloadField.TIMESTAMP, _milliseconds(payload.at))
-    body += b"".join(
-        _bytes(_PayloadField.METRICS, _metric(metric, with_types=with_types)) for metric in payload.metrics
-    )
-    return body if payload.seq is None else body + _number(_PayloadField.SEQ, payload.seq)
+    parts = [] if payload.at is None else [_number(_PayloadField.TIMESTAMP, _milliseconds(payload.at))]
+    for metric in payload.metrics:
+        body = _metric(metric, with_types=with_types)
+        parts += (_METRIC, _varint(len(body)), body)
+    if payload.seq is not None:
+        parts.append(_number(_PayloadField.SEQ, payload.seq))
+    return b"".join(parts)
 
 
 def decode(data: bytes) -> Payload:
@@ -129,37 +133,55 @@ def decode(data: bytes) -> Payload:
 
 
 def _metric(metric: Metric, *, with_types: bool) -> bytes:
-    body = _bytes(_MetricField.NAME, metric.name.encode())
+    body = _name(metric.name)
     if metric.at is not None:
-        body += _number(_MetricField.TIMESTAMP, _milliseconds(metric.at))
+        body += _time(_milliseconds(metric.at))
     if with_types and metric.data_type is not None:
-        body += _number(_MetricField.DATATYPE, metric.data_type)
+        body += _type_of(metric.data_type)
     if metric.value is None:
-        body += _number(_MetricField.IS_NULL, 1)
+        body += _NULL
     if with_types and metric.unit:
-        body += _bytes(_MetricField.PROPERTIES, _unit(metric.unit))
+        body += _unit(metric.unit)
     return body if metric.value is None else body + _value(metric.value, metric.data_type)
 
 
 def _value(value: _Value, data_type: DataType | None) -> bytes:
     if isinstance(value, str):
         return _bytes(_MetricField.STRING, value.encode())
-    match data_type:
-        case DataType.BOOLEAN:
-            return _number(_MetricField.BOOLEAN, int(bool(value)))
-        case DataType.FLOAT:
-            return _key(_MetricField.FLOAT, _FIXED32) + _FLOAT.pack(value)
-        case DataType.DOUBLE:
-            return _key(_MetricField.DOUBLE, _FIXED64) + _DOUBLE.pack(value)
-        case DataType.INT64 | DataType.UINT64:
-            return _number(_MetricField.LONG, int(value) & 0xFFFF_FFFF_FFFF_FFFF)
-    return _number(_MetricField.INT, int(value) & 0xFFFF_FFFF)
+    if data_type is DataType.FLOAT:
+        return _FLOAT_VALUE + _FLOAT.pack(value)
+    if data_type is DataType.DOUBLE:
+        return _DOUBLE_VALUE + _DOUBLE.pack(value)
+    if data_type is DataType.BOOLEAN:
+        return _BOOLEAN_VALUE + _varint(int(bool(value)))
+    if data_type in _LONG:
+        return _LONG_VALUE + _varint(int(value) & 0xFFFF_FFFF_FFFF_FFFF)
+    return _INT_VALUE + _varint(int(value) & 0xFFFF_FFFF)
 
 
+# What many metrics have in common is made once: a birth may have thousands, and nothing else runs meanwhile.
+
+
+@lru_cache(maxsize=4096)
+def _name(name: str) -> bytes:
+    return _bytes(_MetricField.NAME, name.encode())
+
+
+@lru_cache(maxsize=16)
+def _time(milliseconds: int) -> bytes:
+    return _number(_MetricField.TIMESTAMP, milliseconds)
+
+
+@lru_cache(maxsize=None)
+def _type_of(data_type: DataType) -> bytes:
+    return _number(_MetricField.DATATYPE, data_type)
+
+
+@lru_cache(maxsize=256)
 def _unit(unit: str) -> bytes:
     """The property that names the unit."""
     value = _number(_PROPERTY_TYPE, DataType.STRING) + _bytes(_PROPERTY_STRING, unit.encode())
-    return _bytes(_KEYS, b"engUnit") + _bytes(_VALUES, value)
+    return _bytes(_MetricField.PROPERTIES, _bytes(_KEYS, b"engUnit") + _bytes(_VALUES, value))
 
 
 def _milliseconds(at: float) -> int:
@@ -180,12 +202,24 @@ def _key(field: int, wire_type: int) -> bytes:
 
 def _varint(value: int) -> bytes:
     """Seven bits in each byte, the lowest first; all bytes but the last have the highest bit."""
+    if value <= 0x7F:
+        return _ONE_BYTE[value]
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
         value >>= 7
     out.append(value)
     return bytes(out)
+
+
+_ONE_BYTE: Final = [bytes((value,)) for value in range(0x80)]
+_METRIC: Final = _key(_PayloadField.METRICS, _BYTES)
+_NULL: Final = _number(_MetricField.IS_NULL, 1)
+_INT_VALUE: Final = _key(_MetricField.INT, _VARINT)
+_LONG_VALUE: Final = _key(_MetricField.LONG, _VARINT)
+_FLOAT_VALUE: Final = _key(_MetricField.FLOAT, _FIXED32)
+_DOUBLE_VALUE: Final = _key(_MetricField.DOUBLE, _FIXED64)
+_BOOLEAN_VALUE: Final = _key(_MetricField.BOOLEAN, _VARINT)
 
 
 def _read_metric(data: bytes) -> Metric:
