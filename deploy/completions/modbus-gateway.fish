@@ -27,6 +27,7 @@ complete -c modbus-gateway -n '__fish_seen_subcommand_from run' -s h -l help -d 
 complete -c modbus-gateway -n '__fish_seen_subcommand_from run' -l control -r -d "path of the control socket; overrides the config"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from check' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from check' -l json -d "print JSON instead of tables"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from check' -l schema -d "print the JSON Schema of config files for an editor, and read no file"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from reload' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from reload' -l control -r -d "the daemon's control socket (default: as /etc/modbus-gateway/gateway.toml says)"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from reload' -l json -d "print JSON instead of text"

@@ -22,6 +22,7 @@ from gateway.config.forecast import (
     longest_wait_outside,
     waits_behind,
 )
+from gateway.config.json_schema import json_schema
 from gateway.config.line_load import load_of, read_rates, total_share
 from gateway.config.load import Loaded, load
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
@@ -52,11 +53,18 @@ _SILENCE: Final = "no response instead of 06, 0A and 0B."
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `check`."""
     parser.add_argument("config", nargs="?", default=DEFAULT_CONFIG, help=f"the config file (default {DEFAULT_CONFIG})")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    output.add_argument(
+        "--schema", action="store_true", help="print the JSON Schema of config files for an editor, and read no file"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Print every problem, and the effect of a file without errors; 1 if there is an error."""
+    if args.schema:
+        print(json.dumps(json_schema(), indent=1, ensure_ascii=False))
+        return FINE
     loaded = _load_and_look(args.config)
     plan = None if loaded.config is None else resolve(loaded.config)
     print(json.dumps(_as_json(loaded, plan), indent=2, ensure_ascii=False) if args.json else _as_text(loaded, plan))

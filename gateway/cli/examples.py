@@ -13,6 +13,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "check": (
         ("check gateway.toml", "what is wrong, what each unit is, how long clients may wait"),
         ("check --json", "the config of the service, for a script"),
+        ("check --schema > gateway.schema.json", "what an editor needs to complete and check the file"),
     ),
     "reload": (("reload", "take up changes of the config; connections stay open"),),
     "status": (
