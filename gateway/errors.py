@@ -29,6 +29,7 @@ GatewayError
 ├── ListenError                  a listener cannot use its address
 ├── TlsError                     a certificate, key or revocation list cannot be used
 ├── BrokerError                  the broker cannot be reached, or takes nobody
+├── FleetError                   NATS cannot be reached, or refuses
 ├── StateError                   a file in the state directory cannot be read
 ├── ConfigError                  the process that reads the config did not come to its end
 ├── UsersError                   the file with the users of the web page cannot be used
@@ -219,6 +220,10 @@ class TlsError(GatewayError):
 
 class BrokerError(GatewayError):
     """The broker cannot be reached, or refuses what the gateway wants of it."""
+
+
+class FleetError(GatewayError):
+    """NATS cannot be reached, or refuses what the gateway wants of it."""
 
 
 class StateError(GatewayError):

@@ -196,6 +196,28 @@ class BrokerRefused(Event):
     reason: str
 
 
+class FleetUp(Event):
+    """The gateway is connected to this NATS server, and other sites can reach it."""
+
+    server: str
+
+
+class FleetLost(Event):
+    """NATS cannot be reached, or refuses: no other site can be reached. The gateway tries again; all else works."""
+
+    level = Level.WARNING
+    server: str
+    reason: str
+
+
+class FleetRefused(Event):
+    """NATS refuses a subject to this site; logged once for each connection."""
+
+    level = Level.WARNING
+    server: str
+    reason: str
+
+
 class CommandRefused(Event):
     """Somebody wants to write what the broker's `topic` names, but there is no such point, or it must not be written.
 

@@ -32,7 +32,7 @@ def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
     """The table of rights; null means all."""
     return [
         {
-            "from": None if row.networks is None else list(map(str, row.networks)),
+            "from": None if row.networks is None else [*map(str, row.networks), *sorted(row.sites)],
             "role": row.role,
             "listen": None if row.listeners is None else sorted(row.listeners),
             "units": None if row.units is None else sorted(row.units),

@@ -8,7 +8,16 @@ from typing import Final
 from gateway.config.problem import WrongValue
 
 #: Ports that an address may leave out.
-DEFAULT_PORTS: Final = {"tcp": 502, "udp": 502, "tls": 802, "mqtt": 1883, "mqtts": 8883, "ws": 80, "wss": 443}
+DEFAULT_PORTS: Final = {
+    "tcp": 502,
+    "udp": 502,
+    "tls": 802,
+    "mqtt": 1883,
+    "mqtts": 8883,
+    "ws": 80,
+    "wss": 443,
+    "nats": 4222,
+}
 
 _ADDRESS = re.compile(r"([a-z+]+)://(?:\[([^\[\]/@]*)\]|([^\[\]:/@]*))(?::([0-9]{1,20}))?/?")
 _LABEL = r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)"

@@ -8,6 +8,7 @@ from typing import Final
 from gateway.config.address import Address
 from gateway.config.character_format import fits_mode
 from gateway.config.check_access import check_access
+from gateway.config.check_fleet import check_fleet
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_load import check_load
@@ -42,7 +43,7 @@ _LONGEST_SOCKET_PATH: Final = 107
 #: Keys that exist for only one role of a line.
 _CLIENT_KEYS: Final = (
     *("devices", "profile", "timeout", "turnaround", "late_window"),
-    *("queue", "max_wait", "retries", "retry_within", "rest", "coalesce", "broadcast"),
+    *("queue", "max_wait", "retries", "retry_within", "rest", "coalesce", "broadcast", "lease"),
 )
 _SERVER_KEYS: Final = ("serves", "on_failure", "answer_within", "broadcast_to")
 
@@ -81,6 +82,7 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
     yield from _check_control(config)
     yield from check_web(config)
     yield from check_mqtt(config)
+    yield from check_fleet(config, failed)
     yield from check_tls(config)
     yield from _check_profiles(config, failed)
     yield from check_points(config, failed)
@@ -98,8 +100,8 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    if config.site and config.mqtt is None and "mqtt" not in failed:
-        yield warning(("site",), "has no effect without [mqtt]")
+    if config.site and config.mqtt is None and config.fleet is None and failed.isdisjoint(("mqtt", "fleet")):
+        yield warning(("site",), "has no effect without [mqtt] or [fleet]")
     if not (config.line or config.image or config.upstream or failed):
         yield error((), "there is no [[line]], and nothing else to serve", 'add [[line]] with port = "/dev/ttyUSB0"')
 

@@ -5,9 +5,10 @@ from typing import Final
 
 from gateway.config.check_line_listeners import addresses_on
 from gateway.config.check_units import client_lines, not_configured, served_units
+from gateway.config.fleet import Site
 from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
-from gateway.config.reserved import CONTROL, MQTT, WEB
+from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
 from gateway.config.schema import Access, Config, Listen
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
@@ -29,6 +30,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         if not failed & {"listen", "line"}:
             yield from _check_listeners(row, config)
             yield from _check_networks(row, config)
+            yield from _check_sites(row)
         if not failed & {"line", "image", "upstream"}:
             yield from _check_units(row, config)
         yield from _check_order(row, config.access[:index], _for_one_line(config))
@@ -58,7 +60,7 @@ def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> It
         remedy = f"make clients larger, or reserve less than {listen.clients}"
         yield error(path, "leaves no connection for clients that no row of [[access]] names", remedy)
     here = [row for row in config.access if row.listen is None or listen.label in row.listen]
-    named = any(row.networks and (row.allow or row.functions) for row in here)
+    named = any(row.addresses and (row.allow or row.functions) for row in here)
     if listen.reserve and config.access and not named and "access" not in failed:
         remedy = 'name them in a row: from = ["10.2.0.7"]'
         what = "reserves connections, but no row of [[access]] gives an address any right"
@@ -82,7 +84,7 @@ def _check_content(row: Access) -> Iterator[Problem]:
 
 def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
     cables = [*(line.label for line in config.line if line.role == "server"), CONTROL, MQTT]
-    known = [*(listen.label for listen in _listeners(config)), *cables, WEB]
+    known = [*(listen.label for listen in _listeners(config)), *cables, WEB, FLEET]
     for index, name in enumerate(row.listen or ()):
         path = (*row.path, "listen", index)
         if name not in known:
@@ -110,9 +112,22 @@ def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
     listeners = _listeners(config)
     meant = [listen for listen in listeners if row.listen is None or listen.label in row.listen]
     for index, network in enumerate(row.networks or ()):
+        if isinstance(network, Site):
+            continue
         reasons = [_explain_unreachable(listen, network, listeners) for listen in meant]
         if reasons and all(reasons):
             yield warning((*row.path, "from", index), f"no client can connect from {network}: {reasons[0]}")
+
+
+def _check_sites(row: Access) -> Iterator[Problem]:
+    """Sites are named in rows for the fleet alone, and nothing else is there."""
+    for index, each in enumerate(row.networks or ()):
+        path = (*row.path, "from", index)
+        if isinstance(each, Site) and row.listen != (FLEET,):
+            remedy = f'write it as "10.2.0.0/24" or "10.2.0.7"; a row for a site needs listen = ["{FLEET}"]'
+            yield error(path, f'"{each.name}" is not a valid network', remedy)
+        elif not isinstance(each, Site) and row.listen == (FLEET,):
+            yield error(path, f'clients of "{FLEET}" are sites, and have no network', 'such as from = ["plant-1"]')
 
 
 def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
@@ -166,13 +181,15 @@ def _covers(earlier: Access, row: Access) -> bool:
     units = earlier.units == "all" or (row.units != "all" and set(row.units) <= set(earlier.units))
     # without a role and a listener, it does not count for clients with certificates
     roles = earlier.role == row.role or (earlier.role is None and earlier.listen is not None)
-    return roles and listeners and units and _covers_networks(earlier.networks, row.networks)
+    return roles and listeners and units and _covers_clients(earlier, row)
 
 
-def _covers_networks(earlier: tuple[Network, ...] | None, networks: tuple[Network, ...] | None) -> bool:
-    if earlier is None:
+def _covers_clients(earlier: Access, row: Access) -> bool:
+    if earlier.networks is None:
         return True
-    return networks is not None and all(any(_contains(big, small) for big in earlier) for small in networks)
+    if row.networks is None or not set(row.sites) <= set(earlier.sites):
+        return False
+    return all(any(_contains(big, small) for big in earlier.addresses) for small in row.addresses)
 
 
 def _contains(big: Network, small: Network) -> bool:

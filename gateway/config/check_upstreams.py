@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from gateway.config.address import Address
+from gateway.config.fleet import Site
 from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Path, Problem, error
 from gateway.config.schema import Config, Upstream
@@ -12,7 +13,11 @@ from gateway.config.unitset import show_units
 def check_upstreams(config: Config) -> Iterator[Problem]:
     """Servers have a usable address and are not this gateway. An upstream has units."""
     for upstream in config.upstream:
-        yield from _check_server((*upstream.path, "to"), upstream.to, config)
+        path = (*upstream.path, "to")
+        if isinstance(upstream.to, Site):
+            yield from _check_site(path, upstream.to, config)
+        else:
+            yield from _check_server(path, upstream.to, config)
         yield from _check_units(upstream)
     for line in config.line:
         if isinstance(line.port, Address):
@@ -30,6 +35,14 @@ def _check_server(path: Path, address: Address, config: Config) -> Iterator[Prob
     for bind, source in own:
         if bind.is_reached_by(address):
             yield error(path, f"leads back to this gateway ({source})", "name another server")
+
+
+def _check_site(path: Path, other: Site, config: Config) -> Iterator[Problem]:
+    """Which sites there are is known to NATS only."""
+    if config.fleet is None:
+        yield error(path, f"{other} needs [fleet]", 'add [fleet] with servers = ["nats://127.0.0.1:4222"]')
+    if other.name == config.site:
+        yield error(path, f"leads back to this gateway: {config.site} is its own site", "name another site")
 
 
 def _check_units(upstream: Upstream) -> Iterator[Problem]:

@@ -143,6 +143,7 @@ _HEADINGS: Final = {
     "self": "[self]",
     "web": "[web]",
     "mqtt": "[mqtt]",
+    "fleet": "[fleet]",
     "trace": "[trace]",
     "control": "[control]",
     "log": "[log]",

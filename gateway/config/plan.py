@@ -13,7 +13,7 @@ from gateway.lines.settings import LineSettings
 from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import PortSettings, TcpSettings
+from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
 from gateway.routing.access import DEFAULT_ROWS, Network, Row
@@ -78,9 +78,9 @@ class LinePlan:
 
 @dataclass(frozen=True, slots=True)
 class UpstreamPlan:
-    """Another Modbus TCP server: its address, its settings, and the units behind it."""
+    """Another Modbus TCP server, or the gateway of another site: its address, its settings, and the units behind it."""
 
-    port: TcpSettings
+    port: TcpSettings | SiteSettings
     upstream: UpstreamSettings
     devices: tuple[DeviceSettings, ...]
 
@@ -156,6 +156,29 @@ class MqttPlan:
 
 
 @dataclass(frozen=True, slots=True)
+class FleetPlan:
+    """Where NATS is, and how the gateway of this `site` logs in.
+
+    A lease lasts `lease` seconds. `source` is its place in the config.
+    """
+
+    site: str
+    servers: tuple[Address, ...]
+    user: str | None = None
+    password: SecretFile | None = None
+    credentials: SecretFile | None = None
+    tls: ClientTls | None = None
+    lease: float = 5.0
+    fallback: Literal["release", "hold"] = "release"
+    source: str = field(default="", compare=False)
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """The servers, if the connection is one of TLS."""
+        return () if self.tls is None else (Secured("fleet", self.source, self.tls),)
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """The settings of every part of a gateway."""
 
@@ -174,13 +197,15 @@ class Plan:
     control: str | None = None
     web: WebPlan | None = None
     mqtt: MqttPlan | None = None
+    fleet: FleetPlan | None = None
     #: How many bytes the ring of `trace` has; 0 for none.
     ring: int = DEFAULT_RING
 
     @property
     def secured(self) -> tuple[Secured, ...]:
-        """Every address that TLS secures, but for web page and broker: without these, all else works."""
+        """Every address that TLS secures, but for web page, broker and NATS: without these, all else works."""
         listeners = ((f"listen {one.name}", one.source, one.tls) for one in self.listeners)
-        upstreams = ((f"upstream {one.upstream.name}", one.upstream.source, one.port.tls) for one in self.upstreams)
+        servers = ((one, one.port) for one in self.upstreams if isinstance(one.port, TcpSettings))
+        upstreams = ((f"upstream {one.upstream.name}", one.upstream.source, port.tls) for one, port in servers)
         every = (*listeners, *upstreams)
         return tuple(Secured(name, source, tls) for name, source, tls in every if tls is not None)

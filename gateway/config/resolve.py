@@ -6,9 +6,11 @@ from typing import Final
 
 from gateway.config.address import Address
 from gateway.config.character_format import DEFAULT_FORMATS
+from gateway.config.fleet import Site
 from gateway.config.plan import (
     DEFAULT_LISTENER,
     NETWORK_LATENCY,
+    FleetPlan,
     LinePlan,
     LogSettings,
     Plan,
@@ -23,6 +25,7 @@ from gateway.config.schema import (
     Access,
     Config,
     Device,
+    Fleet,
     Image,
     Line,
     Listen,
@@ -40,7 +43,7 @@ from gateway.lines.settings import LineSettings
 from gateway.listeners.serial_session import ServerSettings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
-from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
+from gateway.ports.port import PortSettings, SerialSettings, SiteSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range, covers
 from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
@@ -87,6 +90,7 @@ def resolve(config: Config) -> Plan:
         control=None if config.control is None else config.control.socket,
         ring=config.trace.ring,
         web=None if config.web is None else _web(config.web),
+        fleet=None if config.fleet is None else _fleet(config.site, config.fleet),
     )
     if config.own is not None:
         plan = replace(plan, points={**plan.points, config.own.unit: _own_points(plan)})
@@ -170,10 +174,10 @@ def _server_tls(table: Listen | Web) -> ServerTls | None:
     return ServerTls(table.certificate, table.key)
 
 
-def _client_tls(upstream: Upstream) -> ClientTls | None:
+def _client_tls(upstream: Upstream, address: Address) -> ClientTls | None:
     if upstream.certificate is None or upstream.key is None or upstream.ca is None:
         return None
-    return ClientTls(upstream.certificate, upstream.key, upstream.ca, upstream.server_name or upstream.to.host)
+    return ClientTls(upstream.certificate, upstream.key, upstream.ca, upstream.server_name or address.host)
 
 
 def _line(line: Line, profiles: dict[str, Profile], config: Config) -> LinePlan:
@@ -288,8 +292,13 @@ def _upstream(upstream: Upstream) -> UpstreamPlan:
     settings = UpstreamSettings(
         name=upstream.label, timeout=upstream.timeout, in_flight=upstream.in_flight, source=upstream.source
     )
-    port = replace(_server(upstream.to, latency=0.0), tls=_client_tls(upstream))
-    return UpstreamPlan(port, settings, tuple(_behind(upstream)))
+    return UpstreamPlan(_other_server(upstream), settings, tuple(_behind(upstream)))
+
+
+def _other_server(upstream: Upstream) -> TcpSettings | SiteSettings:
+    if isinstance(upstream.to, Site):
+        return SiteSettings(str(upstream.to), upstream.to.name)
+    return replace(_server(upstream.to, latency=0.0), tls=_client_tls(upstream, upstream.to))
 
 
 def _behind(upstream: Upstream) -> Iterator[DeviceSettings]:
@@ -375,11 +384,12 @@ def _mirror(image: Image, device: DeviceSettings) -> MirrorSettings:
 def _access(row: Access) -> Row:
     return Row(
         right=_right(row),
-        networks=row.networks,
+        networks=None if row.networks is None else row.addresses,
         listeners=None if row.listen is None else frozenset(row.listen),
         units=None if row.units == "all" else frozenset(row.units),
         role=row.role,
         source=row.source,
+        sites=frozenset(row.sites),
     )
 
 
@@ -400,6 +410,21 @@ def _web(web: Web) -> WebPlan:
         proxy=web.proxy or (),
         write=web.write,
         history=web.history,
+    )
+
+
+def _fleet(site: str, fleet: Fleet) -> FleetPlan:
+    is_encrypted = any(server.scheme == "tls" for server in fleet.servers)
+    return FleetPlan(
+        site=site,
+        servers=fleet.servers,
+        user=fleet.user,
+        password=fleet.password,
+        credentials=fleet.credentials,
+        tls=ClientTls(fleet.certificate, fleet.key, fleet.ca, "") if is_encrypted else None,
+        lease=fleet.lease,
+        fallback=fleet.fallback,
+        source=fleet.source,
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from gateway.config.plan import Plan
-from gateway.config.reserved import MQTT
+from gateway.config.reserved import FLEET, MQTT
 from gateway.config.unitset import show_units
 from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, Network, Right, Row
 
@@ -50,6 +50,8 @@ def unnamed_datagrams(plan: Plan) -> list[str]:
 
 
 def _clients(row: Row) -> str:
+    if row.sites:
+        return f"site {', '.join(sorted(row.sites))}"
     if row.networks is None:
         place = "anywhere"
     else:
@@ -82,6 +84,8 @@ def _rest(plan: Plan) -> Iterator[RightsRow]:
     if plan.mqtt is not None and not _is_named(MQTT, plan):
         units = show_units(device.unit for device in plan.mqtt.devices)
         yield RightsRow("the broker", MQTT, units, "read, write" if plan.mqtt.write else "read")
+    if plan.fleet is not None and not _is_named(FLEET, plan):
+        yield RightsRow("other sites", FLEET, "all", "read")
 
 
 def _is_named(listener: str, plan: Plan) -> bool:

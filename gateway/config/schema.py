@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from gateway.config.address import Address
+from gateway.config.fleet import Site
 from gateway.config.plan import DEFAULT_RING
 from gateway.config.problem import Path
 from gateway.config.values import (
@@ -24,12 +25,17 @@ from gateway.config.values import (
     IdleDuration,
     Item,
     Kind,
+    LeaseDuration,
+    LeaseName,
     Limits,
     ListenAddress,
     ListOf,
     LongerDuration,
     Name,
+    NatsServers,
     Networks,
+    NetworksOrSites,
+    OtherServer,
     PasswordFile,
     PointAddresses,
     PointLabels,
@@ -38,7 +44,6 @@ from gateway.config.values import (
     Ranges,
     Role,
     SerialPort,
-    ServerAddress,
     Size,
     SocketPath,
     SparkplugNames,
@@ -55,6 +60,7 @@ from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 from gateway.ports.wire import Wire
 from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DataType, Swap
+from gateway.routing.access import Network
 
 FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
 Count = Annotated[int, Field(ge=1)]
@@ -338,6 +344,11 @@ class Line(Table):
         "sent one after the other.",
     )
     broadcast: bool = Field(True, description="Whether broadcasts go to this line too.")
+    lease: LeaseName | None = Field(
+        None,
+        description="The name of a lease: of all gateways of the `site` whose lines have it, one opens its port and "
+        "sends requests. See [fleet](fleet.md).",
+    )
     devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
         None,
         description="Its devices. Without this key, every unit 1-247 is passed through if the line is the only one "
@@ -466,9 +477,9 @@ class Upstream(Table):
     """Another Modbus TCP server, and the units behind it."""
 
     name: Name | None = Field(None, description="Its name in logs. Default: the address.")
-    to: ServerAddress = Field(
+    to: OtherServer = Field(
         description="Its address: `tcp://`, or `tls://` for a server with Modbus/TCP Security. Default port: 502, with "
-        "`tls://` 802."
+        "`tls://` 802. Or `fleet://SITE` for the gateway of another site, with [`[fleet]`](fleet.md)."
     )
     units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
     timeout: Duration = Field(1.0, description="How long a response may take.")
@@ -554,14 +565,17 @@ class Own(Table):
 class Access(Table):
     """Access rights. First match wins, by client and unit; no match means denied."""
 
-    networks: Networks | None = Field(
-        None, alias="from", description="Networks or addresses of the clients. Default: all."
+    networks: NetworksOrSites | None = Field(
+        None,
+        alias="from",
+        description='Networks or addresses of the clients; with `listen = ["fleet"]` the sites. Default: all.',
     )
     listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
         None,
-        description="Names of listeners, server lines, `control`, `web` or `mqtt`. Default: all. A server line, the "
-        "control socket, the web page and the MQTT client keep their rights until a row names them. UDP clients can "
-        "write only through a row that names their listener. A row names either listeners for one line, or others.",
+        description="Names of listeners, server lines, `control`, `web`, `mqtt` or `fleet`. Default: all. A server "
+        "line, the control socket, the web page and the MQTT client keep their rights until a row names them. UDP "
+        "clients can write only through a row that names their listener, other sites through one that names `fleet`. A "
+        "row names either listeners for one line, or others.",
     )
     role: Role | None = Field(
         None,
@@ -581,6 +595,16 @@ class Access(Table):
     functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
         None, description="Functions that are allowed, and no others."
     )
+
+    @property
+    def addresses(self) -> tuple[Network, ...]:
+        """What `from` names, without sites."""
+        return tuple(each for each in self.networks or () if not isinstance(each, Site))
+
+    @property
+    def sites(self) -> tuple[str, ...]:
+        """The sites that `from` names."""
+        return tuple(each.name for each in self.networks or () if isinstance(each, Site))
 
 
 class Web(Table):
@@ -681,6 +705,39 @@ class Mqtt(Table):
     )
 
 
+class Fleet(Table):
+    """The other gateways of a fleet, over NATS; without this table there are none. See [fleet](fleet.md)."""
+
+    servers: NatsServers = Field(
+        description="NATS servers, of which one is used: `nats://` or `tls://`. Default port: 4222."
+    )
+    credentials: CredentialFile | None = Field(
+        None, description="The credentials file of a NATS user (JWT and seed); only its owner and group may read it."
+    )
+    user: Name | None = Field(None, description="Or the name with which the gateway logs in.")
+    password: PasswordFile | None = Field(
+        None, description="The file with its password; only its owner and group may read it."
+    )
+    lease: LeaseDuration = Field(5.0, description="How long a `lease` of a line lasts that nobody renews.")
+    fallback: Literal["release", "hold"] = Field(
+        "release",
+        description="What the holder of a lease does when it cannot reach NATS. `release`: it stops sending requests "
+        "before another can have the lease. `hold`: it goes on, so two gateways may ask on one line.",
+    )
+    ca: CredentialFile | None = Field(
+        None,
+        description="With `tls://`: the file with the certificates of the authorities of the servers (PEM). Default: "
+        "those that the system trusts.",
+    )
+    certificate: CredentialFile | None = Field(
+        None, description="With `tls://`: the file with the certificate that the gateway shows, and its chain (PEM)."
+    )
+    key: CredentialFile | None = Field(
+        None,
+        description="With `tls://`: the file with its private key (PEM); only its owner and group may read it.",
+    )
+
+
 class Control(Table):
     """The control socket, which the commands use: `status`, `reload`, `read`, `trace` and others."""
 
@@ -716,7 +773,9 @@ class Log(Table):
 class Config(Table):
     """A whole file."""
 
-    site: str = Field("", description="The name of the plant: a part of the topics of `[mqtt]`.")
+    site: str = Field(
+        "", description="The name of the plant: a part of the topics of `[mqtt]`, and its name in `[fleet]`."
+    )
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
     line: Annotated[tuple[Line, ...], ListOf] = ()
     image: Annotated[tuple[Image, ...], ListOf] = ()
@@ -726,6 +785,7 @@ class Config(Table):
     own: Own | None = Field(None, alias="self")
     web: Web | None = None
     mqtt: Mqtt | None = None
+    fleet: Fleet | None = None
     trace: Trace = Trace()
     control: Control | None = None
     log: Log = Log()

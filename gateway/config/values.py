@@ -28,6 +28,7 @@ from gateway.config.duration import (
     parse_duration_or_zero_or_auto,
     show_duration,
 )
+from gateway.config.fleet import SITE_RULE, Site, is_site, parse_other_server, parse_servers
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.ranges import parse_ranges
 from gateway.config.size import parse_size_or_zero, show_size
@@ -70,6 +71,19 @@ def parse_name(value: object) -> str:
         raise NotText
     if not value or len(value) > _LONGEST_NAME or not value.isprintable() or value != value.strip():
         raise WrongValue(f"must have 1 to {_LONGEST_NAME} visible characters, and no space around them")
+    return value
+
+
+def parse_lease_name(value: object) -> str:
+    """The name of a lease, which is a key of a bucket.
+
+    Raises:
+        WrongValue: it cannot be one.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if not is_site(value):
+        raise WrongValue(f'"{value}" is not the name of a lease', SITE_RULE)
     return value
 
 
@@ -268,6 +282,17 @@ def parse_networks(value: object) -> tuple[IPv4Network | IPv6Network, ...]:
     return tuple(_network(text) for text in value)
 
 
+def parse_networks_or_sites(value: object) -> tuple[IPv4Network | IPv6Network | Site, ...]:
+    """Networks, single addresses, or the names of sites.
+
+    Raises:
+        WrongValue: one of them is none.
+    """
+    if not isinstance(value, list):
+        raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
+    return tuple(Site(each) if isinstance(each, str) and _looks_like_site(each) else _network(each) for each in value)
+
+
 def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
     """A unit set, or "all".
 
@@ -275,6 +300,11 @@ def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
         WrongValue: it is neither.
     """
     return "all" if value == "all" else parse_client_units(value)
+
+
+def _looks_like_site(text: str) -> bool:
+    """Whether it can be the name of a site. One of digits only is an address with its dots forgotten."""
+    return is_site(text) and not text.isdecimal()
 
 
 def _function_number(text: str) -> int:
@@ -335,6 +365,11 @@ AnswerDuration = Annotated[float, PlainValidator(partial(parse_duration, least=0
 LongerDuration = Annotated[
     float, PlainValidator(partial(parse_duration, least=0.01)), Kind("duration from 10 ms", _in_quotes)
 ]
+#: A holder renews its lease several times in it, over a network.
+LeaseDuration = Annotated[
+    float, PlainValidator(partial(parse_duration, least=1.0)), Kind("duration from 1 s", _in_quotes)
+]
+LeaseName = Annotated[str, PlainValidator(parse_lease_name), Kind("text")]
 #: Longer than any client needs between connecting and asking; zero for never.
 IdleDuration = Annotated[
     float, PlainValidator(partial(parse_duration_or_zero, least=1.0)), Kind("duration from 1 s", _in_quotes)
@@ -374,12 +409,20 @@ PointWriting = Annotated[
 Networks = Annotated[
     tuple[IPv4Network | IPv6Network, ...], PlainValidator(parse_networks), Kind('list such as `["10.2.0.0/24"]`')
 ]
+NetworksOrSites = Annotated[
+    tuple[IPv4Network | IPv6Network | Site, ...],
+    PlainValidator(parse_networks_or_sites),
+    Kind('list such as `["10.2.0.0/24"]`'),
+]
 ListenAddress = Annotated[
     Address,
     PlainValidator(partial(parse_address, schemes=("tcp", "tls", "rtu+tcp", "ascii+tcp", "udp"))),
     Kind("address"),
 ]
-ServerAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("tcp", "tls"))), Kind("address")]
+OtherServer = Annotated[Address | Site, PlainValidator(parse_other_server), Kind("address")]
+NatsServers = Annotated[
+    tuple[Address, ...], PlainValidator(parse_servers), Kind('list such as `["nats://127.0.0.1:4222"]`')
+]
 CredentialFile = Annotated[SecretFile, PlainValidator(parse_file), Kind("path or `{ credential = ... }`")]
 TokenFile = Annotated[str, PlainValidator(parse_token_file), Kind('table such as `{ file = "metrics.token" }`')]
 BrokerAddress = Annotated[Broker, PlainValidator(parse_broker), Kind("address")]

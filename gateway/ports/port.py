@@ -116,6 +116,14 @@ class TcpSettings:
     tls: ClientTls | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class SiteSettings:
+    """The way to the gateway of another `site`. `port` is its name in messages."""
+
+    port: str
+    site: str
+
+
 #: The settings of any port.
 PortSettings = SerialSettings | TcpSettings
 

@@ -36,7 +36,7 @@ def right_to(functions: Iterable[int]) -> Right:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The right of clients from `networks` at `listeners` to `units`; None means all of them.
+    """The right of clients from `networks` at `listeners` to `units`; None means all of them. `sites` are clients too.
 
     `role` is that in the certificate of a TLS client, NULL_ROLE for one without. A row without it is for certificates
     of any role, but only at listeners that it names, unless it is `for_all`. `source` is its place in the config.
@@ -49,10 +49,17 @@ class Row:
     source: str = field(default="", compare=False)
     role: str | None = None
     for_all: bool = False
+    sites: frozenset[str] = frozenset()
 
-    def applies_to(self, address: IPv4Address | IPv6Address | None) -> bool:
-        """Whether it applies to a client from `address`, None for a client without one."""
-        return self.networks is None or (address is not None and any(address in network for network in self.networks))
+    def applies_to(self, client: "Client") -> bool:
+        """Whether it applies to a client from this address, None for one without, or to a site by its name."""
+        if self.networks is None or client is None:
+            return self.networks is None
+        return client in self.sites if isinstance(client, str) else any(client in each for each in self.networks)
+
+
+#: A client by its address, a site by its name, or a client that has neither.
+Client = IPv4Address | IPv6Address | str | None
 
 
 LOOPBACK: Final = (ip_network("127.0.0.0/8"), ip_network("::1"))
@@ -66,12 +73,12 @@ class EntryPoint:
     """Where clients connect. `name` is that of the listener, or of the server line.
 
     The source address of a `datagram` can be forged. `local` clients, on a serial line or the control socket, have no
-    address. `certified` clients have shown a certificate. `unit0` is the unit that unit 0 stands for; None for all
-    units.
+    address. `certified` clients have shown a certificate. A `site` is known by its name. `unit0` is the unit that unit
+    0 stands for; None for all units.
     """
 
     name: str
-    kind: Literal["connection", "datagram", "local", "certified"] = "connection"
+    kind: Literal["connection", "datagram", "local", "certified", "site"] = "connection"
     unit0: int | None = None
 
 
@@ -88,10 +95,10 @@ AS_NUMBERED: Final[KnownAs] = tuple((unit,) if unit in _ALL_UNITS else () for un
 class Rights(dict[str, tuple[Right, ...]]):
     """The rights at one entry point: by the client's address, then by unit. They are found at a client's first request.
 
-    "" is the address of a client without one. An IPv4 address may be written as an IPv6 one.
+    "" is the address of a client without one. An IPv4 address may be written as an IPv6 one. A site has its name there.
 
-    Datagrams can only read, except by a row that names their listener. Local clients can do everything until a row
-    names their entry point. A broadcast needs the right to each unit. A row with listeners applies to the unit
+    Datagrams and sites can only read, except by a row that names their listener. Local clients can do everything until
+    a row names their entry point. A broadcast needs the right to each unit. A row with listeners applies to the unit
     identifiers there, any other row to what these are `known_as`.
 
     For certified clients ask `of_role`: by themselves, these are the rights of no role in particular, and only tell
@@ -120,8 +127,8 @@ class Rights(dict[str, tuple[Right, ...]]):
         """Whether a client from this address has any right; one with a certificate, if it had the right role."""
         if any(self[host]):
             return True
-        address = _address(host)
-        return self._entry.kind == "certified" and any(row.right and row.applies_to(address) for row in self._rows)
+        client = self._client(host)
+        return self._entry.kind == "certified" and any(row.right and row.applies_to(client) for row in self._rows)
 
     def names(self, host: str, role: str | None = None) -> bool:
         """Whether a row gives rights to a network that this address is in; to this role, for a certified client."""
@@ -140,8 +147,8 @@ class Rights(dict[str, tuple[Right, ...]]):
 
         Usually one; several if the unit has several numbers elsewhere; none if no row applies.
         """
-        address = _address(host)
-        rows = [row for row in self._rows if row.applies_to(address)]
+        client = self._client(host)
+        rows = [row for row in self._rows if row.applies_to(client)]
         found = [
             next((row for row in rows if _fits(row, unit, other)), None) for other in self._known_as[unit] or (None,)
         ]
@@ -151,12 +158,15 @@ class Rights(dict[str, tuple[Right, ...]]):
         if len(self) >= MOST_CLIENTS:
             self.clear()
             self._named.clear()
-        address = _address(host)
-        rows = tuple(row for row in self._rows if row.applies_to(address))
+        client = self._client(host)
+        rows = tuple(row for row in self._rows if row.applies_to(client))
         if any(row.networks is not None and row.right for row in rows):
             self._named.add(host)
         rights = self[host] = _by_unit(rows, self._known_as, self._entry.unit0)
         return rights
+
+    def _client(self, host: str) -> Client:
+        return host if self._entry.kind == "site" else _address(host)
 
 
 def _rows_at(entry: EntryPoint, rows: tuple[Row, ...]) -> Iterable[Row]:
@@ -166,7 +176,9 @@ def _rows_at(entry: EntryPoint, rows: tuple[Row, ...]) -> Iterable[Row]:
     if entry.kind == "certified":
         return [row for row in here if row.role is not None or row.listeners is not None or row.for_all]
     here = [row for row in here if row.role is None]
-    if entry.kind == "datagram":
+    if entry.kind == "site" and not any(row.listeners for row in here):
+        return [Row(READING)]
+    if entry.kind in ("datagram", "site"):
         return [replace(row, right=_reading_of(row.right)) if row.listeners is None else row for row in here]
     return here
 

@@ -22,11 +22,12 @@ from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import Opener
+from gateway.ports.port import Opener, OpenPort, SiteSettings
 from gateway.request import NamedTarget
 from gateway.routing.access import EntryPoint, KnownAs, Rights
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
+from gateway.service.fleet import Fleet
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.plant import Publishing
 from gateway.service.reach import Reach, everything, one_line
@@ -77,6 +78,8 @@ class Gateway:
     plan: Plan
     #: What is published at a broker, by this gateway or the one before a reload.
     publishing: Publishing
+    #: The connection to the other sites, likewise.
+    fleet: Fleet
     #: The certificates in use.
     contexts: TlsStore = field(default_factory=TlsStore)
 
@@ -127,8 +130,12 @@ def build(
     `plan` are reused.
     """
     old, ring, contexts = _Old(running), running.ring if running else Ring(), contexts or TlsStore()
+    fleet = running.fleet if running else Fleet(emit, contexts)
     lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring) for one in plan.lines)
-    upstreams = tuple(old.upstream(one) or GatewayUpstream(one, loop, opener, emit, ring) for one in plan.upstreams)
+    upstreams = tuple(
+        old.upstream(one) or GatewayUpstream(one, loop, _way_to(one, opener, fleet), emit, ring)
+        for one in plan.upstreams
+    )
     servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit, ring) for one in plan.servers)
     listeners = tuple(old.listener(one) or _listener(one, loop, emit, ring, contexts) for one in plan.listeners)
     images = tuple(old.image(one) or _image(one, store, emit, ring) for one in plan.images)
@@ -176,6 +183,7 @@ def build(
         ring,
         plan,
         publishing,
+        fleet,
         contexts,
     )
 
@@ -215,6 +223,11 @@ class _Old:
         """A mirror is rebuilt if its device was."""
         old = self._mirrors.get(settings.name)
         return old if old is not None and old.mirror.settings == settings and old.device is device else None
+
+
+def _way_to(upstream: UpstreamPlan, opener: Opener, fleet: Fleet) -> OpenPort:
+    port = upstream.port
+    return fleet.opener(port.site) if isinstance(port, SiteSettings) else opener(port)
 
 
 def _image(settings: ImageSettings, store: Store | None, emit: Emit, ring: Ring) -> Image:

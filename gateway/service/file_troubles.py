@@ -11,7 +11,7 @@ from gateway.config.file_trouble import SERVICE_CONFIG, file_trouble
 from gateway.config.load import Loaded
 from gateway.config.positions import Positions
 from gateway.config.problem import Problem, warning
-from gateway.config.schema import Config, Mqtt, Web
+from gateway.config.schema import Config, Fleet, Mqtt, Web
 from gateway.errors import BrokerError, UsersError
 from gateway.service.certificate_troubles import certificate_troubles
 from gateway.service.libraries import Extra, missing_library, not_installed
@@ -45,7 +45,11 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
 
 def _about_libraries(config: Config) -> Iterator[Problem]:
     """Warnings about tables without effect, because a library is missing."""
-    tables: tuple[tuple[Extra, Web | Mqtt | None], ...] = (("web", config.web), ("mqtt", config.mqtt))
+    tables: tuple[tuple[Extra, Web | Mqtt | Fleet | None], ...] = (
+        ("web", config.web),
+        ("mqtt", config.mqtt),
+        ("fleet", config.fleet),
+    )
     for extra, table in tables:
         module = None if table is None else missing_library(extra)
         if table is not None and module is not None:

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Final, Literal
 
-Extra = Literal["web", "mqtt"]
+Extra = Literal["web", "mqtt", "fleet"]
 
 _MODULES: Final[Mapping[Extra, tuple[str, ...]]] = {
     "web": ("aiohttp", "jinja2", "prometheus_client"),
     "mqtt": ("paho",),
+    "fleet": ("nats",),
 }
 
 

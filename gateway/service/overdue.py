@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from gateway.errors import RequestError
 from gateway.lines.late import Overdue
-from gateway.ports.port import PortSettings, TcpSettings
+from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.service.shared_file import Entries, SharedFile
 
 FILE_NAME: Final = "late.json"
@@ -76,12 +76,14 @@ class LeftBehind:
             self._file.change(place, entry)
 
 
-def place_of(port: PortSettings) -> str:
+def place_of(port: PortSettings | SiteSettings) -> str:
     """The device that a port's name points to at the moment: two names of one device have the same place.
 
     For a device server it is the host in lower case, and the port number. For a pseudo-terminal it includes the time
     of its creation: the next one may get its number.
     """
+    if isinstance(port, SiteSettings):
+        return port.port
     if isinstance(port, TcpSettings):
         return f"{port.host.lower()}:{port.number}"
     device = Path(os.path.realpath(port.port))

@@ -16,7 +16,7 @@ from gateway.lines.late import Overdue
 from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import Opener, Port, PortUser, SerialSettings
+from gateway.ports.port import Opener, OpenPort, Port, PortUser, SerialSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
@@ -145,13 +145,13 @@ class GatewayUpstream:
     """An upstream with its parts, with the attributes of a GatewayLine."""
 
     def __init__(
-        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit, ring: Ring
+        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, open_port: OpenPort, emit: Emit, ring: Ring
     ) -> None:
         self.plan = plan
         self.name = plan.upstream.name
         self.driver = UpstreamDriver(Upstream(plan.upstream, emit, ring), loop, emit)
         tell = kept_in(ring, loop.time, emit)
-        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, tell)
+        self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)
         self.devices = {each.known_as: Device(each, self.driver, emit, ring, self.name) for each in plan.devices}
         self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
 

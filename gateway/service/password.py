@@ -1,32 +1,50 @@
-"""The password for the broker, as its file has it."""
+"""Passwords and credentials for a broker or for NATS, as their files have them."""
 
 from typing import Final
 
-from gateway.errors import BrokerError
+from gateway.errors import BrokerError, GatewayError
 from gateway.tls.files import path_of, refuse_if_exposed
 from gateway.tls.secret_file import SecretFile
 
 #: In bytes.
 _LONGEST_PASSWORD: Final = 1024
+_LONGEST_SECRET: Final = 65536
 
 
-def read_password(file: SecretFile) -> str:
+def read_password(file: SecretFile, kind: type[GatewayError] = BrokerError) -> str:
     """Read a password: the first line of its file.
 
     Raises:
-        BrokerError: it cannot be read, or is none.
+        GatewayError: it cannot be read, or is none. It is one of this `kind`.
     """
+    line = _read(file, kind, _LONGEST_PASSWORD + 1).partition(b"\n")[0].rstrip(b"\r")
+    if len(line) > _LONGEST_PASSWORD:
+        raise kind(f"{path_of(file)}: the password has more than {_LONGEST_PASSWORD} bytes")
+    return _decode(line, file, kind, "the password")
+
+
+def read_secret(file: SecretFile, kind: type[GatewayError]) -> str:
+    """Read a whole file.
+
+    Raises:
+        GatewayError: it cannot be read, or is no text. It is one of this `kind`.
+    """
+    return _decode(_read(file, kind, _LONGEST_SECRET), file, kind, "it")
+
+
+def _read(file: SecretFile, kind: type[GatewayError], size: int) -> bytes:
     try:
         path = path_of(file)
         if not file.is_credential:
             refuse_if_exposed(path)
         with path.open("rb") as stream:
-            line = stream.readline(_LONGEST_PASSWORD + 1).rstrip(b"\r\n")
+            return stream.read(size)
     except OSError as error:
-        raise BrokerError(f"{error.filename or file.name}: {error.strerror or error}") from error
-    if len(line) > _LONGEST_PASSWORD:
-        raise BrokerError(f"{path}: the password has more than {_LONGEST_PASSWORD} bytes")
+        raise kind(f"{error.filename or file.name}: {error.strerror or error}") from error
+
+
+def _decode(text: bytes, file: SecretFile, kind: type[GatewayError], what: str) -> str:
     try:
-        return line.decode()
+        return text.decode()
     except UnicodeDecodeError:
-        raise BrokerError(f"{path}: the password is not UTF-8 text") from None
+        raise kind(f"{path_of(file)}: {what} is not UTF-8 text") from None

@@ -138,7 +138,7 @@ class Reloader:
         old, new = self._running.gateway.plan, loaded.plan
         try:
             async with asyncio.timeout(LOADING_TIME):
-                besides = (new.web, new.mqtt)
+                besides = (new.web, new.mqtt, new.fleet)
                 secured = (*new.secured, *(one for each in besides if each for one in each.secured))
                 certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, secured)
                 await loop.run_in_executor(ThreadPerCall("read state"), self._prepare, new)
@@ -221,6 +221,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
         "access": plan.access,
         "trace": plan.ring,
         **({} if plan.mqtt is None else {"mqtt": plan.mqtt}),
+        **({} if plan.fleet is None else {"fleet": plan.fleet}),
     }
 
 

@@ -205,6 +205,7 @@ class Running:
                     group.create_task(self._start_after(before, part), name=f"start:{part.name}")
             for mirror in new.mirrors:
                 mirror.start()
+            await new.fleet.adopt(new.plan.fleet)
             await new.publishing.adopt(new)
 
     def renew_certificates(self) -> None:

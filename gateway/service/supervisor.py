@@ -46,6 +46,7 @@ async def serve(
     systemd = systemd or Notifier({})
     try:
         is_bound = await _complete_before(stop, running.bind())
+        await running.gateway.fleet.adopt(running.gateway.plan.fleet)
         async with running.lines_open():
             if is_bound and await _complete_before(stop, running.tried()):
                 running.start_listening()
@@ -59,6 +60,7 @@ async def serve(
             running.stop_listening()
     finally:
         running.stop_listening()
+        await running.gateway.fleet.stop()
     running.emit(events.Stopped())
 
 

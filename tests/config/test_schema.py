@@ -35,7 +35,7 @@ def tables(model=Config):
 @pytest.mark.parametrize("model", sorted(set(tables()), key=lambda model: model.__name__))
 def test_every_table_and_every_key_is_described(model):
     assert model.__doc__
-    sections = {"listen", "line", "image", "upstream", "profile", "access", "own", "web", "mqtt"}
+    sections = {"listen", "line", "image", "upstream", "profile", "access", "own", "web", "mqtt", "fleet"}
     sections |= {"trace", "control", "log"}
     for name, field in model.model_fields.items():
         assert field.description or (model is Config and name in sections), name

@@ -185,3 +185,28 @@ def test_the_rights_of_many_clients_are_not_all_remembered() -> None:
     for number in range(MOST_CLIENTS + 10):
         assert set(rights[f"10.1.{number // 256}.{number % 256}"]) == {READING}
     assert len(rights) == 10
+
+
+def rights_of_sites(*rows):
+    return Rights(rows, EntryPoint("fleet", "site"))
+
+
+def test_other_sites_only_read_until_a_row_names_them():
+    rights = rights_of_sites(Row(EVERYTHING), Row(NOTHING, units=frozenset({5})))
+    assert rights["plant-1"][5] == READING
+
+
+def test_a_row_without_a_listener_lets_other_sites_read_only():
+    rights = rights_of_sites(Row(NOTHING, listeners=frozenset({"fleet"}), units=frozenset({1})), Row(EVERYTHING))
+    assert (rights["plant-1"][1], rights["plant-1"][5]) == (NOTHING, READING)
+
+
+def test_a_row_for_a_site_is_for_no_other():
+    named = Row(EVERYTHING, networks=(), listeners=frozenset({"fleet"}), sites=frozenset({"plant-1"}))
+    rights = rights_of_sites(named)
+    assert (rights["plant-1"][5], rights["plant-10"][5], rights["10.2.0.7"][5]) == (EVERYTHING, NOTHING, NOTHING)
+
+
+def test_a_row_for_sites_is_for_no_address():
+    named = Row(EVERYTHING, networks=(), sites=frozenset({"10.2.0.7"}))
+    assert Rights((named,), EntryPoint("scada"))["10.2.0.7"][5] == NOTHING

@@ -1,0 +1,1 @@
+"""Many gateways as one, over NATS."""

@@ -1,0 +1,154 @@
+"""Keeps a connection to NATS, and tells those who use it when there is one."""
+
+import asyncio
+import random
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+from gateway.errors import FleetError, TlsError
+from gateway.events import Emit, FleetLost, FleetRefused, FleetUp, PartFailed
+from gateway.fleet.connection import Connection, Login, Server
+from gateway.ports.threads import ThreadPerCall
+
+#: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
+FIRST_PAUSE: Final = 0.25
+LONGEST_PAUSE: Final = 10.0
+#: A connection that lasted so long, in seconds, makes the next pause the first one again.
+STEADY: Final = 10.0
+
+
+class Member(Protocol):
+    """Something that needs NATS: the owner of units, an asker, a lease."""
+
+    async def connected(self, connection: Connection) -> None:
+        """There is a connection from now on. Raises FleetError if no member can use it: then it is closed."""
+
+    def disconnected(self) -> None:
+        """It is lost. Called once for each time that `connected` was called, perhaps before that has returned."""
+
+
+class Link:
+    """The connection to one of `servers`. `login` reads how to log in, and may block."""
+
+    def __init__(self, servers: Sequence[Server], login: Callable[[], Login], emit: Emit) -> None:
+        #: The connection in use; None if there is none.
+        self.connection: Connection | None = None
+        #: Why there is none; empty if there is one.
+        self.reason = "not tried yet"
+        #: Since when, by the clock of the event loop; None if there is one.
+        self.down_since: float | None = asyncio.get_running_loop().time()
+        self.server = servers[0]
+        self.attempts = 0
+        self.reconnects = 0
+        self._servers = servers
+        self._first = random.randrange(len(servers))  # noqa: S311 - no secret
+        self._login = login
+        self._emit = emit
+        self._members: list[Member] = []
+        self._joined: set[Member] = set()
+        self._pause = FIRST_PAUSE
+        self._told = ""
+        self._refusals: set[str] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def join(self, member: Member) -> None:
+        """Tell `member` of this connection, and of all later ones."""
+        self._members.append(member)
+        if self.connection is not None:
+            task = asyncio.create_task(self._welcome_late(member, self.connection), name="fleet: join")
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    def leave(self, member: Member) -> None:
+        """Tell it nothing more."""
+        self._members.remove(member)
+        self._dismiss(member)
+
+    async def run(self) -> None:
+        """Keep a connection, until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            began = loop.time()
+            try:
+                await self._serve()
+            except (FleetError, TlsError) as error:
+                self._lost(str(error))
+            except Exception as error:  # noqa: BLE001 - an error boundary: all other parts go on
+                self._emit(PartFailed.of("fleet", error))
+                self._lost("a defect in the gateway")
+            if loop.time() - began > STEADY:
+                self._pause = FIRST_PAUSE
+            await asyncio.sleep(self._pause * random.uniform(0.7, 1.3))  # noqa: S311 - no secret
+            self._pause = min(2 * self._pause, LONGEST_PAUSE)
+
+    async def _serve(self) -> None:
+        """One connection, until it is lost.
+
+        Raises:
+            FleetError: it cannot be made, or is lost.
+            TlsError: a file cannot be used.
+        """
+        loop = asyncio.get_running_loop()
+        login = await loop.run_in_executor(ThreadPerCall("read credentials"), self._login)
+        self.server = self._servers[(self._first + self.attempts) % len(self._servers)]
+        self.attempts += 1
+        self._refusals.clear()
+        connection = Connection(self.server, login, self._refused)
+        try:
+            await connection.open()
+            while waiting := [member for member in self._members if member not in self._joined]:
+                await self._welcome(waiting[0], connection)
+            self._up(connection)
+            raise FleetError(await asyncio.shield(connection.lost))
+        finally:
+            self.connection = None
+            for task in self._tasks:
+                task.cancel()
+            for member in tuple(self._joined):
+                self._dismiss(member)
+            await connection.close()
+
+    async def _welcome(self, member: Member, connection: Connection) -> None:
+        self._joined.add(member)
+        await member.connected(connection)
+
+    async def _welcome_late(self, member: Member, connection: Connection) -> None:
+        try:
+            if member in self._members and member not in self._joined:
+                await self._welcome(member, connection)
+        except FleetError as error:
+            connection.lose(str(error))
+        except Exception as error:  # noqa: BLE001 - an error boundary, as in `run`
+            self._emit(PartFailed.of("fleet", error))
+            connection.lose("a defect in the gateway")
+
+    def _dismiss(self, member: Member) -> None:
+        if member in self._joined:
+            self._joined.remove(member)
+            member.disconnected()
+
+    def _refused(self, reason: str) -> None:
+        """The server refuses a subject. Each is told once for each connection."""
+        if reason not in self._refusals and len(self._refusals) < _MOST_REFUSALS:
+            self._refusals.add(reason)
+            self._emit(FleetRefused(str(self.server), reason))
+
+    def _up(self, connection: Connection) -> None:
+        self.connection = connection
+        self.reason = self._told = ""
+        self.down_since = None
+        self._emit(FleetUp(str(self.server)))
+
+    def _lost(self, reason: str) -> None:
+        """It is told once, and again when the reason is another one."""
+        self.reason = reason
+        if self.down_since is None:
+            self.reconnects += 1
+            self.down_since = asyncio.get_running_loop().time()
+        if reason != self._told:
+            self._told = reason
+            self._emit(FleetLost(str(self.server), reason))
+
+
+#: The most refusals of one connection that are told.
+_MOST_REFUSALS: Final = 20
