@@ -1,0 +1,363 @@
+"""The lease of a line: of all gateways that name it, at most one writes to the line at any time (ADR 26).
+
+A lease is one entry in a key-value store that changes an entry only for who names its latest revision. The holder
+renews it. It counts what it may do from the moment at which it *sent* a renewal; the others count from the moment at
+which they *saw* the latest one. No clock but the machine's own CLOCK_BOOTTIME is used, and only for differences:
+
+    holder   |-- writes ---------------->|-- guard -->|                  sent + HOLDS x time to live: the end
+    others         |-- wait ------------------------------------>|       seen + WAITS x time to live: one may take it
+
+The guard is longer than any transaction on the line, so what the holder wrote last is over when its share ends. Between
+the two ends, clocks may run at different rates, by a fifth.
+
+| state   | event                                                          | next    | action                      |
+|---------|----------------------------------------------------------------|---------|-----------------------------|
+| standby | the entry was released, is ours, or nobody renewed it in time  | standby | it is written: a claim      |
+| standby | a claim was accepted                                           | held    | after a silence, writing    |
+| held    | a renewal is due                                               | held    | it is written               |
+| held    | the entry is somebody else's                                   | standby | nothing is written any more |
+| held    | our share ends without a renewal                               | standby | nothing is written any more |
+| held    | another asker was heard on the line                            | standby | the entry is released       |
+| held    | `release`                                                      | standby | the entry is released       |
+
+There is no I/O here: time is an argument, `next` says what to ask of the store, and the caller reports the result.
+"""
+
+import json
+from dataclasses import dataclass
+from math import inf
+from typing import Any, Final, Literal, NamedTuple
+
+#: Shares of the time to live. How long the holder may count on a renewal, guard included; how long the others wait
+#: after the latest one they have seen; how often they look. In sum nobody waits longer than the time to live.
+HOLDS: Final = 0.75
+WAITS: Final = 0.9
+LOOKS: Final = 0.1
+#: The holder renews so many times in the time in which it may write.
+_RENEWALS: Final = 3
+#: So many writes without a known result are remembered.
+_UNKNOWN: Final = 8
+#: The longest time to live that an entry may claim, in seconds; more is damage.
+_LONGEST: Final = 3600.0
+
+#: What moves with the lease, as JSON has it.
+State = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseSettings:
+    """The settings of one lease; all times in seconds.
+
+    `ttl` is how long it lasts without a renewal. `guard` is longer than any transaction on the line, `late` is how long
+    after that an answer may still come. `fallback` is what the holder does when the store cannot be reached.
+    """
+
+    name: str
+    ttl: float
+    guard: float
+    late: float
+    fallback: Literal["release", "hold"] = "release"
+
+    @property
+    def writes_for(self) -> float:
+        """How long the holder may write after it has sent a renewal."""
+        return HOLDS * self.ttl - self.guard
+
+    @property
+    def step(self) -> float:
+        """How often the holder renews, and how long any answer of the store is waited for."""
+        return self.writes_for / _RENEWALS
+
+
+class Entry(NamedTuple):
+    """What stands in the store: who holds the lease, or has released it.
+
+    `instance` is the holder's process, `beat` counts its writes. Who takes a released lease is silent for `silent`
+    seconds. `state` is what moves.
+    """
+
+    holder: str
+    instance: str
+    beat: int
+    ttl: float
+    is_released: bool = False
+    silent: float = 0.0
+    state: State = {}  # noqa: RUF012 - never changed
+
+    def encode(self) -> bytes:
+        """As it is stored."""
+        return json.dumps(self._asdict()).encode()
+
+    @classmethod
+    def decode(cls, value: bytes, ttl: float) -> "Entry":
+        """A stored entry. One that cannot be read is somebody's who lives for `ttl`."""
+        try:
+            entry = cls(**json.loads(value))
+            is_sound = (
+                isinstance(entry.holder, str)
+                and isinstance(entry.instance, str)
+                and isinstance(entry.beat, int)
+                and 0 < entry.ttl <= _LONGEST
+                and isinstance(entry.is_released, bool)
+                and 0 <= entry.silent <= _LONGEST
+                and isinstance(entry.state, dict)
+            )
+        except (ValueError, TypeError):
+            is_sound = False
+        return entry if is_sound else cls("?", "", 0, ttl)
+
+
+class Read(NamedTuple):
+    """Read the entry."""
+
+
+class Write(NamedTuple):
+    """Write `value` if the entry still has this revision; 0: if there is none."""
+
+    value: bytes
+    revision: int
+
+
+Question = Read | Write
+
+
+class Lease:
+    """One lease, for the process `instance` of the gateway `holder`.
+
+    `until` is when writing to the line must have stopped, and `silent_until` when it may begin; both by CLOCK_BOOTTIME.
+    `inherited` is what the holder before has left. `state` is what the next one is left; the caller sets it.
+    """
+
+    def __init__(self, settings: LeaseSettings, holder: str, instance: str) -> None:
+        self.settings = settings
+        self.is_held = False
+        self.until = -inf
+        self.silent_until = -inf
+        self.state: State = {}
+        self.inherited: State = {}
+        #: Why it is not held, or since when the store cannot be reached though it is.
+        self.reason = "not asked for yet"
+        self._holder = holder
+        self._instance = instance
+        #: The latest entry, its revision, and since when it is known; None: nothing was read yet.
+        self._entry: Entry | None = None
+        self._revision = 0
+        self._known_since: float | None = None
+        #: The longest time to live that was seen, for the case that the store loses the entry.
+        self._longest_ttl = settings.ttl
+        #: When a renewal was sent by which our share is counted.
+        self._counts_from = -inf
+        self._beat = 0
+        self._written: State = {}
+        #: When writes were sent whose result is not known, by beat; the one under way, with what it says.
+        self._sent: dict[int, float] = {}
+        self._asked: Entry | None = None
+        self._must_read = True
+        self._asks_at = -inf
+        #: When the store answered last, if no question has failed since.
+        self._looked_at = -inf
+        self._claims_from = -inf
+        #: How long the line must be silent when the lease is taken: since the last entry that was not ours.
+        self._silence = settings.late
+        #: Whether the store must be told that the lease is free.
+        self._releases = False
+
+    @property
+    def holder(self) -> str:
+        """Who holds it as far as is known; empty if nobody does."""
+        entry = self._entry
+        return "" if entry is None or entry.is_released else entry.holder
+
+    def permits(self, now: float) -> bool:
+        """Whether a request may be written to the line."""
+        return now < self.until
+
+    def next(self, now: float) -> Question | None:
+        """What to ask of the store now. Its result must be reported before the next question."""
+        self.tick(now)
+        if self._releases:
+            return self._release(now)
+        if self._must_read:
+            return Read()
+        if self.is_held:
+            is_due = now >= self._asks_at or self.state != self._written
+            return self._write(now, self.state) if is_due else None
+        if self._may_claim(now):
+            return self._write(now, {} if self._entry is None else self._entry.state)
+        return Read() if now >= self._asks_at else None
+
+    def deadline(self) -> float:
+        """When `next` must be called, at the latest."""
+        if self._must_read or self._releases:
+            return -inf
+        if self.is_held:
+            return min(self._asks_at, self._ends_at)
+        return min(self._asks_at, max(self._claims_at, self._claims_from))
+
+    def tick(self, now: float) -> None:
+        """Let time pass: our share may have ended."""
+        if self.is_held and now >= self._ends_at:
+            self._drop(f"it could not be renewed in time{self.reason and f': {self.reason}'}")
+
+    def found(self, value: bytes | None, revision: int, now: float) -> None:
+        """The entry was read; None: there is none."""
+        self.tick(now)
+        self._must_read = False
+        self._asks_at = now + LOOKS * self.settings.ttl
+        self._looked_at = now
+        entry = None if value is None else Entry.decode(value, self.settings.ttl)
+        if self._known_since is None or revision != self._revision or entry != self._entry:
+            self._know(entry, revision, now)
+        if entry is None:
+            if self.is_held:
+                self._asks_at = now  # the store has lost it; nobody else can have it before our share ends
+        elif self._is_ours(entry):
+            sent_at = self._sent.get(entry.beat)
+            if sent_at is not None and not entry.is_released:
+                self._accepted(sent_at, entry, now)
+        else:
+            self._sent = {}  # what was written before cannot take effect any more
+            if self.is_held:
+                self._drop(f"{entry.holder} has taken it")
+            elif not entry.is_released:
+                self.reason = f"{entry.holder} holds it"
+
+    def written(self, revision: int, now: float) -> None:
+        """What was written is the entry now."""
+        self.tick(now)
+        entry = self._asked
+        if entry is None:
+            return
+        self._know(entry, revision, now)
+        if not entry.is_released:
+            self._accepted(self._sent[entry.beat], entry, now)
+
+    def refused(self, now: float) -> None:
+        """Somebody has changed the entry, or an earlier write of ours was carried out after all."""
+        self.tick(now)
+        if self._asked is not None:
+            self._sent.pop(self._asked.beat, None)
+        self._must_read = True
+
+    def failed(self, reason: str, now: float) -> None:
+        """The store did not answer: nobody knows whether what was asked was done."""
+        self.tick(now)
+        self.reason = reason
+        self._asks_at = now + (self.settings.step if self.is_held else LOOKS * self.settings.ttl)
+        self._must_read = False
+        self._looked_at = -inf
+        if self._entry is None:
+            self._known_since = None  # a store that has lost an entry was away: nobody knows since when there is none
+        if self.is_held and self.settings.fallback == "hold":
+            self.until = self._counts_from = inf
+
+    def heard_asker(self, now: float) -> None:
+        """Somebody else asks on the line. Nothing is written any more, nor asked for as long as a lease lasts."""
+        if self.is_held:
+            self._drop("another asker was heard on the line")
+            self._give_back(self.settings.guard + self.settings.late)
+        self._claims_from = now + self.settings.ttl
+
+    def release(self, silent: float, state: State) -> None:
+        """Give the lease back: nothing is on the line for longer than `silent` seconds. It is asked for no more."""
+        if self.is_held:
+            self.state = state
+            self._drop("it was released")
+            self._give_back(silent)
+        self._claims_from = inf
+
+    @property
+    def _ends_at(self) -> float:
+        return self._counts_from + HOLDS * self.settings.ttl
+
+    @property
+    def _claims_at(self) -> float:
+        """From when on the lease may be claimed, as far as is known."""
+        entry, since = self._entry, self._known_since
+        if since is None:
+            return inf
+        if entry is None:
+            return since + WAITS * self._longest_ttl
+        if entry.is_released or self._is_ours(entry):
+            return -inf
+        return since + WAITS * entry.ttl
+
+    def _may_claim(self, now: float) -> bool:
+        """What is known must be fresh: the store may have lost the entry and counted up to the same revision again."""
+        is_fresh = now < self._looked_at + 2 * LOOKS * self.settings.ttl
+        return is_fresh and now >= max(self._claims_at, self._claims_from)
+
+    def _is_ours(self, entry: Entry) -> bool:
+        return entry.instance == self._instance
+
+    def _know(self, entry: Entry | None, revision: int, now: float) -> None:
+        self._entry, self._revision, self._known_since = entry, revision, now
+        if entry is None:
+            self._silence = self.settings.late
+        else:
+            self._longest_ttl = max(self._longest_ttl, entry.ttl)
+            if not self._is_ours(entry):
+                self._silence = entry.silent if entry.is_released else self.settings.late
+
+    def _write(self, now: float, state: State) -> Write:
+        self._beat += 1
+        entry = Entry(self._holder, self._instance, self._beat, self.settings.ttl, state=dict(state))
+        if len(self._sent) >= _UNKNOWN:
+            del self._sent[min(self._sent)]
+        self._sent[self._beat] = now
+        self._asked = entry
+        return Write(entry.encode(), self._revision)
+
+    def _give_back(self, silent: float) -> None:
+        self._releases = True
+        self._silence = max(self._silence, silent)
+
+    def _release(self, now: float) -> Write | None:
+        """Write that it is free, once: if that fails the others wait."""
+        self._releases = False
+        self._asks_at = now + LOOKS * self.settings.ttl
+        if self._entry is None or not self._is_ours(self._entry):
+            return None
+        self._beat += 1
+        self._asked = Entry(
+            self._holder,
+            self._instance,
+            self._beat,
+            self.settings.ttl,
+            is_released=True,
+            silent=self._silence,
+            state=self.state,
+        )
+        return Write(self._asked.encode(), self._revision)
+
+    def _accepted(self, sent_at: float, entry: Entry, now: float) -> None:
+        """The entry is ours since it was sent."""
+        self._sent = {}
+        self._written = entry.state
+        self._asks_at = sent_at + self.settings.step
+        if not self.is_held:
+            if now < self._claims_from:
+                self._releases = True
+                return
+            if now >= sent_at + self.settings.writes_for:
+                self._asks_at = now
+                return  # too late to be of use; it is ours, so the next claim need not wait
+            self._take(entry, now)
+        self._counts_from = sent_at
+        self.until = sent_at + self.settings.writes_for
+        self.reason = ""
+
+    def _take(self, entry: Entry, now: float) -> None:
+        self.is_held = True
+        self.inherited = self.state = entry.state
+        self.silent_until = max(self.silent_until, now + self._silence)
+        self._silence = 0.0
+
+    def _drop(self, reason: str) -> None:
+        self.is_held = False
+        self.until = self._counts_from = -inf
+        self.reason = reason
+
+    def __repr__(self) -> str:
+        state = "held" if self.is_held else f"standby: {self.reason}"
+        return f"<Lease {self.settings.name} {state}>"
