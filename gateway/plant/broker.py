@@ -8,9 +8,11 @@ from typing import Final
 
 from gateway.errors import BrokerError, TlsError
 from gateway.events import BrokerLost, BrokerRefused, BrokerUp, Emit, PartFailed
-from gateway.plant.connection import STEP_TIME, VERSIONS, BrokerSettings, Connection, Version, WrongVersionError
+from gateway.plant.client import STEP_TIME, VERSIONS, BrokerSettings, Version
+from gateway.plant.connection import Connection
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
+from gateway.plant.reasons import WrongVersionError
 from gateway.ports.threads import ThreadPerCall
 
 #: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.

@@ -8,7 +8,7 @@ it is read, as the encoding (Protocol Buffers, version 2) allows.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import lru_cache
+from functools import cache, lru_cache
 from struct import Struct
 from typing import Final, NamedTuple
 
@@ -172,7 +172,7 @@ def _time(milliseconds: int) -> bytes:
     return _number(_MetricField.TIMESTAMP, milliseconds)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _type_of(data_type: DataType) -> bytes:
     return _number(_MetricField.DATATYPE, data_type)
 

@@ -163,7 +163,7 @@ class _Access:
             self.loop.call_soon_threadsafe(self.contexts.add, {secured: loaded})
             context = loaded.context
         address = plan.broker.address
-        return import_module("gateway.plant.connection").BrokerSettings(
+        return import_module("gateway.plant.client").BrokerSettings(
             host=address.host,
             port=address.port,
             path=plan.broker.path,

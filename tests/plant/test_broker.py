@@ -10,7 +10,7 @@ import pytest
 from gateway.events import BrokerLost, BrokerUp
 from gateway.plant import broker as module
 from gateway.plant.broker import Broker
-from gateway.plant.connection import STEP_TIME
+from gateway.plant.client import STEP_TIME
 from gateway.service.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench

@@ -8,7 +8,8 @@ from contextlib import asynccontextmanager
 import pytest
 from paho.mqtt.client import Client
 
-from gateway.plant.connection import LARGEST_PACKET, BrokerSettings, Connection, Version
+from gateway.plant.client import LARGEST_PACKET, BrokerSettings, Version
+from gateway.plant.connection import Connection
 from gateway.plant.messages import Delivery, Message
 from kit.process import PATIENCE
 
