@@ -58,9 +58,7 @@ class Streams:
         if len(self._readers) >= MOST_READERS and not self._make_room(reader):
             raise ProblemError(503, f"{MOST_READERS} others read already", {"Retry-After": "30"})
         response = web.StreamResponse(headers=_HEADERS)
-        await response.prepare(request)
-        bound_buffers(request.transport)
-        task = asyncio.create_task(_send(response, source, is_valid), name="web events")
+        task = asyncio.create_task(_send(request, response, source, is_valid), name="web events")
         self._readers[task] = reader
         task.add_done_callback(lambda task: self._readers.pop(task, None))
         try:
@@ -88,7 +86,11 @@ class Streams:
         return oldest.cancel()
 
 
-async def _send(response: web.StreamResponse, source: EventSource, is_valid: Callable[[], bool]) -> None:
+async def _send(
+    request: web.Request, response: web.StreamResponse, source: EventSource, is_valid: Callable[[], bool]
+) -> None:
+    await response.prepare(request)
+    bound_buffers(request.transport)
     await _write(response, "retry: 3000\n\n")
     while is_valid():
         texts = await source.next(HEARTBEAT)
