@@ -10,7 +10,7 @@ from gateway.cli.columns import align
 from gateway.cli.examples import examples_text
 from gateway.cli.main import FINE
 from gateway.cli.usage import WrongUsageError, tell_wrong_usage
-from gateway.tls.certificate import WrongRole
+from gateway.tls.certificate import WrongRole, shorten
 from gateway.tls.contexts import read_certificates
 from gateway.tls.making import (
     AUTHORITY_DAYS,
@@ -154,7 +154,7 @@ def _list(folder: Path, args: argparse.Namespace) -> None:
         except WrongRole as wrong:
             role = f"({wrong})"
         state = "revoked" if certificate.serial in gone else ""
-        rows.append((str(file), certificate.subject, role, _date(certificate.not_after), state))
+        rows.append((str(file), shorten(certificate.subject), role, _date(certificate.not_after), state))
     if args.json:
         print(json.dumps([dict(zip(_COLUMNS, row, strict=True)) for row in rows], indent=2))
     elif rows:

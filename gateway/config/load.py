@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from gateway.config.check import AddressTrouble, PortTrouble, check
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
-from gateway.config.problem import Path, Problem, error
+from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema import (
     Access,
     Config,
@@ -54,6 +54,10 @@ _SINGLES: Final[Mapping[str, type[Table]]] = {
 }
 _PROFILE: Final = "profile"
 
+#: The largest file, in bytes: a unit of a line is written in 100. And how many problems are listed: nobody reads more.
+_MOST_BYTES: Final = 1024 * 1024
+_MOST_PROBLEMS: Final = 1000
+
 #: Keys that no other table refers to. A table with errors only in these is still checked against the others.
 _NOT_REFERRED_TO: Final = frozenset(
     {
@@ -85,7 +89,11 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
     """
     file = str(path)
     try:
-        text = FilePath(path).read_bytes().decode("utf-8")
+        with FilePath(path).open("rb") as stream:
+            content = stream.read(_MOST_BYTES + 1)
+        if len(content) > _MOST_BYTES:
+            return _fail(error((), f"has more than {_MOST_BYTES} bytes", "is it the right file?"), file, 0, 0)
+        text = content.decode("utf-8")
     except UnicodeDecodeError as wrong:
         line = wrong.object.count(b"\n", 0, wrong.start) + 1
         return _fail(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
@@ -118,9 +126,16 @@ def parse(
     config = reader.config()
     found = [*reader.problems, *check(config, frozenset(reader.failed), port_trouble, real_path, address_trouble)]
     problems = [_locate(one, positions, file, document) for one in dict.fromkeys(found)]
-    problems.sort(key=lambda one: (one.line, one.column))
     has_error = any(one.severity == "error" for one in problems)
-    return Loaded(None if has_error else config, tuple(problems))
+    return Loaded(None if has_error else config, tuple(_most_important(problems, file)))
+
+
+def _most_important(problems: list[Problem], file: str) -> list[Problem]:
+    """At most _MOST_PROBLEMS of these, errors before warnings, in the order of the file."""
+    kept = sorted(problems, key=lambda one: one.severity != "error")[:_MOST_PROBLEMS]
+    kept.sort(key=lambda one: (one.line, one.column))
+    left_out = len(problems) - len(kept)
+    return [*kept, warning((), f"{left_out} more problems are not listed").located(file, 0, 0)] if left_out else kept
 
 
 @lru_cache(maxsize=1)

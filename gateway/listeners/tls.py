@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import time
+from functools import lru_cache
 from typing import Final
 
 from gateway import events
@@ -14,7 +15,7 @@ from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls_stream import TlsStream
 from gateway.routing.identity import Identity
 from gateway.routing.router import CertifiedRouter, Router
-from gateway.tls.certificate import Certificate, parse_certificate
+from gateway.tls.certificate import Certificate, parse_certificate, shorten
 from gateway.tls.contexts import Loaded, stop_resuming
 from gateway.tls.settings import ServerTls
 from gateway.tls.store import TlsStore
@@ -91,7 +92,7 @@ class TlsListener(TcpListener):
             self._turn_away(stream, visitor, OUTLIVED)
             return
         try:
-            certificate = parse_certificate(stream.peer_certificate)
+            certificate = _parsed(stream.peer_certificate)
             identity = _identify(certificate)
         except ValueError as wrong:
             self._turn_away(stream, visitor, f"its certificate cannot be used: {wrong}")
@@ -118,6 +119,10 @@ class TlsListener(TcpListener):
         super()._sweep()
 
 
+#: Clients that connect again show the same certificate: parsing it is a good part of what a handshake costs the loop.
+_parsed = lru_cache(maxsize=256)(parse_certificate)
+
+
 def _identify(certificate: Certificate) -> Identity:
     """Who a client is.
 
@@ -127,4 +132,4 @@ def _identify(certificate: Certificate) -> Identity:
     """
     if not certificate.not_before <= time.time() <= certificate.not_after:
         raise ValueError("it is not valid now")
-    return Identity(certificate.subject, certificate.role)
+    return Identity(shorten(certificate.subject), certificate.role)

@@ -4,6 +4,7 @@ What reads and checks a config takes as much memory as all else of the gateway, 
 (ADR 24). This module is imported before almost everything else: the gateway loads itself while its config is read.
 """
 
+import os
 import pickle
 import subprocess
 import sys
@@ -89,7 +90,7 @@ class ConfigProcess:
         try:
             with _without_hang_up():
                 self._process = subprocess.Popen(  # noqa: S603 - this interpreter, and a program of ours
-                    [*_interpreter(), str(file), kind, f"{limit:g}", ":".join(sys.path)],
+                    [*_interpreter(), str(file), kind, f"{limit:g}", str(os.getpid()), ":".join(sys.path)],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.PIPE,

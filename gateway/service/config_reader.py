@@ -1,18 +1,24 @@
 """The program of the process that reads a config: it hands over the plan, and ends. See config_process."""
 
+import os
 import pickle
 import signal
 import sys
+import threading
+import time
 from dataclasses import fields, is_dataclass
 from io import BytesIO
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from gateway.config.address_trouble import address_trouble
 from gateway.config.load import load
 from gateway.config.resolve import resolve
 from gateway.service.config_process import ANSWER, ConfigRead, remake
+
+#: How often it is looked whether the gateway is still there, in seconds.
+_LOOK_EVERY: Final = 0.5
 
 
 def read_here(file: Path, *, look_around: bool = False) -> ConfigRead:
@@ -34,9 +40,17 @@ def packed(read: ConfigRead) -> bytes:
 
 def main() -> None:
     """Read the file, in the way and within the seconds that the arguments say, and write what it says to stdout."""
-    file, kind, limit = sys.argv[1:]
-    signal.alarm(ceil(float(limit)) + 1)  # the gateway may have ended: nothing then waits for a file that is none
+    file, kind, limit, gateway = sys.argv[1:]
+    signal.alarm(ceil(float(limit)) + 1)  # whatever happens: nothing then waits for a file that is none
+    threading.Thread(target=_end_with, args=(int(gateway),), name="end with the gateway", daemon=True).start()
     sys.stdout.buffer.write(ANSWER + packed(read_here(Path(file), look_around=kind == "look-around")))
+
+
+def _end_with(gateway: int) -> None:
+    """End this process when the gateway has ended, which has this process number."""
+    while os.getppid() == gateway:
+        time.sleep(_LOOK_EVERY)
+    os._exit(1)
 
 
 class _Pickler(pickle.Pickler):

@@ -10,6 +10,7 @@ from typing import Final
 
 from gateway.diagnosis.finding import Finding
 from gateway.events import CertificateExpires, Emit
+from gateway.tls.contexts import find_too_early
 from gateway.tls.store import TlsStore
 
 #: From how many days before its end on it is said, once a day. It is looked for every hour: a reload may bring others.
@@ -54,7 +55,13 @@ async def keep_looking(contexts: Callable[[], TlsStore], emit: Emit) -> None:
 
 
 def about_certificates(contexts: TlsStore, now: float) -> Iterator[Finding]:
-    """What doctor says about them: what expires soon, or when the first one does."""
+    """What doctor says about them: what is not valid yet, what expires soon, or when the first one does."""
+    for secured, expiry in contexts.expiries():
+        for said in find_too_early([expiry], now):
+            remedy = (
+                f"set the clock of this machine, or {secured.source}: put another file in its place ({expiry.what})"
+            )
+            yield Finding("fix", secured.name, said, remedy)
     known = sorted(certificates(contexts, now), key=lambda each: each.days_left)
     soon = [each for each in known if each.days_left < EARLY]
     for each in soon:

@@ -11,7 +11,7 @@ from gateway.tls.der import WrongDer
 ROLE: Final = "1.3.6.1.4.1.50316.802.1"
 #: The role of a client whose certificate has none.
 NULL_ROLE: Final = ""
-#: The longest role and subject, in characters: they stand in the log.
+#: The longest role, and the longest subject that is shown, in characters: they stand in the log.
 LONGEST_ROLE: Final = 64
 LONGEST_SUBJECT: Final = 200
 
@@ -39,7 +39,10 @@ class WrongRole(ValueError):  # noqa: N818 - named after what it is, as in gatew
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """A certificate. `serial` in hexadecimal digits, `subject` such as `CN=hmi-3,O=Plant 2`, times since 1970."""
+    """A certificate. `serial` in hexadecimal digits, `subject` such as `CN=hmi-3,O=Plant 2`, times since 1970.
+
+    Names are whole, so that they can be compared: `shorten` those that are shown.
+    """
 
     serial: str
     issuer: str
@@ -65,9 +68,10 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class RevocationList:
-    """Whose list it is, and until when it is valid, in seconds since 1970; None if it does not say."""
+    """Whose list it is, since when and until when it is valid, in seconds since 1970; None if it does not say."""
 
     issuer: str
+    this_update: float
     next_update: float | None
 
 
@@ -102,12 +106,18 @@ def parse_list(data: bytes) -> RevocationList:
     times = [part for part in parts if part[0] in (der.UTC_TIME, der.GENERALIZED_TIME)]
     if signed[0] != der.SEQUENCE or len(parts) < 3 or not times:
         raise WrongDer("is not a revocation list")
-    return RevocationList(_name(parts[1][1]), der.time(*times[1]) if len(times) > 1 else None)
+    this_update, *others = (der.time(*each) for each in times)
+    return RevocationList(_name(parts[1][1]), this_update, others[0] if others else None)
 
 
 def is_same_name(one: str, other: str) -> bool:
     """Whether two subjects or issuers are the same (RFC 5280, 7.1)."""
     return one.casefold().split() == other.casefold().split()
+
+
+def shorten(name: str) -> str:
+    """A subject or an issuer as it is shown: an authority may have signed one of any length."""
+    return name if len(name) <= LONGEST_SUBJECT else f"{name[: LONGEST_SUBJECT - 3]}..."
 
 
 def _sequence(content: bytes) -> list[der.Element]:
@@ -142,8 +152,7 @@ def _extensions(content: bytes) -> Iterator[tuple[str, bytes]]:
 def _name(name: bytes) -> str:
     """As in RFC 4514, but in the order of the certificate, and with nothing that cannot be seen."""
     parts = [_attribute(attribute) for _, group in der.elements(name) for _, attribute in der.elements(group)]
-    shown = ",".join(parts) or "(empty)"
-    return shown if len(shown) <= LONGEST_SUBJECT else f"{shown[: LONGEST_SUBJECT - 3]}..."
+    return ",".join(parts) or "(empty)"
 
 
 def _attribute(content: bytes) -> str:

@@ -6,13 +6,14 @@ import hashlib
 import ssl
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
 from typing import Final
 
 from gateway.errors import TlsError
-from gateway.tls.certificate import Certificate, RevocationList, parse_certificate, parse_list
+from gateway.tls.certificate import Certificate, RevocationList, parse_certificate, parse_list, shorten
 from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
 from gateway.tls.secret_file import SecretFile
 from gateway.tls.settings import ClientTls, ServerTls, TlsSettings
@@ -40,12 +41,13 @@ _TROUBLES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Expiry:
-    """Until when a file is valid, in seconds since 1970. `what` is the key of the config that names it."""
+    """When a file is valid, in seconds since 1970. `what` is the key of the config that names it."""
 
     what: str
     file: str
     subject: str
     at: float
+    since: float = -inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +71,23 @@ def load(settings: TlsSettings) -> Loaded:
     Raises:
         TlsError: one of them is missing, can be read by others, or is not what it should be.
     """
-    if isinstance(settings, ServerTls):
-        return _load_server(settings)
-    return _load_client(settings)
+    loaded = _load_server(settings) if isinstance(settings, ServerTls) else _load_client(settings)
+    too_early = find_too_early(loaded.expiries, time.time())
+    return replace(loaded, warnings=(*loaded.warnings, *too_early)) if too_early else loaded
+
+
+def find_too_early(expiries: Iterable[Expiry], now: float) -> tuple[str, ...]:
+    """What is not valid yet, as a sentence for each; usually a clock is wrong. `now` in seconds since 1970."""
+    clock = _moment(now)
+    return tuple(
+        f"{each.file} is not valid before {_moment(each.since)}, and the clock here says {clock}"
+        for each in expiries
+        if each.since > now
+    )
+
+
+def _moment(at: float) -> str:
+    return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def stop_resuming(context: ssl.SSLContext) -> None:
@@ -105,7 +121,8 @@ def _load_server(settings: ServerTls) -> Loaded:
         trust.update(_read(settings.clients_ca))
     if settings.crl is not None:
         lists = _use_lists(context, settings.crl)
-        trusted += [Expiry("crl", str(_path(settings.crl)), "", at) for each in lists if (at := each.next_update)]
+        file = str(_path(settings.crl))
+        trusted += [Expiry("crl", file, "", at, each.this_update) for each in lists if (at := each.next_update)]
         warnings += _about_lists(context, settings, lists)
         trust.update(_read(settings.crl))
     until = _first_to_expire(trusted)
@@ -222,7 +239,10 @@ def _add(context: ssl.SSLContext, file: SecretFile, foreign: str, complaint: str
 def _expiries(file: SecretFile, what: str) -> list[Expiry]:
     """Until when each certificate in `file` is valid, in its order."""
     path = _path(file)
-    return [Expiry(what, str(path), each.subject, each.not_after) for each in read_certificates(path)]
+    return [
+        Expiry(what, str(path), shorten(each.subject), each.not_after, each.not_before)
+        for each in read_certificates(path)
+    ]
 
 
 def _parse_list(file: SecretFile, block: bytes) -> RevocationList:

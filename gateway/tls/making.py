@@ -45,11 +45,11 @@ def make_authority(folder: Path, name: str, days: int = AUTHORITY_DAYS) -> Path:
     Raises:
         TlsError: there is one already, or it cannot be made.
     """
-    certificate, key = _places(folder, AUTHORITY, replace=False)
-    for file in (list_of(folder), index_of(folder)):
-        if file.exists():
-            raise TlsError(f"{file} exists already, from another authority; use another folder")
-    with Workshop(folder) as shop:
+    with alone_in(folder), Workshop(folder) as shop:
+        certificate, key = _places(folder, AUTHORITY, replace=False)
+        for file in (list_of(folder), index_of(folder)):
+            if file.exists():
+                raise TlsError(f"{file} exists already, from another authority; use another folder")
         settings = shop.settings(name, _OF_AUTHORITY)
         words = ("-x509", "-days", str(days), "-config", settings, "-extensions", "extensions")
         files = ("-keyout", shop.place("key"), "-out", shop.place("certificate"))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gateway.tls.certificate import Certificate, RevocationList, is_same_name
+from gateway.tls.certificate import Certificate, RevocationList, is_same_name, shorten
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,8 @@ class Untrusted:
 def find_untrusted(authorities: Sequence[Certificate]) -> Untrusted:
     """Authorities whose own issuer is missing: a chain of certificates must end at one that has signed itself."""
     said = tuple(
-        f"{each.subject} is an authority that {each.issuer} has signed, whose certificate is missing: add it"
+        f"{shorten(each.subject)} is an authority that {shorten(each.issuer)} has signed, "
+        "whose certificate is missing: add it"
         for each in authorities
         if not any(is_same_name(each.issuer, other.subject) for other in authorities)
     )
@@ -28,7 +29,8 @@ def find_without_list(authorities: Sequence[Certificate], lists: Sequence[Revoca
     """Authorities that have no revocation list. If there is any, each of a chain needs one."""
     missing = [each for each in authorities if not any(is_same_name(each.subject, listed.issuer) for listed in lists)]
     said = tuple(
-        f"has no revocation list of {each.subject}, only of {' and '.join(listed.issuer for listed in lists)}"
+        f"has no revocation list of {shorten(each.subject)}, "
+        f"only of {' and '.join(shorten(listed.issuer) for listed in lists)}"
         for each in missing
     )
     return Untrusted(said, len(missing) == len(authorities))

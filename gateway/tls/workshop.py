@@ -40,12 +40,13 @@ def authority_of(folder: Path) -> tuple[Path, Path]:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """In this context no other command changes what is in `folder`.
+    """In this context no other command changes what is in `folder`, which is made if necessary.
 
     Raises:
         TlsError: another one still does after TURN_WITHIN, or the folder cannot be opened.
     """
     try:
+        folder.mkdir(mode=0o755, parents=True, exist_ok=True)
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
         raise _trouble(folder, error) from error
@@ -83,7 +84,6 @@ class Workshop:
         if shutil.which("openssl") is None:
             raise TlsError("the program openssl was not found. On Debian: apt install openssl")
         try:
-            self._folder.mkdir(mode=0o755, parents=True, exist_ok=True)
             self._temporary = tempfile.TemporaryDirectory(prefix=".new-", dir=self._folder)
         except OSError as error:
             raise _trouble(self._folder, error) from error

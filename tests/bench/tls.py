@@ -1,11 +1,13 @@
 """What TLS costs: memory of a connection, handshakes a second, processor time of a transaction, and others' patience.
 
-    .venv/bin/python tests/bench/tls.py [--connections 1000] [--flood]
+    .venv/bin/python tests/bench/tls.py [--connections 1000] [--flood finished|half-open]
 
-`beside a flood`: a plain client asks every 5 ms, while another process begins handshakes as fast as it can from four
-addresses: all are finished, with a good certificate, or half of them are not. Rounds with and without it take
-turns; what counts is the ratio to rounds with the same flood at another gateway, which takes the same from the
-machine, and GOAL is its bound (status 1). All are measured on the machine as it is: the load is printed too.
+`--flood`: a plain client asks every 2 ms, while another process begins handshakes as fast as it can from 4 addresses:
+all are finished, with a good certificate, or half of them are left open. The flood has the lowest priority, as it
+comes from other machines in a plant. Rounds of three kinds take turns: without it, with it at another gateway, which
+takes the same from the machine, and with it here. What counts is the 99th percentile of the third over that of the
+second, the median of all rounds; GOAL is its bound (status 1). Other work on the machine is felt: the load is printed.
+`chrt -r 5` keeps it away.
 """
 
 import argparse
@@ -31,13 +33,15 @@ from kit.process import GatewayProcess
 GOAL = 1.5
 READ = encode(1, 200, bytes.fromhex("03 0000 000A"))
 ANSWER = 29
-ROUNDS, ROUND, PACE = 6, 4.0, 0.005
+ROUNDS, ROUND, PACE = 7, 2.0, 0.002
 #: What the handshakes of a flood become.
-FLOODS = ("finished unfinished", "finished")
+FLOODS = {"half-open": "finished unfinished", "finished": "finished"}
 TICKS = os.sysconf("SC_CLK_TCK")
 
 FLOOD = """
-import socket, ssl, sys, threading, time
+import os, socket, ssl, sys, threading, time
+os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+os.nice(19)
 port, cert, kinds = int(sys.argv[1]), sys.argv[2], sys.argv[3].split()
 context = ssl.create_default_context(cafile=f"{cert}/ca.crt")
 context.check_hostname = False
@@ -70,7 +74,7 @@ def main() -> int:
     """Print each figure; 1 if a flood is felt more than GOAL says."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--connections", type=int, default=1000, help="for the memory of each")
-    parser.add_argument("--flood", action="store_true", help="measure beside a flood only")
+    parser.add_argument("--flood", choices=FLOODS, help="measure beside such a flood, and nothing else")
     args = parser.parse_args()
     image = "[[image]]\nunit = 200\nholding = 100\n"
     plain = f'[[listen]]\nname = "plain"\nbind = "tcp://127.0.0.1:0"\nclients = {args.connections + 10}\n'
@@ -88,7 +92,7 @@ def main() -> int:
             _handshakes(gateway, ports[1], context)
             _transactions(gateway, ports, context)
             _memory(gateway, ports, context, args.connections)
-        return max([_patience(gateway, other, kinds) for kinds in FLOODS])
+        return max([_patience(gateway, other, flood) for flood in ([args.flood] if args.flood else FLOODS)])
 
 
 def _handshakes(gateway: GatewayProcess, port: int, context: ssl.SSLContext) -> None:
@@ -153,25 +157,28 @@ def _memory(gateway: GatewayProcess, ports: tuple[int, int], context: ssl.SSLCon
         time.sleep(2.0)
 
 
-def _patience(gateway: GatewayProcess, other: GatewayProcess, kinds: str) -> int:
-    quiet: list[float] = []
-    elsewhere: list[float] = []
-    here: list[float] = []
+def _patience(gateway: GatewayProcess, other: GatewayProcess, flood: str) -> int:
+    percentiles: list[tuple[float, float, float]] = []
     rates: list[float] = []
     for _ in range(ROUNDS):
-        quiet.append(_percentile(gateway.ports["tcp"]))
-        with _flood(other.ports["tls"], kinds):
-            elsewhere.append(_percentile(gateway.ports["tcp"]))
-        with _flood(gateway.ports["tls"], kinds) as flood:
-            here.append(_percentile(gateway.ports["tcp"]))
-        rates += flood
-    alone, beside, under = (statistics.median(each) * 1000 for each in (quiet, elsewhere, here))
+        quiet = _percentile(gateway.ports["tcp"])
+        with _flood(other.ports["tls"], FLOODS[flood]):
+            elsewhere = _percentile(gateway.ports["tcp"])
+        with _flood(gateway.ports["tls"], FLOODS[flood]) as rate:
+            here = _percentile(gateway.ports["tcp"])
+        percentiles.append((quiet, elsewhere, here))
+        rates += rate
+    ratios = sorted(here / elsewhere for _, elsewhere, here in percentiles)
+    alone, beside, under = (statistics.median(each) * 1000 for each in zip(*percentiles, strict=True))
     print(
-        f"handshakes {kinds}; p99 of a plain client: "
-        f"{alone:.2f} ms; a flood at another gateway {beside:.2f} ms, at its own {under:.2f} ms"
+        f"a flood of handshakes, {flood}; p99 of a plain client: {alone:.2f} ms without; "
+        f"{beside:.2f} ms with the flood at another gateway, {under:.2f} ms with it here"
     )
-    print(f"  that is {under / beside:.2f} times; {statistics.mean(rates):.0f} handshakes/s were done")
-    return int(under / beside > GOAL)
+    print(
+        f"  that is {statistics.median(ratios):.2f} times, from {ratios[0]:.2f} to {ratios[-1]:.2f}; "
+        f"{statistics.mean(rates):.0f} handshakes/s were done"
+    )
+    return int(statistics.median(ratios) > GOAL)
 
 
 @contextmanager
@@ -180,10 +187,10 @@ def _flood(port: int, kinds: str) -> Iterator[list[float]]:
     result: list[float] = []
     words = [sys.executable, "-c", FLOOD, str(port), str(pki()), kinds]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        time.sleep(1.0)
+        time.sleep(0.7)
         yield result
         result.append(float(process.communicate("")[0]))
-    time.sleep(1.0)
+    time.sleep(0.3)
 
 
 def _percentile(port: int) -> float:

@@ -327,10 +327,10 @@ def test_a_folder_is_one_problem(tmp_path):
 
 
 def test_a_file_that_this_user_may_not_read_can_be_given_to_everybody(tmp_path, monkeypatch):
-    def refused(path):
+    def refused(path, mode):
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", refused)
+    monkeypatch.setattr(Path, "open", refused)
     file = tmp_path / "gateway.toml"
     said = [f"{file}: error: cannot be read: Permission denied\n  help: sudo chmod 644 {file}"]
     assert [str(one) for one in load(file).problems] == said
@@ -397,3 +397,22 @@ def test_what_a_wrong_table_refers_to_is_looked_at_together_with_what_is_wrong_i
 
 def test_a_row_that_is_no_table_has_no_name():
     assert problems("line = [5]") == ["gateway.toml:1:9: error: line[0]: must be a table"]
+
+
+def test_a_file_that_is_none_of_ours_is_not_read_whole(tmp_path):
+    file = tmp_path / "gateway.toml"
+    start = "[[image]]\nunit = 1\nholding = 8\n"
+    file.write_text(start.ljust(1024 * 1024, "#"))
+    assert load(file).config is not None
+    file.write_text(start.ljust(1024 * 1024 + 1, "#"))
+    (said,) = load(file).problems
+    assert str(said) == f"{file}: error: has more than 1048576 bytes\n  help: is it the right file?"
+
+
+def test_so_many_problems_that_nobody_reads_them_are_counted_and_errors_come_first():
+    lines = [f"x{number} = 1" for number in range(3000)]
+    *listed, last = problems("\n".join(lines))
+    assert len(listed) == 1000
+    assert last == "gateway.toml: warning: 2000 more problems are not listed"
+    tables = "".join(f'[[line]]\nname = "{number}"\nport = "/dev/a{number}"\nbaud = 17\n' for number in range(1200))
+    assert any("more problems" in each for each in problems(tables))

@@ -1,7 +1,9 @@
 """A config is read in a process of its own, which hands over the same as if it was read here."""
 
 import os
+import select
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -109,3 +111,22 @@ def test_a_process_that_cannot_be_started_is_a_sentence(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with pytest.raises(ConfigError, match="no process can be started for it: No such file or directory"):
         ConfigProcess(Path("gateway.toml"), 1.0)
+
+
+def test_it_ends_with_the_gateway_that_it_reads_for(tmp_path):
+    pipe = tmp_path / "gateway.toml"
+    os.mkfifo(pipe)
+    program = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from gateway.service.config_process import ConfigProcess\n"
+        "print(ConfigProcess(Path(sys.argv[1]), 50.0)._process.pid, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program, pipe], stdout=subprocess.PIPE, text=True) as gateway:
+        reader = os.pidfd_open(int(gateway.stdout.readline()))
+        gateway.kill()
+    try:
+        assert select.select([reader], [], [], 30.0)[0]
+    finally:
+        os.close(reader)

@@ -72,3 +72,16 @@ async def test_an_event_is_told_once_a_day(monkeypatch: pytest.MonkeyPatch) -> N
     assert [(type(each), each.key) for each in told] == [(CertificateExpires, "certificate")] * 3
     assert loop.time() - began < 51 * 3600
     assert time
+
+
+def test_doctor_says_what_is_not_valid_yet() -> None:
+    made = TlsStore()
+    early = Expiry("certificate", "server.crt", "CN=server", NOW + 400 * 86400, NOW + 3600)
+    made.adopt({Secured("listen remote", "gateway.toml:3", SETTINGS): Loaded(None, (early,), b"")})
+    finding, _ = about_certificates(made, NOW)
+    assert (finding.level, finding.about) == ("fix", "listen remote")
+    assert finding.what == (
+        "server.crt is not valid before 2027-01-15 09:00 UTC, and the clock here says 2027-01-15 08:00 UTC"
+    )
+    assert "set the clock" in finding.remedy
+    assert "gateway.toml:3" in finding.remedy

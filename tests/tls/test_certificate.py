@@ -7,10 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from gateway.tls.certificate import NULL_ROLE, WrongRole, parse_certificate, parse_list
+from gateway.tls.certificate import (
+    LONGEST_SUBJECT,
+    NULL_ROLE,
+    Certificate,
+    RevocationList,
+    WrongRole,
+    parse_certificate,
+    parse_list,
+    shorten,
+)
 from gateway.tls.der import WrongDer
+from gateway.tls.trust import find_untrusted, find_without_list
 from kit import pki
-from kit.pki import NOT_UTF8, TWO_ROLES, WRONG_TEXT, der, signed
+from kit.pki import NOT_UTF8, TWO_ROLES, WRONG_TEXT, der, openssl, signed
 
 DAY = 86_400.0
 
@@ -87,3 +97,25 @@ def test_damage_is_found_or_does_no_harm() -> None:
                 read(cut)
             except (WrongDer, WrongRole):
                 continue
+
+
+def test_names_are_compared_whole_and_shown_cut() -> None:
+    def authority(subject: str, issuer: str) -> Certificate:
+        return Certificate("01", issuer, subject, 0.0, 1.0, ())
+
+    unit = "OU=" + 210 * "x"
+    long, other = f"{unit},CN=hall a", f"{unit},CN=hall b"
+    assert not find_untrusted([authority(long, long)]).said
+    (said,) = find_untrusted([authority(long, other)]).said
+    assert len(said) < 2 * LONGEST_SUBJECT + 100
+    assert not find_without_list([authority(long, long)], [RevocationList(long, 0.0, None)]).said
+    assert find_without_list([authority(long, long)], [RevocationList(other, 0.0, None)]).said
+
+
+def test_the_subject_of_a_certificate_is_whole(tmp_path: Path) -> None:
+    subject = "".join(f"/OU={letter * 60}" for letter in "abcd")
+    new = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2", "-subj", subject)
+    openssl("req", "-x509", *new, "-keyout", tmp_path / "key", "-out", tmp_path / "crt")
+    certificate = parse_certificate(der(tmp_path / "crt"))
+    assert certificate.subject == certificate.issuer == subject[1:].replace("/", ",")
+    assert shorten(certificate.subject) == certificate.subject[: LONGEST_SUBJECT - 3] + "..."

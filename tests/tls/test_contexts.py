@@ -1,6 +1,7 @@
 """Whom a context trusts: the chain of a client's certificate; and what is said of files that trust nobody."""
 
 import os
+import re
 import ssl
 import time
 from dataclasses import replace
@@ -226,3 +227,15 @@ def refusal(server: ssl.SSLContext, certificate: Path, key: Path) -> str:
             except ssl.SSLCertVerificationError as error:
                 return error.verify_message
     return ""
+
+
+@pytest.mark.parametrize("which", ["certificate", "clients_ca", "crl"])
+def test_a_file_that_is_not_valid_yet_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, which: str) -> None:
+    folder = pki()
+    files = {"certificate": "server.crt", "clients_ca": "ca.crt", "crl": "ca.crl"}
+    settings = ServerTls(*(SecretFile(str(folder / name)) for name in ("server.crt", "server.key", "ca.crt", "ca.crl")))
+    assert load(settings).warnings == ()
+    monkeypatch.setattr(time, "time", lambda: 1_600_000_000.0)
+    (said,) = (each for each in load(settings).warnings if files[which] in each)
+    early = rf"{folder / files[which]} is not valid before 20..-..-.. ..:.. UTC"
+    assert re.fullmatch(rf"{early}, and the clock here says 2020-09-13 12:26 UTC", said)

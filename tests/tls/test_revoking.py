@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+from functools import partial
 from pathlib import Path
 from threading import Barrier, Thread
 
@@ -46,16 +47,17 @@ def test_a_command_that_does_not_end_is_not_waited_for_without_end(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = make_client(folder, "hmi")
+    revoke_it = partial(revoke, folder, [file])
     monkeypatch.setattr(workshop, "TURN_WITHIN", 0.1)
     held = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(held, fcntl.LOCK_EX)
-        for command in (lambda: revoke(folder, [file]), lambda: make_client(folder, "new")):
+        for command in (revoke_it, lambda: make_client(folder, "new"), lambda: make_authority(folder, "other")):
             with pytest.raises(TlsError, match="another command is still at work there"):
                 command()
     finally:
         os.close(held)
-    assert revoke(folder, [file])
+    assert revoke_it()
 
 
 @pytest.mark.parametrize("name", ["cost $x", "hall #2", "${HOME}", "back\\slash", "a=b;c'd\"e"])
