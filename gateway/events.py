@@ -422,6 +422,23 @@ class LineLost(Event):
     reason: str
 
 
+class LeaseTaken(Event):
+    """This gateway holds the lease of a line: it opens the port, and sends requests after this silence."""
+
+    line: str
+    lease: str
+    silent_s: float
+
+
+class LeaseLost(Event):
+    """This gateway does not hold the lease of a line any more: it has closed the port, and sends nothing."""
+
+    level = Level.WARNING
+    line: str
+    lease: str
+    reason: str
+
+
 class ConnectionRenewed(Event):
     """A line uses a new connection, because no unit has answered since a request timed out.
 

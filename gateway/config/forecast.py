@@ -17,9 +17,13 @@ from gateway.modbus.functions import (
     Items,
 )
 from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.ports.port import TcpSettings
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import LineTiming
+
+#: A guard is longer than what it guards by so many seconds: what the operating system adds.
+_MARGIN: Final = 0.05
 
 #: Stands for all unknown functions.
 _UNKNOWN_FUNCTION: Final = 65
@@ -55,15 +59,34 @@ def function_limits(
     return tuple(_limits_of(function, profile, budget, answer_time) for function in _functions(profile))
 
 
-def longest_wait(plan: LinePlan, device: DeviceSettings) -> float:
-    """The longest wait for this device: in the queue, for the gap, and for the response."""
+def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True) -> float:
+    """The longest wait for this device: in the queue, for the gap, and for the response; `repeats`: to the last one."""
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
     longest = max(one.request + one.most_items for one in limits)
-    if plan.line.retries:
+    if plan.line.retries and repeats:
         longest = max(
             [longest, *(_add_repeats(one, plan.line, device) for one in limits if _is_repeated(one.function))]
         )
     return plan.line.max_wait + plan.line.silence_before_request + longest
+
+
+def guard(plan: LinePlan) -> float:
+    """Longer than any transaction on the line may take from the moment of its writing, in seconds."""
+    line = plan.line
+    held_back = plan.port.arrives_within if isinstance(plan.port, TcpSettings) else 0.0
+    return max(_longest_transaction(plan), line.turnaround) + held_back + _MARGIN
+
+
+def longest_late_window(plan: LinePlan) -> float:
+    """How long after its limit an answer may still come on the line, in seconds."""
+    limit = _longest_transaction(plan)
+    return max((_late_window(limit, plan.line, device) for device in plan.devices), default=2 * limit)
+
+
+def _longest_transaction(plan: LinePlan) -> float:
+    """From the writing of a request to the end of its limit."""
+    waits = (longest_wait(plan, device, repeats=False) for device in plan.devices)
+    return max(waits, default=plan.line.max_wait) - plan.line.max_wait
 
 
 def least_for_repeat(plan: LinePlan) -> float:

@@ -34,8 +34,21 @@ NETWORK_LATENCY: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
+class LeasePlan:
+    """The lease of a line, for the gateway of this `site`.
+
+    It lasts `ttl` seconds; `fallback` is what its holder does when it cannot reach NATS.
+    """
+
+    name: str
+    site: str
+    ttl: float = 5.0
+    fallback: Literal["release", "hold"] = "release"
+
+
+@dataclass(frozen=True, slots=True)
 class LinePlan:
-    """A client line: its port, its settings, and its devices."""
+    """A client line: its port, its settings, and its devices. With a `lease` gateways ask there in turn."""
 
     port: PortSettings
     line: LineSettings
@@ -44,6 +57,7 @@ class LinePlan:
     passes_through: bool = False
     #: Units that only the listeners for this line lead to.
     own_units: frozenset[int] = frozenset()
+    lease: LeasePlan | None = None
 
     @property
     def latency(self) -> float:

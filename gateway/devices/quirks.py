@@ -166,8 +166,9 @@ class MovableDevice(Device):
         addresses.place(self.name, self.unit)
 
     def begin_at(self, unit: int) -> None:
-        """The device changed its address to `unit` in an earlier run."""
+        """The device has its address changed to `unit`, in an earlier run or by another gateway."""
         self.unit = self._known_at = unit
+        self._maybe_at = []
         self._addresses.place(self.name, unit)
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:

@@ -93,18 +93,16 @@ class Entry(NamedTuple):
         """A stored entry. One that cannot be read is somebody's who lives for `ttl`."""
         try:
             entry = cls(**json.loads(value))
-            is_sound = (
-                isinstance(entry.holder, str)
-                and isinstance(entry.instance, str)
-                and isinstance(entry.beat, int)
-                and 0 < entry.ttl <= _LONGEST
-                and isinstance(entry.is_released, bool)
-                and 0 <= entry.silent <= _LONGEST
-                and isinstance(entry.state, dict)
-            )
+            return entry if _is_sound(entry) else cls("?", "", 0, ttl)
         except (ValueError, TypeError):
-            is_sound = False
-        return entry if is_sound else cls("?", "", 0, ttl)
+            return cls("?", "", 0, ttl)
+
+
+def _is_sound(entry: Any) -> bool:
+    """Whether all that was read is what it should be. Raises TypeError too if it is not."""
+    texts = isinstance(entry.holder, str) and isinstance(entry.instance, str)
+    others = isinstance(entry.beat, int) and isinstance(entry.is_released, bool) and isinstance(entry.state, dict)
+    return texts and others and 0 < entry.ttl <= _LONGEST and 0 <= entry.silent <= _LONGEST
 
 
 class Read(NamedTuple):
@@ -125,7 +123,8 @@ class Lease:
     """One lease, for the process `instance` of the gateway `holder`.
 
     `until` is when writing to the line must have stopped, and `silent_until` when it may begin; both by CLOCK_BOOTTIME.
-    `inherited` is what the holder before has left. `state` is what the next one is left; the caller sets it.
+    `inherited` is what another holder has left; None if there was no other since we held it. `state` is what the next
+    one is left. The caller sets both: `inherited` to None once it has taken that over.
     """
 
     def __init__(self, settings: LeaseSettings, holder: str, instance: str) -> None:
@@ -134,7 +133,7 @@ class Lease:
         self.until = -inf
         self.silent_until = -inf
         self.state: State = {}
-        self.inherited: State = {}
+        self.inherited: State | None = None
         #: Why it is not held, or since when the store cannot be reached though it is.
         self.reason = "not asked for yet"
         self._holder = holder
@@ -157,6 +156,8 @@ class Lease:
         #: When the store answered last, if no question has failed since.
         self._looked_at = -inf
         self._claims_from = -inf
+        #: Whether what is claimed was somebody else's since we held it.
+        self._inherits = False
         #: How long the line must be silent when the lease is taken: since the last entry that was not ours.
         self._silence = settings.late
         #: Whether the store must be told that the lease is free.
@@ -183,7 +184,7 @@ class Lease:
             is_due = now >= self._asks_at or self.state != self._written
             return self._write(now, self.state) if is_due else None
         if self._may_claim(now):
-            return self._write(now, {} if self._entry is None else self._entry.state)
+            return self._claim(now)
         return Read() if now >= self._asks_at else None
 
     def deadline(self) -> float:
@@ -252,11 +253,18 @@ class Lease:
             self.until = self._counts_from = inf
 
     def heard_asker(self, now: float) -> None:
-        """Somebody else asks on the line. Nothing is written any more, nor asked for as long as a lease lasts."""
+        """Somebody else asks on the line. Nothing is written any more, and the lease not claimed while one lasts."""
         if self.is_held:
             self._drop("another asker was heard on the line")
             self._give_back(self.settings.guard + self.settings.late)
-        self._claims_from = now + self.settings.ttl
+            self._claims_from = now + self.settings.ttl
+
+    def give_way(self, now: float, reason: str) -> None:
+        """The line cannot be used from here: others have time to take the lease, then it is claimed again."""
+        if self.is_held:
+            self._drop(reason)
+            self._give_back(self.settings.guard + self.settings.late)
+            self._claims_from = now + 3 * LOOKS * self.settings.ttl
 
     def release(self, silent: float, state: State) -> None:
         """Give the lease back: nothing is on the line for longer than `silent` seconds. It is asked for no more."""
@@ -298,6 +306,12 @@ class Lease:
             self._longest_ttl = max(self._longest_ttl, entry.ttl)
             if not self._is_ours(entry):
                 self._silence = entry.silent if entry.is_released else self.settings.late
+
+    def _claim(self, now: float) -> Write:
+        """What others have left is kept for whoever takes it after us."""
+        entry = self._entry
+        self._inherits |= entry is not None and not self._is_ours(entry)
+        return self._write(now, entry.state if self._inherits and entry is not None else self.state)
 
     def _write(self, now: float, state: State) -> Write:
         self._beat += 1
@@ -349,7 +363,9 @@ class Lease:
 
     def _take(self, entry: Entry, now: float) -> None:
         self.is_held = True
-        self.inherited = self.state = entry.state
+        if self._inherits:
+            self._inherits = False
+            self.inherited = self.state = entry.state
         self.silent_until = max(self.silent_until, now + self._silence)
         self._silence = 0.0
 

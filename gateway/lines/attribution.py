@@ -61,6 +61,8 @@ class Attribution:
         self.foreign: dict[int, deque[ForeignRequest]] = {}
         self.doubts: list[ForeignRequest] = []
         self.overheard = Overheard()
+        #: Called when another client's request was heard.
+        self.heard_asker: Callable[[], None] | None = None
         #: Where our last request ended; NEVER while it is on the line.
         self.ended_at: int
         #: Of how many requests in a row a copy was received besides the response.
@@ -205,6 +207,8 @@ class Attribution:
         self.overheard.requests += not is_copy
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
+        if self.heard_asker is not None:
+            self.heard_asker()
         return True
 
     def _count_stray_response(self, token: Token) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from functools import partial
+from typing import Protocol
 
 from gateway.errors import PortError
 from gateway.events import ConnectionRenewed, Emit
@@ -14,17 +15,35 @@ from gateway.ports.port import CharacterErrors, Port
 from gateway.ports.wire import Wire, settled
 
 
+class Permission(Protocol):
+    """Leave to write to a line that others ask on too, in turn."""
+
+    def permits(self) -> bool:
+        """Whether a request may be written now."""
+
+    def silence(self) -> float:
+        """How long nothing may be written from now on, in seconds: late answers to others may come."""
+
+    def heard_asker(self) -> None:
+        """Somebody else has asked on the line."""
+
+
 class LineDriver:
     """Passes bytes, time and requests to `line`. It is the PortOwner of the line's port.
 
     `rate_changed` is called with a new rate of the line, at which the port is opened from then on. `wire` is `auto`
-    until the port has been open.
+    until the port has been open. With a `permission` nothing is written without leave.
 
     An unexpected error is logged here, all requests of the line fail, and the port is closed and reopened.
     """
 
     def __init__(
-        self, line: Line, loop: asyncio.AbstractEventLoop, emit: Emit, rate_changed: Callable[[int], None]
+        self,
+        line: Line,
+        loop: asyncio.AbstractEventLoop,
+        emit: Emit,
+        rate_changed: Callable[[int], None],
+        permission: Permission | None = None,
     ) -> None:
         self.line = line
         self.wire: Wire = line.settings.wire
@@ -33,6 +52,9 @@ class LineDriver:
         self._time = loop.time
         self._read_at: float | None = None
         name = f"line {line.settings.name}"
+        self._permission = permission
+        if permission is not None:
+            line.share(permission.permits, permission.heard_asker)
         self._boundary = ErrorBoundary(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
 
     def submit(self, transaction: Transaction, now: float) -> None:
@@ -50,7 +72,12 @@ class LineDriver:
         self._boundary.port = port
         self.wire = settled(self.line.settings.wire, virtual=port.virtual)
         port_up = partial(self.line.port_up, virtual=self.wire == "direct", has_arrived=port.has_arrived)
-        self._boundary.run(port_up, port.write, port.latency, self._time())
+        permission = self._permission
+        if permission is None:
+            self._boundary.run(port_up, port.write, port.latency, self._time())
+        else:
+            self._boundary.run(port_up, partial(_write_with, permission, port), port.latency, self._time())
+            self._boundary.run(self.line.be_silent, self._time() + permission.silence())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """These bytes were received."""
@@ -138,3 +165,11 @@ class LineDriver:
     def _down(self) -> None:
         self._read_at = None
         self.line.port_down(self._time())
+
+
+def _write_with(permission: Permission, port: Port, data: bytes) -> None:
+    """The last look before a write: nothing comes between this and the system call."""
+    if permission.permits():
+        port.write(data)
+    else:
+        port.close()

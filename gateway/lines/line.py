@@ -57,6 +57,8 @@ RENEWAL: Final = 1.0
 
 #: Sends bytes.
 Write = Callable[[bytes], None]
+#: Whether bytes may be sent now.
+Permits = Callable[[], bool]
 #: Called with each transaction that was on the line, its response or None, and the time.
 Observer = Callable[[Transaction, Frame | None, float], None]
 #: See the table above.
@@ -79,6 +81,7 @@ class Line:
         self._receiver = Receiver(settings, self._windows, echo, self._report, recorder)
         self._scheduler = Scheduler(settings, self._windows, echo, self._report, recorder)
         self._write: Write | None = None
+        self._permits: Permits | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
         self._state: State = "down"
@@ -114,6 +117,15 @@ class Line:
             return self.spent.phases()
         ends_at = min(current.ends_at, now)
         return self.spent.phases(ends_at - current.sent_at, now - ends_at)
+
+    def share(self, permits: Permits, heard_asker: Callable[[], None]) -> None:
+        """Others ask here in turn: nothing is sent without a look at `permits`. `heard_asker` is called if one asks."""
+        self._permits = permits
+        self._receiver.attribution.heard_asker = heard_asker
+
+    def be_silent(self, until: float) -> None:
+        """Send nothing before then."""
+        self._quiet_at = max(self._quiet_at, until)
 
     def port_up(
         self, write: Write, latency: float, now: float, *, virtual: bool = True, has_arrived: HasArrived | None = None
@@ -318,6 +330,9 @@ class Line:
         return self._scheduler.rejection(transaction, now) if transaction.is_wanted else errors.Unwanted()
 
     def _send(self, transaction: Transaction, write: Write, now: float) -> None:
+        if self._permits is not None and not self._permits():
+            self._withhold(transaction, now)
+            return
         self._current, self._state = transaction, "awaiting"
         try:
             transaction.start(self._budget, now)
@@ -332,6 +347,13 @@ class Line:
             write(self._receiver.begin(transaction, now))
         else:
             self._send_unanswered(transaction, write, now)
+
+    def _withhold(self, transaction: Transaction, now: float) -> None:
+        """Another one may ask on the line now. Repeats were sent before."""
+        if transaction is self._current:
+            self._finish(transaction, errors.LineLost(), now)
+        else:
+            self._fail_waiting([transaction], now)
 
     def _send_unanswered(self, transaction: Transaction, write: Write, now: float) -> None:
         """Send a request without a response, and give the devices time to act."""

@@ -107,6 +107,7 @@ class TcpSettings:
     """The settings of a connection to a device server, or to another Modbus TCP server. `port` is its name in messages.
 
     `latency` is what network and server may add to a response, in seconds. `tls` secures the connection.
+    What is written arrives within `arrives_within` seconds, or never: then the connection ends.
     """
 
     port: str
@@ -114,6 +115,7 @@ class TcpSettings:
     number: int
     latency: float = 0.0
     tls: ClientTls | None = None
+    arrives_within: float = 20.0
 
 
 @dataclass(frozen=True, slots=True)

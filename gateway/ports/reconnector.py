@@ -83,6 +83,11 @@ class Reconnector:
         self.error = None
         self.tried.clear()
 
+    def withheld(self, error: PortError) -> None:
+        """While `run` is not called: the port is closed on purpose. Nothing is logged."""
+        self.error = error
+        self.tried.set()
+
     def failed(self, error: PortError) -> None:
         """The port could not be opened. Each reason is logged once until the port is open again."""
         self.error = error

@@ -31,9 +31,8 @@ READ_SIZE: Final = 4096
 WRITE_BOUND: Final = 16 * 1024
 #: How long a closed port may go on sending them, in seconds.
 FLUSHING_DEADLINE: Final = 1.0
-#: A vanished server is detected within half a minute. Seconds, seconds, probes; milliseconds while data is sent.
+#: A vanished server is detected within half a minute. Seconds, seconds, probes; while data is sent: `arrives_within`.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
-USER_TIMEOUT: Final = 20_000
 
 _NOT_SECURED: Final = "{port}: TLS failed: {reason}"
 _NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
@@ -220,7 +219,7 @@ async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSL
     sock = socket.socket(family, kind, protocol)
     try:
         sock.setblocking(False)
-        _set_options(sock)
+        _set_options(sock, settings)
         loop = asyncio.get_running_loop()
         await loop.sock_connect(sock, where)
         if settings.tls is None or context is None:
@@ -240,11 +239,15 @@ async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSL
     return port
 
 
-def _set_options(sock: socket.socket) -> None:
+def _set_options(sock: socket.socket, settings: TcpSettings) -> None:
     """Send at once, and detect a server that vanishes."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     notice_vanished_peers(
-        sock, idle=KEEPALIVE_IDLE, interval=KEEPALIVE_INTERVAL, probes=KEEPALIVE_PROBES, user_timeout=USER_TIMEOUT
+        sock,
+        idle=KEEPALIVE_IDLE,
+        interval=KEEPALIVE_INTERVAL,
+        probes=KEEPALIVE_PROBES,
+        user_timeout=round(1000 * settings.arrives_within),
     )
 
 

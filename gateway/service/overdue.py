@@ -10,7 +10,7 @@ which is as long or longer. If the clock has already passed it, it is no longer 
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -47,8 +47,7 @@ class LeftBehind:
         entry = self._entries.get(place)
         if entry is None:
             return []
-        later = -entry["at"] if entry["at"] > now else 0.0
-        return [each for answer in entry["answers"] if (each := _overdue(answer, later)).ends_at > now]
+        return read_entry(entry, now, -entry["at"] if entry["at"] > now else 0.0)
 
     def leave(self, place: str, answers: Sequence[Overdue], now: float) -> None:
         """A line has stopped there, and only these responses are overdue.
@@ -62,8 +61,7 @@ class LeftBehind:
                 del self._entries[there]
                 self._write(there, None)
         if answers:
-            written = [each._asdict() | {"pdu": each.pdu.hex(" ")} for each in answers]
-            self._entries[place] = {"at": now, "answers": written}
+            self._entries[place] = as_entry(answers, now)
             self._write(place, self._entries[place])
 
     def close(self) -> None:
@@ -74,6 +72,16 @@ class LeftBehind:
     def _write(self, place: str, entry: Entry | None) -> None:
         if self._file is not None:
             self._file.change(place, entry)
+
+
+def as_entry(answers: Iterable[Overdue], now: float) -> Entry:
+    """As it is written."""
+    return {"at": now, "answers": [each._asdict() | {"pdu": each.pdu.hex(" ")} for each in answers]}
+
+
+def read_entry(entry: Entry, now: float, later: float) -> list[Overdue]:
+    """The responses that may still arrive; their times are so many seconds later by this clock."""
+    return [each for answer in entry["answers"] if (each := _overdue(answer, later)).ends_at > now]
 
 
 def place_of(port: PortSettings | SiteSettings) -> str:

@@ -4,6 +4,8 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from gateway.config.forecast import longest_wait, longest_wait_behind
 from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
@@ -27,15 +29,26 @@ from gateway.trace.ring import Ring
 from gateway.upstreams.driver import UpstreamDriver
 from gateway.upstreams.upstream import Upstream
 
+if TYPE_CHECKING:
+    from gateway.fleet.standby import Standby
+    from gateway.service.shared_line import Buckets
+
 
 class GatewayLine:
     """A client line with its parts. Keys of devices and longest waits are the units for clients.
 
-    `opener` opens ports.
+    `opener` opens ports. `buckets` is where its lease is kept, if the plan names one.
     """
 
     def __init__(
-        self, plan: LinePlan, loop: asyncio.AbstractEventLoop, opener: Opener, memory: Memory, emit: Emit, ring: Ring
+        self,
+        plan: LinePlan,
+        loop: asyncio.AbstractEventLoop,
+        opener: Opener,
+        memory: Memory,
+        emit: Emit,
+        ring: Ring,
+        buckets: "Buckets | None" = None,
     ) -> None:
         self.plan = plan
         #: Whether a scan goes on.
@@ -51,7 +64,9 @@ class GatewayLine:
         self.opener = opener
         self._port = _RememberedPort(plan, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
-        self.driver = LineDriver(Line(settings, emit, ring), loop, emit, self._port.rate_changed)
+        #: Whether it may ask, if others ask there too.
+        self.standby = None if plan.lease is None or buckets is None else self._standby(plan, buckets)
+        self.driver = LineDriver(Line(settings, emit, ring), loop, emit, self._port.rate_changed, self.standby)
         self.reconnector = Reconnector(
             name, plan.port.port, self._port.open, self.driver, kept_in(ring, loop.time, emit)
         )
@@ -67,10 +82,18 @@ class GatewayLine:
         if isinstance(port, SerialSettings):
             port = replace(port, baud=baud, format=format_)
         line = replace(plan.line, timing=replace(plan.line.timing, baud=baud, format=format_))
-        plan = replace(plan, port=port, line=line, devices=(), passes_through=False)
+        plan = replace(plan, port=port, line=line, devices=(), passes_through=False, lease=None)
         there = GatewayLine(plan, self._loop, self.opener, Memory(), discard_event, Ring())
         there._least_patience = self.patience
         return there
+
+    async def run(self) -> None:
+        """Keep the port open until cancelled, as long as the line may ask."""
+        await (self.reconnector.run() if self.standby is None else self.standby.run())
+
+    def now(self) -> float:
+        """The time by which the line counts."""
+        return self._loop.time()
 
     def means(self, plan: LinePlan) -> bool:
         """Whether `plan` is for the same line. The passed-through units may differ."""
@@ -115,6 +138,13 @@ class GatewayLine:
             devices[each.known_as].source = each.source
             if each.known_as not in self.longest_wait:
                 self.longest_wait[each.known_as] = longest_wait(plan, each)
+
+    def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
+        """What it takes is loaded only with a lease."""
+        standby: Standby = import_module("gateway.service.shared_line").standby_for(
+            self, plan, self._memory, buckets, self._emit
+        )
+        return standby
 
     def _device(self, settings: DeviceSettings, address: int) -> Device:
         if settings.unit == BROADCAST_UNIT:

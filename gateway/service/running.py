@@ -126,8 +126,12 @@ class Running:
         has the port afterwards knows which of their responses may still come (docs/adr/0005-late-answers.md).
 
         Raises:
-            WrongQuestion: it is lent already.
+            WrongQuestion: it is lent already, or has a lease.
         """
+        if line.standby is not None:
+            raise WrongQuestion(
+                f"the port of {line.name} cannot be lent: others may ask there (lease {line.standby.name})"
+            )
         if line in self._lent:
             raise WrongQuestion(f"the port of {line.name} is lent already: {line.reconnector.error}")
         self._lent.add(line)
@@ -287,7 +291,7 @@ async def _keep(part: Part, emit: events.Emit) -> None:
     reconnector: Reconnector = part.reconnector
     while True:
         try:
-            await reconnector.run()
+            await (part.run() if isinstance(part, GatewayLine) else reconnector.run())
         except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: others go on
             emit(events.PartFailed.of(f"line {part.name}", error))
             reconnector.failed(PortError(f"a defect in the gateway: {error!r}"))

@@ -79,26 +79,8 @@ class World:
         if self.value is not None:
             yield "wipe 0"
         for number, one in enumerate(self.gateways):
-            if one is None:
-                yield f"start {number}"
-                continue
-            yield f"kill {number}"
-            yield f"{'go on' if one.is_stopped else 'stop'} {number}"
-            if one.stray:
-                yield f"stray {number}"
-            if one.asked is not None and one.answer is None and not one.is_cut:
-                yield f"serve {number}"
-            if one.is_stopped:
-                continue
-            if one.answer is not None:
-                yield f"answer {number}"
-            if one.asked is not None:
-                yield f"lose {number}"
-            else:
-                yield f"ask {number}"
-            if one.lease.is_held:
-                yield f"hear {number}"
-                yield f"release {number}"
+            for what in ("start",) if one is None else _happenings(one):
+                yield f"{what} {number}"
 
     def do(self, happening: str) -> None:
         """Let it happen."""
@@ -236,6 +218,22 @@ class World:
         one = self._one(number)
         one.lease.release(0.0, {})
         one.owes = 0.0
+
+
+def _happenings(one: Gateway) -> Iterator[str]:
+    yield "kill"
+    yield "go on" if one.is_stopped else "stop"
+    if one.stray:
+        yield "stray"
+    if one.asked is not None and one.answer is None and not one.is_cut:
+        yield "serve"
+    if not one.is_stopped:
+        if one.answer is not None:
+            yield "answer"
+        yield "ask" if one.asked is None else "lose"
+        if one.lease.is_held:
+            yield "hear"
+            yield "release"
 
 
 def _copied(one: Gateway) -> Gateway:

@@ -3,6 +3,7 @@
 import random
 
 import pytest
+
 from fleet.lease_world import World
 
 #: How often each thing happens on a random walk, beside 1.

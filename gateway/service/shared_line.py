@@ -1,0 +1,113 @@
+"""A line on which gateways ask in turn: what one leaves to the next."""
+
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from functools import partial
+from math import inf
+from socket import gethostname
+from typing import TYPE_CHECKING, Any
+
+from gateway.config.forecast import guard, longest_late_window
+from gateway.config.plan import LinePlan
+from gateway.devices.quirks import BAUD_RATES, MovableDevice
+from gateway.errors import PortError
+from gateway.events import Emit
+from gateway.fleet.lease import LeaseSettings
+from gateway.fleet.standby import BUCKET, Bucket, Standby
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.ports.port import TcpSettings
+from gateway.service import remembered
+from gateway.service.overdue import as_entry, is_entry, read_entry
+from gateway.service.state import Memory
+
+if TYPE_CHECKING:
+    from gateway.service.parts import GatewayLine
+
+#: The bucket of a name. Raises FleetError if NATS cannot be reached.
+Buckets = Callable[[str], Awaitable[Bucket]]
+
+
+def standby_for(line: "GatewayLine", plan: LinePlan, memory: Memory, buckets: Buckets, emit: Emit) -> Standby:
+    """Who keeps the port of `line` open while it holds the lease of its plan."""
+    lease = plan.lease
+    assert lease is not None  # noqa: S101 - for lines with a lease
+    settings = LeaseSettings(lease.name, lease.ttl, guard(plan), longest_late_window(plan), lease.fallback)
+    holder = f"{lease.site} at {gethostname()}"
+    return Standby(line.name, settings, holder, partial(buckets, BUCKET), SharedPort(line, memory), emit)
+
+
+class SharedPort:
+    """The port and the state of `line`, as its Standby sees them."""
+
+    def __init__(self, line: "GatewayLine", memory: Memory) -> None:
+        self._line = line
+        self._memory = memory
+
+    @property
+    def is_usable(self) -> bool:
+        """See SharedLine."""
+        return self._line.reconnector.error is None
+
+    async def keep_open(self) -> None:
+        """See SharedLine."""
+        self._line.reconnector.begin_anew()
+        await self._line.reconnector.run()
+
+    def withhold(self, reason: PortError) -> None:
+        """See SharedLine."""
+        self._line.reconnector.withheld(reason)
+
+    def state(self) -> dict[str, Any]:
+        """Which devices have moved, and the rate if it was changed, each with what the config says."""
+        plan = self._line.plan
+        moved = remembered.addresses(plan, self._memory)
+        rate, configured = remembered.rate(plan, self._memory), plan.line.timing.baud
+        addresses = {each.name: [each.unit, moved[each.name]] for each in plan.devices if moved[each.name] != each.unit}
+        state: dict[str, Any] = {"addresses": addresses} if addresses else {}
+        return state | ({"rate": [configured, rate]} if rate != configured else {})
+
+    def leave(self) -> dict[str, Any]:
+        """With the late answers, whose times count from now on."""
+        now = self._line.now()
+        late = [each._replace(ends_at=each.ends_at - now) for each in self._line.overdue(now)]
+        return self.state() | ({"late": as_entry(late, 0.0)} if late else {})
+
+    def adopt(self, state: Mapping[str, Any]) -> None:
+        """What does not fit this gateway's config is not taken."""
+        self._adopt_addresses(dict(_changes(state.get("addresses"))))
+        self._adopt_rate(_change(state.get("rate")))
+        late = state.get("late")
+        if late is not None and is_entry(late):
+            self._line.driver.line.await_overdue(read_entry(late, -inf, self._line.now()))
+
+    def _adopt_addresses(self, moved: Mapping[str, tuple[int, int]]) -> None:
+        line, plan = self._line, self._line.plan
+        for each in plan.devices:
+            configured, unit = moved.get(each.name, (each.unit, each.unit))
+            if configured == each.unit and FIRST_UNIT <= unit <= LAST_UNIT:
+                self._memory.remember(remembered.address_key(plan, each), each.unit, unit)
+        addresses = remembered.addresses(plan, self._memory)
+        for each in plan.devices:
+            device = line.devices[each.known_as]
+            if isinstance(device, MovableDevice):
+                device.begin_at(addresses[each.name])
+
+    def _adopt_rate(self, change: tuple[int, int] | None) -> None:
+        plan = self._line.plan
+        configured = plan.line.timing.baud
+        rate = change[1] if change is not None and change[0] == configured and change[1] in BAUD_RATES else configured
+        if not isinstance(plan.port, TcpSettings) and rate != remembered.rate(plan, self._memory):
+            self._line.driver.change_rate(rate)
+
+
+def _changes(value: object) -> Iterator[tuple[str, tuple[int, int]]]:
+    for name, pair in value.items() if isinstance(value, dict) else ():
+        change = _change(pair)
+        if isinstance(name, str) and change is not None:
+            yield name, change
+
+
+def _change(pair: object) -> tuple[int, int] | None:
+    """What the config of the holder before said, and what is so."""
+    if isinstance(pair, list) and len(pair) == 2 and all(isinstance(each, int) for each in pair):
+        return pair[0], pair[1]
+    return None
