@@ -10,6 +10,7 @@ from gateway.config.character_format import fits_mode
 from gateway.config.check_access import check_access
 from gateway.config.check_fleet import check_fleet
 from gateway.config.check_images import check_addresses, check_images
+from gateway.config.check_lease import check_lease
 from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_load import check_load
 from gateway.config.check_mqtt import check_mqtt, check_published
@@ -67,6 +68,7 @@ def check(
         yield from check_repeats(config)
         yield from check_published(config)
         yield from check_load(config)
+        yield from check_lease(config)
 
 
 def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
@@ -117,6 +119,7 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
             yield error((*listener.path, "name"), what)
     for called in (listeners, kept_open):
         yield from _find_repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
+    yield from _find_repeated("lease", ((line.lease, line) for line in config.line if line.lease is not None))
     yield from _find_repeated("name", ((image.label, image) for image in config.image))
     yield from _find_repeated("name", (*_generate_names(config).items(), *_list_names(config)))
 

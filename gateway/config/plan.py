@@ -31,6 +31,9 @@ DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=
 ASSUMED_LATENCY: Final = 0.005
 #: The latency of a device server and the network.
 NETWORK_LATENCY: Final = 0.1
+#: How long what was written may be under way to a device server that others use too, in seconds. TCP repeats what is
+#: lost after a fifth of a second, and again.
+SHARED_ARRIVES_WITHIN: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,9 @@ from gateway.config.fleet import Site
 from gateway.config.plan import (
     DEFAULT_LISTENER,
     NETWORK_LATENCY,
+    SHARED_ARRIVES_WITHIN,
     FleetPlan,
+    LeasePlan,
     LinePlan,
     LogSettings,
     Plan,
@@ -185,7 +187,15 @@ def _line(line: Line, profiles: dict[str, Profile], config: Config) -> LinePlan:
     passing = passing_units(config)
     own = _own_units(line, config, passing)
     devices = tuple(_devices(line, profiles, sorted({*passing, *own})))
-    return LinePlan(_port(line, timing), _line_settings(line, timing, devices), devices, line.devices is None, own)
+    settings, lease = _line_settings(line, timing, devices), _lease(line, config)
+    return LinePlan(_port(line, timing), settings, devices, line.devices is None, own, lease)
+
+
+def _lease(line: Line, config: Config) -> LeasePlan | None:
+    fleet = config.fleet
+    return (
+        None if line.lease is None or fleet is None else LeasePlan(line.lease, config.site, fleet.lease, fleet.fallback)
+    )
 
 
 def _own_units(line: Line, config: Config, passing: list[int]) -> frozenset[int]:
@@ -198,7 +208,8 @@ def _own_units(line: Line, config: Config, passing: list[int]) -> frozenset[int]
 
 def _port(line: Line, timing: LineTiming) -> PortSettings:
     if isinstance(line.port, Address):
-        return _server(line.port, NETWORK_LATENCY if line.latency is None else line.latency)
+        server = _server(line.port, NETWORK_LATENCY if line.latency is None else line.latency)
+        return server if line.lease is None else replace(server, arrives_within=SHARED_ARRIVES_WITHIN)
     return SerialSettings(line.port, line.baud, timing.format, line.rs485, line.latency)
 
 

@@ -346,8 +346,8 @@ class Line(Table):
     broadcast: bool = Field(True, description="Whether broadcasts go to this line too.")
     lease: LeaseName | None = Field(
         None,
-        description="The name of a lease: of all gateways of the `site` whose lines have it, one opens its port and "
-        "sends requests. See [fleet](fleet.md).",
+        description="The name of a lease: of all gateways whose lines have it, one opens its port and sends requests. "
+        "See [fleet](fleet.md).",
     )
     devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
         None,

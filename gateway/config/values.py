@@ -82,8 +82,8 @@ def parse_lease_name(value: object) -> str:
     """
     if not isinstance(value, str):
         raise NotText
-    if not is_site(value):
-        raise WrongValue(f'"{value}" is not the name of a lease', SITE_RULE)
+    if not all(map(is_site, value.split("."))):
+        raise WrongValue(f'"{value}" is not the name of a lease', f"{SITE_RULE} between two dots")
     return value
 
 

@@ -28,11 +28,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any, Final, Literal, NamedTuple
 
-#: Shares of the time to live. How long the holder may count on a renewal, guard included; how long the others wait
-#: after the latest one they have seen; how often they look. In sum nobody waits longer than the time to live.
-HOLDS: Final = 0.75
-WAITS: Final = 0.9
-LOOKS: Final = 0.1
+from gateway.timing.lease_time import HOLDS, LOOKS, WAITS
+
 #: The holder renews so many times in the time in which it may write.
 _RENEWALS: Final = 3
 #: So many writes without a known result are remembered.

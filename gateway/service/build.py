@@ -131,7 +131,9 @@ def build(
     """
     old, ring, contexts = _Old(running), running.ring if running else Ring(), contexts or TlsStore()
     fleet = running.fleet if running else Fleet(emit, contexts)
-    lines = tuple(old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring) for one in plan.lines)
+    lines = tuple(
+        old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring, fleet.bucket) for one in plan.lines
+    )
     upstreams = tuple(
         old.upstream(one) or GatewayUpstream(one, loop, _way_to(one, opener, fleet), emit, ring)
         for one in plan.upstreams

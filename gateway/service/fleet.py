@@ -15,6 +15,7 @@ from gateway.tls.contexts import load
 from gateway.tls.store import TlsStore
 
 if TYPE_CHECKING:
+    from gateway.fleet.connection import Bucket
     from gateway.fleet.link import Link, Member
 
 
@@ -51,6 +52,17 @@ class Fleet:
             raise PortError(f"fleet://{site}: {self.reason or 'NATS cannot be reached'}")
 
         return open_port
+
+    async def bucket(self, name: str) -> "Bucket":
+        """A bucket of the key-value store.
+
+        Raises:
+            FleetError: NATS cannot be reached, or it has none.
+        """
+        link = self.link
+        if link is None or link.connection is None:
+            raise FleetError(f"NATS cannot be reached: {self.reason if link is None else link.reason}")
+        return await link.connection.bucket(name)
 
     async def adopt(self, plan: FleetPlan | None) -> None:
         """Connect as the plan says. Without a change the connection is kept."""
