@@ -12,7 +12,7 @@ from gateway.plant.client import STEP_TIME, VERSIONS, BrokerSettings, Version
 from gateway.plant.connection import Connection
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
-from gateway.plant.reasons import WrongVersionError
+from gateway.plant.reasons import SubscriptionRefusedError, WrongVersionError
 from gateway.ports.threads import ThreadPerCall
 
 #: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
@@ -58,8 +58,13 @@ class Broker:
         self._leaves_with_will = leaves_with_will
         self._pause = FIRST_PAUSE
         self._is_stopping = False
+        self._last: Sequence[Message] = ()
+        #: Whether everything was published at the stop, the last messages too.
+        self.has_left = False
         self._told = ""
         self._has_told_refusal = False
+        #: The topic that tells whether the gateway is there, and why the broker does not take that.
+        self._status = self._refusal = ""
 
     async def run(self) -> None:
         """Connect, publish, connect again, until `stop`."""
@@ -78,9 +83,10 @@ class Broker:
                 await asyncio.sleep(self._pause * random.uniform(0.8, 1.2))  # noqa: S311 - no secret
                 self._pause = min(2 * self._pause, LONGEST_PAUSE)
 
-    def stop(self) -> None:
-        """Say good-bye and end."""
+    def stop(self, last: Sequence[Message] = ()) -> None:
+        """Publish the `last` messages, say good-bye and end."""
         self._is_stopping = True
+        self._last = last
         self._driver.wake.set()
 
     async def _serve(self) -> None:
@@ -93,12 +99,13 @@ class Broker:
         driver, publisher, form = self._driver, self._driver.publisher, self._driver.publisher.form
         loop = asyncio.get_running_loop()
         settings = await loop.run_in_executor(ThreadPerCall("read password"), self._settings)
-        self._has_told_refusal = False
         self.attempts += 1
+        will = publisher.will(driver.now())
+        self._status, self._refusal = will.topic, ""
         connection = Connection(
             settings,
             self.version,
-            publisher.will(driver.now()),
+            will,
             deliver=driver.received,
             confirmed=self._has_confirmed,
             unix=self._unix,
@@ -108,18 +115,25 @@ class Broker:
             await connection.open()
             await connection.subscribe(form.early_subscriptions())
             publisher.connected(driver.now())
-            await self._until(connection, lambda: publisher.is_born)
+            await self._until(connection, lambda: publisher.is_born or self._is_stopping)
             await self._publish(connection, lambda: publisher.has_birth)
-            await self._until(connection, lambda: connection.in_flight == 0)
-            await connection.subscribe(form.late_subscriptions())
+            await self._until(connection, lambda: connection.in_flight == 0 or self._is_stopping)
+            await self._take_commands(connection, form.late_subscriptions())
             self._up()
             while not (self._is_stopping or publisher.must_leave):
                 await self._publish(connection, lambda: True)
                 await self._wait(connection)
-            await self._leave(connection, publisher.ended(driver.now()))
+            await self._leave(connection, (*self._last, *publisher.ended(driver.now())))
         finally:
             publisher.disconnected()
             connection.close()
+
+    async def _take_commands(self, connection: Connection, topics: Sequence[str]) -> None:
+        """Subscribe to what writes. Values are published also if the broker refuses that."""
+        try:
+            await connection.subscribe(topics)
+        except SubscriptionRefusedError as refusal:
+            self._tell_refusal(str(refusal))
 
     async def _publish(self, connection: Connection, goes_on: Callable[[], bool]) -> None:
         """Publish what there is, as long as it `goes_on`."""
@@ -142,7 +156,7 @@ class Broker:
             self._raise_if_lost(connection)
 
     async def _until(self, connection: Connection, is_so: Callable[[], bool]) -> None:
-        while not is_so() and not self._is_stopping:
+        while not is_so():
             await self._wait(connection)
 
     async def _wait(self, connection: Connection) -> None:
@@ -162,15 +176,18 @@ class Broker:
     def _raise_if_lost(self, connection: Connection) -> None:
         if connection.lost.done():
             raise BrokerError(connection.lost.result())
+        if self._refusal:
+            raise BrokerError(self._refusal)
 
     async def _leave(self, connection: Connection, messages: Sequence[Message]) -> None:
         """Publish the last messages, and log out."""
         try:
             async with asyncio.timeout(FAREWELL):
                 for message in messages:
+                    await self._until(connection, lambda: connection.in_flight < connection.most_in_flight)
                     connection.publish(message)
-                while connection.in_flight:
-                    await self._wait(connection)
+                await self._until(connection, lambda: connection.in_flight == 0)
+                self.has_left = True
                 connection.end(with_will=self._leaves_with_will)
                 await asyncio.shield(connection.lost)
         except TimeoutError:
@@ -180,17 +197,23 @@ class Broker:
             self.reason = "it is to be connected anew"
             self._note_down()
 
-    def _has_confirmed(self, message: Message | None, refusal: str) -> None:
-        if refusal:
-            self.refused += 1
-            if message is not None:
-                self._driver.publisher.refused(message)
-            if not self._has_told_refusal:
-                self._has_told_refusal = True
-                self._emit(BrokerRefused(self.name, refusal))
-        else:
+    def _has_confirmed(self, message: Message | None, refusal: str, is_passing: bool) -> None:  # noqa: FBT001 - a callback
+        if message is None or not refusal:
             self.confirmed += 1
+        else:
+            self.refused += 1
+            if message.topic == self._status:
+                self._refusal = refusal
+            elif is_passing:
+                self._driver.publisher.refused(message)
+            self._tell_refusal(refusal)
         self._driver.wake.set()
+
+    def _tell_refusal(self, refusal: str) -> None:
+        """The first one only, until a connection that was up is lost."""
+        if not self._has_told_refusal:
+            self._has_told_refusal = True
+            self._emit(BrokerRefused(self.name, refusal))
 
     def _up(self) -> None:
         if self._is_stopping:
@@ -202,6 +225,8 @@ class Broker:
 
     def _lost(self, reason: str) -> None:
         """It is told once, and again when the reason is another one."""
+        if not self.reason:
+            self._has_told_refusal = False
         self.reason = reason
         self._note_down()
         if reason != self._told and not self._is_stopping:

@@ -13,7 +13,14 @@ from paho.mqtt.reasoncodes import ReasonCode
 from gateway.errors import BrokerError
 from gateway.plant.client import LARGEST_PACKET, MOST_IN_FLIGHT, STEP_TIME, BrokerClient, BrokerSettings, Version
 from gateway.plant.messages import Delivery, Message
-from gateway.plant.reasons import WrongVersionError, in_words, is_passing, refused, refused_login
+from gateway.plant.reasons import (
+    SubscriptionRefusedError,
+    WrongVersionError,
+    in_words,
+    is_passing,
+    refused,
+    refused_login,
+)
 from gateway.ports.threads import ThreadPerCall
 from gateway.tls.reasons import explain
 
@@ -21,9 +28,9 @@ from gateway.tls.reasons import explain
 class Connection:
     """A connection with one `version` of MQTT. `deliver` takes what is received.
 
-    `confirmed` is called for each message that the broker has taken, or refused for the reason given; with the message
-    if the broker may take it later. QoS 0 has no confirmation in MQTT; the answer to a ping that was sent after the
-    message takes its place.
+    `confirmed` is called for each message that the broker has taken, or refused for the reason given, and is told
+    whether it may take the message later. QoS 0 has no confirmation in MQTT: the answer to a ping that was sent after
+    the message takes its place, and the message is None.
     """
 
     def __init__(
@@ -33,7 +40,7 @@ class Connection:
         will: Message,
         *,
         deliver: Callable[[Delivery], None],
-        confirmed: Callable[[Message | None, str], None],
+        confirmed: Callable[[Message | None, str, bool], None],
         unix: Callable[[], float],
     ) -> None:
         self.in_flight = 0
@@ -85,7 +92,8 @@ class Connection:
         """Subscribe, and wait for the confirmation.
 
         Raises:
-            BrokerError: the broker refuses, or the connection is lost.
+            SubscriptionRefusedError: the broker refuses.
+            BrokerError: the connection is lost.
         """
         if not topics:
             return
@@ -100,7 +108,7 @@ class Connection:
             raise BrokerError("it does not confirm a subscription") from None
         for topic, reason in zip(topics, reasons, strict=False):
             if reason.is_failure:
-                raise BrokerError(refused(reason, f"subscribe to {topic}", self._user))
+                raise SubscriptionRefusedError(refused(reason, f"subscribe to {topic}", self._user))
 
     def publish(self, message: Message) -> None:
         """Send a message. `in_flight` counts it until it is confirmed: beyond `most_in_flight` none should be sent."""
@@ -190,12 +198,12 @@ class Connection:
         if self._pinged:
             self._client.ping()
         for _ in range(answered):
-            self._count_confirmed(None, "")
+            self._count_confirmed(None)
 
-    def _count_confirmed(self, message: Message | None, refusal: str) -> None:
+    def _count_confirmed(self, message: Message | None, refusal: str = "", *, is_passing: bool = False) -> None:
         self.in_flight -= 1
         self.deadline = self._loop.time() + STEP_TIME if self.in_flight else None
-        self._confirmed(message, refusal)
+        self._confirmed(message, refusal, is_passing)
 
     def _tick(self) -> None:
         self._timer = self._loop.call_later(1.0, self._tick)
@@ -256,7 +264,7 @@ class Connection:
         message = self._awaited.pop(number, None)
         if message is not None:  # with QoS 0 it says that the message is written, and no more
             refusal = refused(reason, f"publish to {message.topic}", self._user) if reason.is_failure else ""
-            self._count_confirmed(message if is_passing(reason) else None, refusal)
+            self._count_confirmed(message, refusal, is_passing=is_passing(reason))
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         properties = message.properties

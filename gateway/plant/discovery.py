@@ -103,10 +103,8 @@ class Discovery:
         return f"/device/{_identifier(self.topics.site)}/"
 
     def messages(self, devices: Sequence[PublishedDevice], before: Announced) -> Sequence[Message]:
-        """The messages that announce `devices`, and take back what else was announced `before`."""
-        now = self.announced(devices)
-        gone = [_message(topic, None) for topic in before if topic not in now]
-        return gone + [message for device in devices for message in self._announce(device, before)]
+        """The messages that announce `devices`, and take back components that were announced `before`."""
+        return [message for device in devices for message in self._announce(device, before)]
 
     def announced(self, devices: Iterable[PublishedDevice]) -> Announced:
         """What `messages` announces: to be given as `before` the next time."""
@@ -252,6 +250,5 @@ def _identifier(name: str) -> str:
     return allowed if allowed == name else f"{allowed}-{crc32(name.encode()):08x}"
 
 
-def _message(topic: str, config: _Config | None) -> Message:
-    payload = b"" if config is None else json.dumps(config, ensure_ascii=False, separators=(",", ":")).encode()
-    return Message(topic, payload, retain=True)
+def _message(topic: str, config: _Config) -> Message:
+    return Message(topic, json.dumps(config, ensure_ascii=False, separators=(",", ":")).encode(), retain=True)

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from gateway.events import Emit, PartFailed
+from gateway.plant.commands import CLIENT
 from gateway.plant.messages import Command, Delivery, Form, Message
 from gateway.plant.polls import Target
-from gateway.plant.publisher import CLIENT, Publisher, PublisherSettings
+from gateway.plant.publisher import Publisher, PublisherSettings
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Request
 from gateway.request import Target as Way

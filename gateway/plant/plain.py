@@ -32,7 +32,7 @@ class PlainForm:
         self._topics = Topics(site)
         self._announcements = announcements
         self._devices = {device.name: device for device in devices}
-        self._has_settable = any(point.is_writable for device in devices for point in device.points)
+        self._has_settable = any(point.point.write != "no" for device in devices for point in device.points)
 
     def will(self, at: float) -> Message:  # noqa: ARG002 - the broker cannot know when it publishes it
         """The gateway is gone."""
@@ -43,7 +43,7 @@ class PlainForm:
         return ()
 
     def late_subscriptions(self) -> Sequence[str]:
-        """What sets points, if any can be written: also what can never work, so that it gets a result."""
+        """What sets points, if any could be written: also what can never work, so that it gets a result."""
         return (self._topics.settings,) if self._has_settable else ()
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
@@ -99,11 +99,11 @@ class PlainForm:
         return Message(topic, text.encode(), **options)
 
 
-def gone(topics: Topics, device: str) -> Sequence[Message]:
-    """The device is no longer published: it is offline, and the broker keeps no values of it."""
+def gone(topic: str) -> Sequence[Message]:
+    """The device with this topic is no longer published: it is offline, and the broker keeps no values of it."""
     return (
-        Message(topics.availability(device), OFFLINE, retain=True),
-        Message(topics.values(device), b"", retain=True),
+        Message(Topics.availability_of(topic), OFFLINE, retain=True),
+        Message(topic, b"", retain=True),
     )
 
 
@@ -123,9 +123,11 @@ def _misdirected(device: PublishedDevice | None, device_name: str, point_name: s
     text = delivery.payload[:LONGEST_VALUE].decode(errors="replace")
     if device is None:
         return Misdirected(text, delivery, f"no device {device_name} is published")
-    if device.point(point_name) is None:
+    point = device.point(point_name)
+    if point is None:
         return Misdirected(text, delivery, f"{device_name} has no point {point_name}")
-    return Misdirected(text, delivery, f"{point_name} must not be written")
+    missing = "" if point.point.write == "no" else ": the gateway's [mqtt] has no write = true"
+    return Misdirected(text, delivery, f"{point_name} must not be written{missing}")
 
 
 def _shown(at: float) -> str:

@@ -4,17 +4,15 @@ It has no clock and no connection: time is an argument, messages are taken from 
 handed to it. Without a connection it goes on reading, and keeps the last reading of each point.
 """
 
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import blake2b
-from math import isfinite
-from typing import Final, Protocol
+from typing import Final
 
-from gateway.events import CommandRefused, Emit, WriteAudit
-from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.events import Emit
 from gateway.plant.births import Births
 from gateway.plant.changes import Watch
+from gateway.plant.commands import Asker, Commands
 from gateway.plant.messages import (
     Command,
     Delivery,
@@ -29,16 +27,9 @@ from gateway.plant.messages import (
 )
 from gateway.plant.polls import Answer, Polls, Target
 from gateway.profiles.published import PublishedDevice
-from gateway.registers.items import WRITERS, write_request
-from gateway.request import Origin, Request
+from gateway.request import Request
 from gateway.request import Target as Way
-from gateway.trace.pdus import exception_in_words
 
-#: The name of this client of devices, in rights and events.
-CLIENT: Final = "mqtt"
-#: So many commands are carried out at once, and so many are remembered to find those that come again.
-MOST_COMMANDS: Final = 32
-MOST_REMEMBERED: Final = 1000
 #: So many results wait until they are published; the oldest are dropped for more.
 MOST_RESULTS: Final = 100
 
@@ -50,23 +41,6 @@ class PublisherSettings:
     devices: tuple[PublishedDevice, ...]
     patience: Mapping[str, float]
     source: str
-
-
-@dataclass(slots=True)
-class Counts:
-    """Messages that were handed to the connection, commands by what became of them, results that nobody gets."""
-
-    messages: int = 0
-    commands: int = 0
-    refused: int = 0
-    dropped_results: int = 0
-
-
-class Asker(Origin, Protocol):
-    """The Origin of reads. The responses to writes come to it too."""
-
-    def written(self, command: Command, request: Request, response: bytes | None) -> None:
-        """Take the response to the write that carries out a command."""
 
 
 class _Results:
@@ -107,13 +81,12 @@ class Publisher:
         clock: Callable[[], float],
         unix: Callable[[float], float],
     ) -> None:
-        self.counts = Counts()
+        #: Results that nobody got, because there were too many.
+        self.dropped_results = 0
         self.form = form
         #: Whether the connection is to be given up and made anew.
         self.must_leave = False
-        self._way = way
-        self._asker = origin
-        self._emit = emit
+        self.commands = Commands(way, origin, emit, clock, self._tell)
         self._clock = clock
         self._unix = unix
         self._watches = {
@@ -125,8 +98,6 @@ class Publisher:
         self._results = _Results()
         self._came_or_went: dict[str, None] = {}
         self._changed: dict[str, None] = {}
-        self._in_progress = 0
-        self._done: OrderedDict[bytes, None] = OrderedDict()
         self._refused: set[str] = set()
 
     @property
@@ -191,9 +162,12 @@ class Publisher:
         """
         if not self.is_born:
             return ()
-        messages = self._next(now)
-        self.counts.messages += len(messages)
-        return messages
+        message = self._births.take() or self._results.take(is_alone=not (self._came_or_went or self._changed))
+        if message is not None:
+            return (message,)
+        if self._came_or_went:
+            return self._availability(_pop(self._came_or_went), now)
+        return self._values(_pop(self._changed), now) if self._changed else ()
 
     def refused(self, message: Message) -> None:
         """The broker has no room for this message: the next read of the device it is about publishes all of it."""
@@ -202,14 +176,12 @@ class Publisher:
 
     def received(self, delivery: Delivery, now: float) -> None:
         """Do what a message from the broker asks for."""
-        refusal = self._refusal(delivery)
+        refusal = self.commands.refusal(delivery)
         for wish in self.form.received(delivery):
             if isinstance(wish, Command):
-                self._carry_out(wish, refusal, now)
+                self.commands.carry_out(wish, refusal, now)
             elif isinstance(wish, Misdirected):
-                self.counts.commands += 1
-                self._emit(CommandRefused(CLIENT, delivery.topic, wish.refusal))
-                self._refuse(wish, wish.refusal, now)
+                self.commands.refuse(wish, now)
             elif isinstance(wish, Rebirth) and self._is_connected:
                 if self._births.may_begin(now):
                     self._be_born(now)
@@ -235,14 +207,6 @@ class Publisher:
             self._changed.pop(name, None)
             watch.published(state.readings)
             yield self._told(state)
-
-    def _next(self, now: float) -> Sequence[Message]:
-        message = self._births.take() or self._results.take(is_alone=not (self._came_or_went or self._changed))
-        if message is not None:
-            return (message,)
-        if self._came_or_went:
-            return self._availability(_pop(self._came_or_went), now)
-        return self._values(_pop(self._changed), now) if self._changed else ()
 
     def _heed(self, answer: Answer, now: float) -> None:
         name = answer.device.name
@@ -286,127 +250,14 @@ class Publisher:
         """The same with Unix times."""
         return {name: Reading(reading.value, self._unix(reading.at)) for name, reading in readings.items()}
 
-    def _refusal(self, delivery: Delivery) -> str:
-        """Why no command in this message may be carried out; empty if it may."""
-        if delivery.is_retained:
-            return "it is retained, so it may be old: send it without retain"
-        if delivery.is_duplicate:
-            return "it may have been delivered before"
-        if delivery.expiry is not None and delivery.expiry <= 0:
-            return "it has expired"
-        if delivery.correlation is not None and _key(delivery.topic, delivery.correlation) in self._done:
-            return "one with this correlation was received before"
-        return ""
-
-    def _remember(self, delivery: Delivery) -> None:
-        """Find the delivery if it comes again."""
-        if delivery.correlation is None:
-            return
-        self._done[_key(delivery.topic, delivery.correlation)] = None
-        if len(self._done) > MOST_REMEMBERED:
-            self._done.popitem(last=False)
-
-    def _carry_out(self, command: Command, refusal: str, now: float) -> None:
-        self.counts.commands += 1
-        refusal = command.refusal or refusal
-        if not refusal and self._in_progress >= MOST_COMMANDS:
-            refusal = f"{MOST_COMMANDS} others are not finished yet"
-        try:
-            pdu = b"" if refusal else _write_request(command)
-        except ValueError as wrong:
-            refusal = str(wrong)
-        if refusal:
-            self._emit(_audit(command))
-            self._refuse(command, refusal, now)
-            return
-        self._remember(command.delivery)
-        self._in_progress += 1
-        expiry = command.delivery.expiry
-        origin = _Writer(self._asker, command, self._clock, None if expiry is None else now + expiry)
-        self._way.submit(Request(command.device.unit, pdu, origin, now), now)
-
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
         """A command's request is over."""
-        self._in_progress -= 1
-        point = command.point.point
-        self.polls.read_soon(command.device.name, point.span, now)
-        if request.error is not None:
-            self._refuse(command, str(request.error) or request.error.result, now)
-        elif response is not None and response[0] & EXCEPTION_BIT:
-            self._refuse(command, f"the device answers: {exception_in_words(response[1])}", now)
-        else:
-            self._tell(command, None, now)
-
-    def _refuse(self, command: Command | Misdirected, why: str, now: float) -> None:
-        self.counts.refused += 1
-        self._tell(command, why, now)
+        self.polls.read_soon(command.device.name, command.point.point.span, now)
+        self.commands.written(command, request, response, now)
 
     def _tell(self, command: Command | Misdirected, error: str | None, now: float) -> None:
         if self.is_born:
-            self.counts.dropped_results += self._results.add(self.form.result(command, error, self._unix(now)))
-
-
-class _Writer:
-    """The Origin of a command's request, which is not sent after `until`."""
-
-    client = CLIENT
-    host = ""
-
-    def __init__(self, asker: Asker, command: Command, clock: Callable[[], float], until: float | None) -> None:
-        self._asker = asker
-        self._command = command
-        self._clock = clock
-        self._until = until
-
-    def wants(self, request: Request) -> bool:  # noqa: ARG002 - it has one
-        """Whether it may still be sent."""
-        return self._until is None or self._clock() < self._until
-
-    def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response."""
-        self._asker.written(self._command, request, pdu)
-
-
-def _audit(command: Command) -> WriteAudit:
-    """The audit event of a command that becomes no request."""
-    point = command.point.point
-    function = WRITERS[point.area][0] if point.area in WRITERS else 0
-    return WriteAudit(
-        client=CLIENT,
-        listener=CLIENT,
-        unit=command.device.unit,
-        function=function,
-        address=point.address,
-        count=point.count,
-        result="refused",
-        code="",
-        elapsed_ms=0.0,
-    )
-
-
-def _write_request(command: Command) -> bytes:
-    """The request that writes the value. A unit without function 05 or 06 gets 15 or 16.
-
-    Raises:
-        ValueError: the point cannot hold it.
-    """
-    point, functions = command.point.point, command.device.functions
-    if point.area not in WRITERS:
-        raise ValueError(f"{point.area} cannot be written")
-    items = point.items(command.text)
-    value = point.value(items)
-    if isinstance(value, float) and not isfinite(value):
-        raise ValueError(f"{command.text} is not a finite number")
-    single, several, most = WRITERS[point.area]
-    if point.count > min(most, command.device.limits.get(several, most)):
-        raise ValueError("it does not fit into one request")
-    multiple = functions is not None and single not in functions and several in functions
-    return write_request(point.area, point.address, items, multiple=multiple)
-
-
-def _key(topic: str, correlation: bytes) -> bytes:
-    """A few bytes for a delivery; its correlation may have 64 KiB."""
-    return blake2b(correlation, digest_size=16, key=blake2b(topic.encode()).digest()).digest()
+            self.dropped_results += self._results.add(self.form.result(command, error, self._unix(now)))
 
 
 def _pop(names: dict[str, None]) -> str:

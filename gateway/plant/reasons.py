@@ -26,6 +26,10 @@ class WrongVersionError(BrokerError):
     """The broker does not have this version of MQTT, or closes the connection as if it had not."""
 
 
+class SubscriptionRefusedError(BrokerError):
+    """The broker does not let this user subscribe to a topic."""
+
+
 def in_words(reason: ReasonCode) -> str:
     """What a broker says."""
     return _REASONS.get(reason.value) or f"it says: {reason}"

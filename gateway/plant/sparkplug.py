@@ -5,7 +5,7 @@ Chapter numbers are those of the specification. A host that finds the values on 
 """
 
 import json
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final
 
 from gateway.plant.messages import (
@@ -50,13 +50,16 @@ class Sparkplug:
     """A form of messages: see `Form`. `node` is unique in its `group`.
 
     With a `primary_host` nothing is published before that host says that it is online, and the session ends when it
-    goes offline.
+    goes offline. `withdrawals` take back what was announced in another form: once in each session, after the births,
+    which must come first.
     """
 
     #: Whether the broker is to publish the will at a proper end too, as 6.4.25 demands with MQTT 5.
     leaves_with_will: Final = True
 
-    def __init__(self, group: str, node: str, primary_host: str | None = None) -> None:
+    def __init__(
+        self, group: str, node: str, primary_host: str | None = None, withdrawals: Sequence[Message] = ()
+    ) -> None:
         self._group = group
         self._node = node
         self._host = None if primary_host is None else f"{_NAMESPACE}/STATE/{primary_host}"
@@ -67,6 +70,8 @@ class Sparkplug:
         self._devices: dict[str, PublishedDevice] = {}
         self._is_born = False
         self._born: set[str] = set()
+        self._withdrawals = withdrawals
+        self._not_withdrawn: Iterator[Message] = iter(())
 
     @property
     def is_held(self) -> bool:
@@ -80,6 +85,7 @@ class Sparkplug:
         self._host_seen = -1
         self._is_born = False
         self._born.clear()
+        self._not_withdrawn = iter(self._withdrawals)
         return self._death(at)
 
     def early_subscriptions(self) -> Sequence[str]:
@@ -108,6 +114,7 @@ class Sparkplug:
             self._devices[state.device.name] = state.device
             if state.is_available:
                 yield self._birth(state, at)
+        yield from self._not_withdrawn
 
     def values(
         self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float

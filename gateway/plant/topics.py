@@ -17,23 +17,18 @@ class Topics:
         """Whether the gateway is connected."""
         return f"{_ROOT}/{self.site}/status"
 
-    @property
-    def folder(self) -> str:
-        """What all topics of the site begin with."""
-        return f"{_ROOT}/{self.site}/"
-
     def values(self, device: str) -> str:
         """The last values of a device."""
-        return f"{self.folder}{device}"
-
-    def device(self, topic: str) -> str | None:
-        """The device whose last values have this topic; None if it is another topic."""
-        name = topic.removeprefix(self.folder)
-        return name if name != topic and "/" not in name else None
+        return f"{_ROOT}/{self.site}/{device}"
 
     def availability(self, device: str) -> str:
         """Whether a device answers."""
-        return f"{self.values(device)}/availability"
+        return self.availability_of(self.values(device))
+
+    @staticmethod
+    def availability_of(values: str) -> str:
+        """Whether a device answers, by the topic of its last values."""
+        return f"{values}/availability"
 
     def setting(self, device: str, point: str) -> str:
         """Takes values for a point."""

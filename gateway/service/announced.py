@@ -22,18 +22,18 @@ class AnnouncedDevices:
         self._file = file
         self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
 
-    def below(self, folder: str) -> "Announced":
-        """What was announced with topics that have `folder` in them."""
-        return {topic: components for topic, components in self._entries.items() if folder in topic}
+    def entries(self) -> "Announced":
+        """All of it."""
+        return dict(self._entries)
 
     def add(self, announced: "Announced") -> None:
         """More is going to be announced."""
         for topic, components in announced.items():
             self._change(topic, {**self._entries.get(topic, {}), **components})
 
-    def replace(self, before: "Announced", now: "Announced") -> None:
-        """What was announced `before` has been taken back, as far as it is not announced `now`."""
-        for topic in {*before, *now}:
+    def replace(self, now: "Announced") -> None:
+        """Everything has been taken back that is not announced `now`."""
+        for topic in {*self._entries, *now}:
             self._change(topic, dict(now.get(topic, {})))
 
     def close(self) -> None:

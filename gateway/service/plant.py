@@ -66,10 +66,11 @@ class Publishing:
         plan, part = gateway.plan.mqtt, self.part
         if part is not None and part.means(plan, gateway):
             return
-        await self.stop()
+        await self.stop(is_over=plan is None)
         if plan is not None:
+            announcing = await import_module("gateway.service.announcing").Announcing.of(plan, self.announced)
             publication = import_module("gateway.service.publication").Publication
-            self.part = publication(plan, gateway, self._emit, self._contexts, self.announced, self._unix)
+            self.part = publication(plan, gateway, self._emit, self._contexts, announcing, self._unix)
 
     def status(self) -> BrokerStatus | None:
         """How it stands; None without [mqtt]."""
@@ -85,8 +86,8 @@ class Publishing:
             group.create_task(self.stop(), name="good-bye")
             yield
 
-    async def stop(self) -> None:
-        """Publish nothing any more."""
+    async def stop(self, *, is_over: bool = False) -> None:
+        """Publish nothing any more, for good if it `is_over`."""
         part, self.part = self.part, None
         if part is not None:
-            await part.stop()
+            await part.stop(is_over=is_over)

@@ -13,17 +13,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
 from gateway.config.plan import MqttPlan
-from gateway.plant.discovery import Announced, Discovery
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Form, Message
-from gateway.plant.plain import PlainForm, gone
+from gateway.plant.plain import PlainForm
 from gateway.plant.polls import Target
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
-from gateway.plant.topics import Topics
 from gateway.request import Request
 from gateway.request import Target as Destination
-from gateway.service.announced import AnnouncedDevices
+from gateway.service.announcing import Announcing
 from gateway.service.libraries import not_installed
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.password import read_password
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
 
 #: How long the last messages may take at a stop, in seconds.
 _FAREWELL: Final = 1.2
-#: The entry of a device whose last values a broker keeps, in the list of what was announced.
-_PLAIN: Final[Mapping[str, str]] = {"": "plain"}
 
 
 def reading(
@@ -67,13 +63,13 @@ class Publication:
         gateway: "Gateway",
         emit: events.Emit,
         contexts: TlsStore,
-        announced: AnnouncedDevices,
+        announcing: Announcing,
         unix: Callable[[], float],
     ) -> None:
         self.plan = plan
-        self._announcing = _Announcing(plan, announced)
+        self._announcing = announcing
         self._destinations = _destinations(plan, gateway)
-        self.driver = reading(plan, gateway, emit, unix, self._announcing.messages)
+        self.driver = reading(plan, gateway, emit, unix, announcing.messages)
         #: What keeps the connection; None if it cannot, because its library is missing.
         self.broker: Any = None
         self.reason = ""
@@ -117,8 +113,8 @@ class Publication:
             points=sum(len(device.points) for device in self.plan.devices),
             messages=0 if broker is None else broker.confirmed,
             refused_messages=0 if broker is None else broker.refused,
-            commands=publisher.counts.commands,
-            refused_commands=publisher.counts.refused,
+            commands=publisher.commands.counts.received,
+            refused_commands=publisher.commands.counts.refused,
             polls=publisher.polls.counts.polls,
             failed_polls=publisher.polls.counts.failed,
         )
@@ -127,19 +123,22 @@ class Publication:
         since = None if self.broker is None else self.broker.down_since
         return None if since is None else 1000 * (asyncio.get_running_loop().time() - since)
 
-    async def stop(self) -> None:
-        """Say good-bye, and end."""
+    async def stop(self, *, is_over: bool = False) -> None:
+        """Say good-bye, and end. If it `is_over`, brokers are told that these devices are gone for good."""
         self.driver.close()
         if self.broker is None:
             return
-        self.broker.stop()
-        if self.broker.reason == "":
+        is_up = self.broker.reason == ""
+        self.broker.stop(self._announcing.withdrawal() if is_over else ())
+        if is_up:
             with suppress(TimeoutError):
                 async with asyncio.timeout(_FAREWELL):
                     await asyncio.shield(self._task)
             self._announcing.done()
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
+        if is_over and self.broker.has_left:
+            self._announcing.withdrawn()
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,41 +198,8 @@ def _as_target(destination: Any) -> Target:
     return destination if hasattr(destination, "is_resting") else _Unhurried(destination)
 
 
-class _Announcing:
-    """What brokers keep of devices by one plan: of those that there are, and how those that are gone are taken back.
-
-    Sparkplug takes nothing back, so with it all that was announced before remains known.
-    """
-
-    def __init__(self, plan: MqttPlan, announced: AnnouncedDevices) -> None:
-        self._announced = announced
-        self._before: Announced = {}
-        self._now: Announced = {}
-        self.messages: Sequence[Message] = ()
-        if plan.sparkplug is None:
-            self._announce(plan, Topics(plan.site))
-
-    def _announce(self, plan: MqttPlan, topics: Topics) -> None:
-        discovery = Discovery(topics, plan.home_assistant or "")
-        found = () if plan.home_assistant is None else plan.devices
-        told = self._announced.below(discovery.folder)
-        kept = {topic: each for topic, each in self._announced.below(topics.folder).items() if topics.device(topic)}
-        present = {topics.values(device.name): _PLAIN for device in plan.devices}
-        lost = [name for topic in kept if topic not in present and (name := topics.device(topic))]
-        self.messages = [
-            *discovery.messages(found, told),
-            *(message for name in lost for message in gone(topics, name)),
-        ]
-        self._before, self._now = {**told, **kept}, {**discovery.announced(found), **present}
-        self._announced.add(self._now)
-
-    def done(self) -> None:
-        """The messages have been published."""
-        self._announced.replace(self._before, self._now)
-
-
 def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
     if plan.sparkplug is None:
         return PlainForm(plan.site, plan.devices, announcements)
     names = plan.sparkplug
-    return Sparkplug(names.group, names.node or plan.site, names.primary_host or None)
+    return Sparkplug(names.group, names.node or plan.site, names.primary_host or None, announcements)

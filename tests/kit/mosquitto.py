@@ -3,6 +3,7 @@
 import asyncio
 import json
 import shutil
+import signal
 import socket
 import subprocess
 import threading
@@ -65,6 +66,10 @@ class Mosquitto:
         """End it as a power cut would."""
         self._process.kill()
         self._process.wait()
+
+    def reload(self) -> None:
+        """Read the files again."""
+        self._process.send_signal(signal.SIGHUP)
 
     @property
     def log(self) -> str:

@@ -7,10 +7,11 @@ from typing import ClassVar
 
 import pytest
 
-from gateway.events import BrokerLost, BrokerUp
+from gateway.events import BrokerLost, BrokerRefused, BrokerUp
 from gateway.plant import broker as module
 from gateway.plant.broker import Broker
 from gateway.plant.client import STEP_TIME
+from gateway.plant.reasons import SubscriptionRefusedError
 from gateway.service.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
@@ -39,6 +40,7 @@ class FakeConnection:
 
     made: ClassVar[list["FakeConnection"]] = []
     refusal = ""
+    refused_topics = ""
 
     def __init__(self, settings, version, will, *, deliver, confirmed, unix) -> None:
         self.in_flight = 0
@@ -53,7 +55,9 @@ class FakeConnection:
         """It is open at once."""
 
     async def subscribe(self, topics) -> None:
-        """Any topic."""
+        """Any topic, unless the broker refuses all."""
+        if topics and self.refused_topics:
+            raise SubscriptionRefusedError(self.refused_topics)
 
     def publish(self, message) -> None:
         """Take a message."""
@@ -68,7 +72,7 @@ class FakeConnection:
     def _confirm(self, message) -> None:
         self.in_flight -= 1
         self.deadline = None
-        self._confirmed(message, self.refusal)
+        self._confirmed(message, self.refusal, True)
 
     def close(self) -> None:
         """Nothing to close."""
@@ -133,3 +137,13 @@ async def test_it_is_known_since_when_nothing_is_published(connections):
         connections[-1].lost.set_result("the connection was lost")
         await asyncio.sleep(0.2)
         assert broker.down_since == pytest.approx(began + 5.0, abs=0.01)
+
+
+async def test_values_are_published_although_the_broker_refuses_to_let_them_be_set(connections, monkeypatch):
+    monkeypatch.setattr(FakeConnection, "refused_topics", "may not subscribe")
+    async with publishing() as (bench, _, broker):
+        await asyncio.sleep(5.0)
+        told = [event for event in bench.events if isinstance(event, BrokerRefused | BrokerUp | BrokerLost)]
+        assert [type(event) for event in told] == [BrokerRefused, BrokerUp]
+        assert told[0].reason == "may not subscribe"
+        assert broker.confirmed > 0

@@ -216,15 +216,6 @@ def test_a_component_that_changes_its_platform_is_removed_first():
     assert json.loads(present.payload)["cmps"]["speed"]["p"] == "sensor"
 
 
-def test_a_device_that_is_gone_is_removed():
-    before = DISCOVERY.announced([device(WEIGHT), device(WEIGHT, name="silo-2")])
-    removal, present = DISCOVERY.messages([device(WEIGHT)], before)
-    assert removal.topic == "homeassistant/device/plant-2/silo-2/config"
-    assert removal.payload == b""
-    assert removal.retain
-    assert present.payload
-
-
 def test_nothing_is_removed_when_nothing_has_changed():
     assert len(DISCOVERY.messages([device(*ALL)], DISCOVERY.announced([device(*ALL)]))) == 1
 

@@ -9,9 +9,10 @@ import pytest
 
 from gateway.config.line_load import load_of, total_share
 from gateway.events import AccessDenied, BrokerLost, CommandRefused, PartFailed, PollRefused, WriteAudit
+from gateway.plant.commands import MOST_COMMANDS
 from gateway.plant.messages import Delivery
 from gateway.plant.polls import TOGETHER_AGAIN
-from gateway.plant.publisher import MOST_COMMANDS, MOST_RESULTS
+from gateway.plant.publisher import MOST_RESULTS
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, encode
 from gateway.simulator.generic import Generic
 from kit.broker import FakeBroker
@@ -85,7 +86,7 @@ async def test_the_birth_tells_all_that_is_known_and_that_the_gateway_is_there()
         silo.holding[2], silo.holding[10], silo.coils[3] = 1, 123, True
         broker = FakeBroker.of(bench)
         await asyncio.sleep(2.0)
-        assert broker.connect() == []
+        assert broker.connect() == ["modbus/plant/+/+/set"]
         assert [message.topic for message in broker.messages] == [SILO, f"{SILO}/availability", "modbus/plant/status"]
         assert json.loads(broker.retained[SILO]).keys() == {"time", "weight", "state", "speed", "valve"}
         assert broker.retained[f"{SILO}/availability"] == b"online"
@@ -105,6 +106,14 @@ async def test_a_change_is_published_and_what_is_inside_the_deadband_is_not():
         assert await settled(broker) == {SILO: {"weight": 0.0, "state": "off", "speed": 0.5, "valve": 0}}
         silo.holding[2] = 1
         assert await settled(broker) == {SILO: {"weight": 0.0, "state": "on", "speed": 0.5, "valve": 0}}
+
+
+async def test_points_that_cannot_be_written_take_nothing_from_the_broker():
+    async with gateway_bench(CONFIG.replace(", write = true", "") + MQTT) as bench:
+        furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        assert broker.connect() == []
 
 
 async def test_a_value_is_published_at_least_as_often_as_the_config_says():
@@ -465,7 +474,7 @@ async def test_a_flood_of_commands_delays_no_values_and_takes_no_more_room():
         first = [message.topic for message in (*broker.driver.take(), *broker.driver.take())]
         assert sorted(first) == [SILO, f"{STATE}/result"]
         assert len(broker.take()) == MOST_RESULTS - 1
-        assert broker.driver.publisher.counts.dropped_results == 2 * MOST_RESULTS
+        assert broker.driver.publisher.dropped_results == 2 * MOST_RESULTS
 
 
 REBIRTH = encode(Payload((Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN),)), with_types=True)

@@ -222,6 +222,24 @@ def test_without_the_right_to_publish_it_is_told_who_may_not_publish_where(tmp_p
     with Mosquitto(tmp_path, f"acl_file {rights}") as broker, running(tmp_path, config(broker.port, *keys)) as gateway:
         reason = gateway.wait_for("broker_refused")["reason"]
         assert reason.startswith(f"{who} may not publish to modbus/plant-2/")
+        assert gateway.wait_for("broker_lost")["reason"] == f"{who} may not publish to {STATUS}"
+        rights.write_text("pattern readwrite #\n")
+        broker.reload()
+        gateway.wait_for("broker_up")
+        assert [event["event"] for event in gateway.log].count("broker_refused") == 1
+
+
+def test_without_write_a_value_gets_a_result_that_says_so(tmp_path):
+    with (
+        Mosquitto(tmp_path) as broker,
+        running(tmp_path, config(broker.port)) as gateway,
+        Subscriber(broker) as subscriber,
+    ):
+        gateway.wait_for("broker_up")
+        broker.publish(f"{SHIFT}/state/set", "on")
+        reason = "state must not be written: the gateway's [mqtt] has no write = true"
+        assert subscriber.wait_for(f"{SHIFT}/state/result").content["reason"] == reason
+        assert gateway.wait_for("command_refused")["reason"] == reason
 
 
 def test_a_password_that_others_can_read_is_not_used(tmp_path):

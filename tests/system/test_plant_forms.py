@@ -97,6 +97,22 @@ def test_without_discovery_devices_are_taken_back(broker, tmp_path):
         assert home.wait_for(SILO, where=lambda payload: not payload) == b""
 
 
+@pytest.mark.parametrize("left", ["sparkplug", "nothing"])
+def test_what_brokers_keep_is_taken_back_with_another_form_or_without_the_table(broker, tmp_path, left):
+    text = config(broker, "home_assistant = true")
+    other = config(broker, 'sparkplug = { group = "plant" }') if left == "sparkplug" else text[: text.index("[mqtt]")]
+    with GatewayProcess(tmp_path, text) as gateway:
+        gateway.wait_for("broker_up")
+        with Listener(broker, "#") as home:
+            home.wait_for(SILO)
+            gateway.config.write_text(other)
+            gateway.signal(signal.SIGHUP)
+            assert home.wait_for(SILO, where=lambda payload: not payload) == b""
+            home.wait_for("modbus/plant-2/silo-1/availability", where=lambda payload: payload == b"offline")
+            home.wait_for("modbus/plant-2/silo-1", where=lambda payload: not payload)
+        assert gateway.stop() == 0
+
+
 def test_a_device_that_is_no_longer_published_is_offline_and_its_values_are_gone(broker, tmp_path):
     other = '[[image]]\nunit = 42\nname = "silo-2"\nprofile = "silo"\nholding = 20\ncoils = 4\n'
     text = config(broker, "").replace('device = "silo-1"', 'device = "silo-*"')

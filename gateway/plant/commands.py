@@ -1,0 +1,183 @@
+"""Commands from the broker: each is carried out once at most, as a write of the client `mqtt`, and has a result."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from hashlib import blake2b
+from math import isfinite
+from typing import Final, Protocol
+
+from gateway.events import CommandRefused, Emit, WriteAudit
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.plant.messages import Command, Delivery, Misdirected
+from gateway.registers.items import WRITERS, write_request
+from gateway.request import Origin, Request, Target
+from gateway.trace.pdus import exception_in_words
+
+#: The name of this client of devices, in rights and events.
+CLIENT: Final = "mqtt"
+#: So many commands are carried out at once, and so many are remembered to find those that come again.
+MOST_COMMANDS: Final = 32
+MOST_REMEMBERED: Final = 1000
+
+
+class Asker(Origin, Protocol):
+    """The Origin of reads. The responses to writes come to it too."""
+
+    def written(self, command: Command, request: Request, response: bytes | None) -> None:
+        """Take the response to the write that carries out a command."""
+
+
+@dataclass(slots=True)
+class CommandCounts:
+    """Commands, and those of them that were refused or failed."""
+
+    received: int = 0
+    refused: int = 0
+
+
+class Commands:
+    """Writes go to `way`, and their responses come to `asker`; `tell` is called with what became of each command.
+
+    `clock` is that of `now` everywhere.
+    """
+
+    def __init__(
+        self,
+        way: Target,
+        asker: Asker,
+        emit: Emit,
+        clock: Callable[[], float],
+        tell: Callable[[Command | Misdirected, str | None, float], None],
+    ) -> None:
+        self.counts = CommandCounts()
+        self._way = way
+        self._asker = asker
+        self._emit = emit
+        self._clock = clock
+        self._tell = tell
+        self._in_progress = 0
+        self._done: OrderedDict[bytes, None] = OrderedDict()
+
+    def refusal(self, delivery: Delivery) -> str:
+        """Why no command in this message may be carried out; empty if it may."""
+        if delivery.is_retained:
+            return "it is retained, so it may be old: send it without retain"
+        if delivery.is_duplicate:
+            return "it may have been delivered before"
+        if delivery.expiry is not None and delivery.expiry <= 0:
+            return "it has expired"
+        if delivery.correlation is not None and _key(delivery.topic, delivery.correlation) in self._done:
+            return "one with this correlation was received before"
+        return ""
+
+    def carry_out(self, command: Command, refusal: str, now: float) -> None:
+        """Write it, unless there is a `refusal`."""
+        self.counts.received += 1
+        refusal = command.refusal or refusal
+        if not refusal and self._in_progress >= MOST_COMMANDS:
+            refusal = f"{MOST_COMMANDS} others are not finished yet"
+        try:
+            pdu = b"" if refusal else _write_request(command)
+        except ValueError as wrong:
+            refusal = str(wrong)
+        if refusal:
+            self._emit(_audit(command))
+            self._failed(command, refusal, now)
+            return
+        self._remember(command.delivery)
+        self._in_progress += 1
+        expiry = command.delivery.expiry
+        origin = _Writer(self._asker, command, self._clock, None if expiry is None else now + expiry)
+        self._way.submit(Request(command.device.unit, pdu, origin, now), now)
+
+    def refuse(self, wish: Misdirected, now: float) -> None:
+        """Log and tell why it is no command."""
+        self.counts.received += 1
+        self._emit(CommandRefused(CLIENT, wish.delivery.topic, wish.refusal))
+        self._failed(wish, wish.refusal, now)
+
+    def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
+        """A command's request is over."""
+        self._in_progress -= 1
+        if request.error is not None:
+            self._failed(command, str(request.error) or request.error.result, now)
+        elif response is not None and response[0] & EXCEPTION_BIT:
+            self._failed(command, f"the device answers: {exception_in_words(response[1])}", now)
+        else:
+            self._tell(command, None, now)
+
+    def _failed(self, command: Command | Misdirected, why: str, now: float) -> None:
+        self.counts.refused += 1
+        self._tell(command, why, now)
+
+    def _remember(self, delivery: Delivery) -> None:
+        """Find the delivery if it comes again."""
+        if delivery.correlation is None:
+            return
+        self._done[_key(delivery.topic, delivery.correlation)] = None
+        if len(self._done) > MOST_REMEMBERED:
+            self._done.popitem(last=False)
+
+
+class _Writer:
+    """The Origin of a command's request, which is not sent after `until`."""
+
+    client = CLIENT
+    host = ""
+
+    def __init__(self, asker: Asker, command: Command, clock: Callable[[], float], until: float | None) -> None:
+        self._asker = asker
+        self._command = command
+        self._clock = clock
+        self._until = until
+
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - it has one
+        """Whether it may still be sent."""
+        return self._until is None or self._clock() < self._until
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response."""
+        self._asker.written(self._command, request, pdu)
+
+
+def _audit(command: Command) -> WriteAudit:
+    """The audit event of a command that becomes no request."""
+    point = command.point.point
+    function = WRITERS[point.area][0] if point.area in WRITERS else 0
+    return WriteAudit(
+        client=CLIENT,
+        listener=CLIENT,
+        unit=command.device.unit,
+        function=function,
+        address=point.address,
+        count=point.count,
+        result="refused",
+        code="",
+        elapsed_ms=0.0,
+    )
+
+
+def _write_request(command: Command) -> bytes:
+    """The request that writes the value. A unit without function 05 or 06 gets 15 or 16.
+
+    Raises:
+        ValueError: the point cannot hold it.
+    """
+    point, functions = command.point.point, command.device.functions
+    if point.area not in WRITERS:
+        raise ValueError(f"{point.area} cannot be written")
+    items = point.items(command.text)
+    value = point.value(items)
+    if isinstance(value, float) and not isfinite(value):
+        raise ValueError(f"{command.text} is not a finite number")
+    single, several, most = WRITERS[point.area]
+    if point.count > min(most, command.device.limits.get(several, most)):
+        raise ValueError("it does not fit into one request")
+    multiple = functions is not None and single not in functions and several in functions
+    return write_request(point.area, point.address, items, multiple=multiple)
+
+
+def _key(topic: str, correlation: bytes) -> bytes:
+    """A few bytes for a delivery; its correlation may have 64 KiB."""
+    return blake2b(correlation, digest_size=16, key=blake2b(topic.encode()).digest()).digest()
