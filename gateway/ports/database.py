@@ -76,7 +76,7 @@ class Table:
     def delete(self) -> str:
         """The statement that deletes a row by its key."""
         keys = " AND ".join(f"{name} = ?" for name, _ in self.columns[: self.keys])
-        return f"DELETE FROM {self.name} WHERE {keys}"  # noqa: S608
+        return f"DELETE FROM {self.name} WHERE {keys}"  # noqa: S608 - as above
 
     def _names(self, count: int | None = None) -> str:
         return ", ".join(name for name, _ in self.columns[:count])
