@@ -52,7 +52,7 @@ def mirrors_as_json(plan: Plan) -> list[dict[str, Any]]:
 
 def _areas(image: ImageSettings) -> str:
     if image.shows_gateway:
-        return "registers of the gateway itself: docs/self.md"
+        return "registers of the gateway itself: docs/own-registers.md"
     return "; ".join(f"{area} {show_ranges(ranges)}" for area, ranges in image.areas.items())
 
 

@@ -93,8 +93,9 @@ Local clients then connect to `tcp://127.0.0.1:5020`, and every unit ID from 1 t
 
 In a checkout, the command is `./deploy/go` instead of `modbus-gateway`.
 
-An editor with a TOML language server ([Taplo](https://taplo.tamasfe.dev); in VS Code, *Even Better TOML*) completes keys,
-shows what they mean and marks mistakes if it has the schema. Write it beside the config, and name it in the first line:
+An editor with a TOML language server ([Taplo](https://taplo.tamasfe.dev); in VS Code, *Even Better TOML*) completes
+keys, shows what they mean and marks mistakes if it has the schema. Write it beside the config, and name it in the first
+line:
 
     modbus-gateway check --schema > gateway.schema.json
 

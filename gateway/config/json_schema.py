@@ -76,6 +76,7 @@ _KINDS: Final[Mapping[str, Schema]] = {
     'table such as `{ 0 = "off" }`': {"type": "object", "additionalProperties": _WORD},
     '`true`, `false` or `"only"`': {"enum": [True, False, "only"]},
     'list such as `["10.2.0.0/24"]`': {"type": "array", "items": _WORD},
+    'list such as `["nats://127.0.0.1:4222"]`': {"type": "array", "items": _text(".+://.+")},
     '`true`, `false` or a prefix such as `"homeassistant"`': _any_of(_YES_OR_NO, _WORD),
     '`false` or table such as `{ group = "plant-2" }`': _any_of(
         {"const": False}, {"type": "object", "required": ["group"], "additionalProperties": _WORD}

@@ -557,7 +557,7 @@ class ProfileTable(Table):
 
 
 class Own(Table):
-    """The state of the gateway itself as a unit with [registers](self.md); without this table there is none."""
+    """The state of the gateway as a unit with [registers](own-registers.md); without this table there is none."""
 
     unit: ClientUnit = Field(description="Its unit ID for clients, 1-247 or 255.")
 

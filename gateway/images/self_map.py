@@ -1,4 +1,4 @@
-"""The register map of the gateway's own unit. docs/self.md is made of it: `python -m gateway.images.self_map`.
+"""The register map of the gateway's own unit. docs/own-registers.md is made of it: `python -m gateway.images.self_map`.
 
 Each part has a place of its own that does not move when the config gets more lines: parts are counted in the order of
 the file, and a new one at its end takes the next place.
@@ -219,7 +219,7 @@ counters.
 
 
 def document() -> str:
-    """docs/self.md."""
+    """docs/own-registers.md."""
     opening = _OPENING.format(freshness=f"{1000 * FRESHNESS:.0f} ms", places=PLACES)
     gateway = f"## The gateway: registers 0-79\n\n{_rows(GATEWAY)}"
     return "\n".join([opening, gateway, _document_units(), _document_states(), *map(_document, SECTIONS), _COUNTERS])

@@ -7,12 +7,12 @@ import pytest
 
 from gateway.images.self_map import FAILING_UNITS, GATEWAY, PLACE_SIZE, PLACES, RANGES, SECTIONS, document, points
 
-PAGE = Path(__file__).parents[2] / "docs" / "self.md"
+PAGE = Path(__file__).parents[2] / "docs" / "own-registers.md"
 TABLES = [("gateway", GATEWAY, FAILING_UNITS), *((one.title, one.registers, PLACE_SIZE) for one in SECTIONS)]
 
 
 def test_the_page_is_current():
-    command = "run: python -m gateway.images.self_map > docs/self.md"
+    command = "run: python -m gateway.images.self_map > docs/own-registers.md"
     assert PAGE.read_text(encoding="utf-8") == document(), command
 
 

@@ -1,0 +1,44 @@
+"""How Sphinx makes a site of these pages: `./deploy/docs`."""
+
+import re
+import tomllib
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).parents[1]
+SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
+
+project = "modbus-gateway"
+extensions = ["myst_parser", "sphinx_copybutton"]
+exclude_patterns = ["pictures"]
+html_theme = "furo"
+html_title = "modbus-gateway"
+html_copy_source = False
+html_show_sphinx = False
+html_theme_options = {"source_edit_link": f"{SOURCE}/blob/main/docs/{{filename}}"}
+myst_heading_anchors = 4
+copybutton_prompt_text = "$ "
+# Prose is written for a Markdown viewer too, which knows no roles; links are all that needs more.
+suppress_warnings: list[str] = []
+
+#: A link out of this folder, from a page in it: `](../deploy/gateway.toml)`.
+_LEADS_OUT = re.compile(r"\]\(((?:\.\./)+)([^)#\s]+)")
+
+
+def lead_to_the_source(app: Sphinx, page: str, text: list[str]) -> None:  # noqa: ARG001 - Sphinx passes it
+    """Turn links to files that are not on the site into links to the repository."""
+    depth = page.count("/") + 1
+
+    def address(link: re.Match[str]) -> str:
+        is_outside = link[1].count("../") >= depth
+        if is_outside and not (ROOT / link[2]).exists():
+            raise FileNotFoundError(f"{page}: there is no {link[2]}")
+        return f"]({SOURCE}/blob/main/{link[2]}" if is_outside else link[0]
+
+    text[0] = _LEADS_OUT.sub(address, text[0])
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", lead_to_the_source)
