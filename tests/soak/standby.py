@@ -1,0 +1,348 @@
+"""Two gateways with one lease on one bus, and faults by chance: never two askers at once, never a wrong answer.
+
+    .venv/bin/python tests/soak/standby.py --rounds 500
+    .venv/bin/python tests/soak/standby.py --rounds 500 --server
+
+Each round has one fault: the holder or the standby is killed, or stopped and continued; the holder's wall clock is set;
+NATS is killed, halted or away for a while; the link between one of them and NATS is cut, or held and then passes on all
+that it has held. With `--server` the bus hangs on a device server with a port for each gateway, otherwise on two serial
+adapters. A monitor on the bus sees who has sent each frame. Devices are late now and then, within the late window.
+
+Prints how often two askers were on the wire at once, or nearer than any change of the holder can be; how often that was
+a gateway that had just been continued, which may have been stopped between its look at the clock and its write; how
+many answers were wrong; and the longest gap in service after each fault. Ends with status 0 if no askers met otherwise,
+and no answer was wrong.
+"""
+
+import argparse
+import mmap
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from gateway.modbus import mbap
+from kit.link import Link
+from kit.nats import NatsServer
+from kit.process import GatewayProcess
+from kit.shared_bus import REGISTERS, UNITS, Bus, sometimes_late
+
+#: The time to live of the lease, in seconds.
+TTL = 2.0
+#: The longest time that a fault lasts, in seconds: longer than a lease.
+LONGEST_FAULT = 1.5 * TTL
+#: How soon after it was continued a gateway may write what it had decided before it was stopped, in seconds.
+JUST_CONTINUED = 0.05
+#: How long nobody may answer after a fault is over, in seconds.
+PATIENCE = 60.0
+CONFIG = """
+site = "{name}"
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+[fleet]
+servers = ["nats://127.0.0.1:{nats}"]
+lease = "{ttl:g} s"
+[[line]]
+name = "bus"
+port = "{port}"
+baud = 115200
+timeout = "150 ms"
+lease = "hall-a"
+"""
+
+
+class Site:
+    """One gateway, its folder, its way to NATS, and the client that asks it."""
+
+    def __init__(self, name: str, folder: Path, nats: NatsServer, port: str, clock: Path | None) -> None:
+        self.name = name
+        self.link = Link(nats.port)
+        self.continued_at = 0.0
+        self.answered_at = 0.0
+        self.answers: Counter[str] = Counter()
+        self._folder = folder / name
+        self._folder.mkdir()
+        self._port = port
+        self._clock = clock
+        self._gateway: GatewayProcess | None = None
+        self._off = self._folder / "off"
+        self._off.write_bytes(bytes(8))
+        self._is_over = False
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """It runs and is asked, in this context."""
+        asking = threading.Thread(target=self._keep_asking, name=f"client of {self.name}")
+        with self.link:
+            self.start()
+            asking.start()
+            try:
+                yield
+            finally:
+                self._is_over = True
+                asking.join()
+                self.kill()
+
+    def start(self) -> None:
+        if self._clock is not None:
+            os.environ |= {"LD_PRELOAD": str(self._clock), "WALL_CLOCK_OFF": str(self._off)}
+        try:
+            config = CONFIG.format(name=self.name, nats=self.link.port, ttl=TTL, port=self._port)
+            self._gateway = GatewayProcess(self._folder, config, level="info").__enter__()
+        finally:
+            os.environ.pop("LD_PRELOAD", None)
+
+    def kill(self) -> None:
+        gateway, self._gateway = self._gateway, None
+        if gateway is not None:
+            gateway.__exit__()
+
+    def stop(self) -> None:
+        assert self._gateway is not None
+        self._gateway.signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        assert self._gateway is not None
+        self.continued_at = time.monotonic()
+        self._gateway.signal(signal.SIGCONT)
+
+    def set_clock(self, seconds: int) -> None:
+        with self._off.open("r+b") as file, mmap.mmap(file.fileno(), 8) as off:
+            off[:] = seconds.to_bytes(8, sys.byteorder, signed=True)
+
+    def told(self, event: str) -> int:
+        """How often it has told this event since it was started."""
+        return 0 if self._gateway is None else sum(each["event"] == event for each in self._gateway.log)
+
+    def _keep_asking(self) -> None:
+        choose = random.Random(self.name)
+        while not self._is_over:
+            gateway = self._gateway
+            if gateway is None or not hasattr(gateway, "port"):
+                time.sleep(0.01)
+                continue
+            with suppress(OSError), socket.create_connection(("127.0.0.1", gateway.port), timeout=1.0) as client:
+                while not self._is_over and gateway is self._gateway:
+                    self._ask(client, choose.choice(UNITS), choose.randrange(REGISTERS))
+                    time.sleep(choose.uniform(0.002, 0.008))
+
+    def _ask(self, client: socket.socket, unit: int, register: int) -> None:
+        client.sendall(mbap.encode(register, unit, bytes((3, 0, register, 0, 1))))
+        answer = client.recv(260)
+        if not answer:
+            raise ConnectionError
+        pdu = answer[7:]
+        if pdu == bytes((3, 2, unit, register)):
+            self.answers["right"] += 1
+            self.answered_at = time.monotonic()
+        elif pdu[0] & 0x80:
+            self.answers[f"{pdu[1]:02X}"] += 1
+        else:
+            self.answers["wrong"] += 1
+            print(f"wrong: {self.name} was asked for {register} of {unit} and said {answer.hex(' ')}", flush=True)
+
+
+class Stage:
+    """All of it. Faults take a time in seconds."""
+
+    def __init__(self, seed: int, nats: NatsServer, bus: Bus, sites: tuple[Site, Site], *, has_clock: bool) -> None:
+        self.sites = sites
+        self.gaps: dict[str, float] = defaultdict(float)
+        self._nats = nats
+        self._bus = bus
+        self._choose = random.Random(seed)
+        self._faults: dict[str, Callable[[float], None]] = {
+            "the holder is killed": lambda lasts: self._kill(self.holder, lasts),
+            "the holder is stopped": lambda lasts: self._stop(self.holder, lasts),
+            "the standby is killed": lambda lasts: self._kill(self.standby, lasts),
+            "the standby is stopped": lambda lasts: self._stop(self.standby, lasts),
+            "both are stopped": self._stop_both,
+            "NATS is killed": lambda _: self._nats.restart(),
+            "NATS is halted": self._halt_nats,
+            "NATS is away": self._leave_nats,
+            "the holder is cut off": lambda lasts: self._cut(self.holder, lasts),
+            "the holder's link is held": lambda lasts: self._hold(self.holder, lasts),
+            "the standby's link is held": lambda lasts: self._hold(self.standby, lasts),
+        }
+        if has_clock:
+            self._faults["the holder's clock is set"] = lambda lasts: self._set_clock(self.holder, lasts)
+
+    @property
+    def holder(self) -> Site:
+        """Who asked last."""
+        return max(self.sites, key=lambda site: self._bus.asked.get(site.name, 0.0))
+
+    @property
+    def standby(self) -> Site:
+        return next(site for site in self.sites if site is not self.holder)
+
+    def round(self) -> None:
+        """One fault, and all is well again."""
+        self._wait_for_service()
+        time.sleep(self._choose.uniform(0.0, 0.5))
+        name = self._choose.choice(list(self._faults))
+        lasts = self._choose.uniform(0.0, LONGEST_FAULT)
+        watching = Watch(self.sites)
+        with watching:
+            self._faults[name](lasts)
+            self._wait_for_service()
+        self.gaps[name] = max(self.gaps[name], watching.gap)
+
+    def _wait_for_service(self) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while max(site.answered_at for site in self.sites) < time.monotonic() - 0.1:
+            if time.monotonic() > deadline:
+                raise SystemExit(f"nobody has answered for {PATIENCE:g} s: {[site.answers for site in self.sites]}")
+            time.sleep(0.01)
+
+    def _kill(self, site: Site, lasts: float) -> None:
+        site.kill()
+        time.sleep(lasts)
+        site.start()
+
+    def _stop(self, site: Site, lasts: float) -> None:
+        site.stop()
+        time.sleep(lasts)
+        site.go_on()
+
+    def _stop_both(self, lasts: float) -> None:
+        for site in self.sites:
+            site.stop()
+        time.sleep(lasts)
+        for site in self._choose.sample(self.sites, 2):
+            site.go_on()
+            time.sleep(self._choose.uniform(0.0, 0.2))
+
+    def _halt_nats(self, lasts: float) -> None:
+        self._nats.halt()
+        time.sleep(lasts)
+        self._nats.resume()
+
+    def _leave_nats(self, lasts: float) -> None:
+        self._nats.kill()
+        time.sleep(lasts)
+        self._nats.start()
+
+    def _cut(self, site: Site, lasts: float) -> None:
+        site.link.cut()
+        time.sleep(lasts)
+        site.link.mend()
+
+    def _hold(self, site: Site, lasts: float) -> None:
+        site.link.hold()
+        time.sleep(lasts)
+        site.link.mend()
+
+    def _set_clock(self, site: Site, lasts: float) -> None:
+        site.set_clock(self._choose.choice((-86400, -3600, -5, 5, 3600, 86400)))
+        time.sleep(lasts)
+
+
+class Watch:
+    """Watches in its context for how long nobody got a right answer."""
+
+    def __init__(self, sites: tuple[Site, Site]) -> None:
+        self.gap = 0.0
+        self._sites = sites
+        self._is_over = False
+        self._thread = threading.Thread(target=self._run, name="watch")
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._is_over = True
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._is_over:
+            now = time.monotonic()
+            self.gap = max(self.gap, now - max(site.answered_at for site in self._sites))
+            time.sleep(0.005)
+
+
+def wall_clock(folder: Path) -> Path | None:
+    """What lets a process have a wall clock of its own; None where nothing compiles it."""
+    made = folder / "wall_clock.so"
+    source = Path(__file__).with_name("wall_clock.c")
+    try:
+        subprocess.run(["cc", "-shared", "-fPIC", "-O2", "-o", made, source, "-ldl"], check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return made
+
+
+def soak(rounds: int, seed: int, *, server: bool) -> int:
+    """So many faults; how often something was wrong."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        bus = Bus(lateness=sometimes_late(seed, share=0.02, longest=0.4))
+        clock = wall_clock(folder)
+        nats = stack.enter_context(NatsServer(folder))
+        sites = []
+        for label in ("a", "b"):
+            if server:
+                port = f"rtu+tcp://127.0.0.1:{bus.server(label)}"
+            else:
+                port = str(folder / f"tty-{label}")
+                bus.terminal(label, Path(port))
+            sites.append(Site(label, folder, nats, port, clock))
+        stack.enter_context(bus)
+        for site in sites:
+            stack.enter_context(site.running())
+        stage = Stage(seed, nats, bus, (sites[0], sites[1]), has_clock=clock is not None)
+        continued: dict[str, list[float]] = defaultdict(list)
+        for number in range(1, rounds + 1):
+            stage.round()
+            for site in sites:
+                continued[site.name].append(site.continued_at)
+            if number % 25 == 0 or number == rounds:
+                print(f"{number} rounds, {len(bus.collisions)} collisions", flush=True)
+    return tell(bus, stage, continued)
+
+
+def tell(bus: Bus, stage: Stage, continued: dict[str, list[float]]) -> int:
+    """Print what was found; how often something was wrong."""
+    apart = [
+        each
+        for each in bus.collisions
+        if any(0 <= each.at - at <= JUST_CONTINUED for name in (each.first, each.second) for at in continued[name])
+    ]
+    met = len(bus.collisions) - len(apart)
+    for each in bus.collisions:
+        print(f"{each.first} and {each.second} at {each.at:.3f}")
+    for name, gap in sorted(stage.gaps.items()):
+        print(f"{name}: longest gap {gap:.2f} s")
+    for site in stage.sites:
+        print(f"{site.name}: {dict(site.answers)}")
+    wrong = sum(site.answers["wrong"] for site in stage.sites)
+    print(
+        f"{bus.frames} frames, {met} of two askers at once, {len(apart)} just after a stop, {wrong} wrong answers, "
+        f"longest gap {max(stage.gaps.values()):.2f} s"
+    )
+    return met + wrong
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--server", action="store_true", help="a device server instead of serial adapters")
+    arguments = parser.parse_args()
+    return 1 if soak(arguments.rounds, arguments.seed, server=arguments.server) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
