@@ -39,6 +39,8 @@ def for_part(part: _Row) -> Iterator[str]:
     """Notes about a line, a server line or an upstream."""
     if part["state"] == "down":
         yield f"down: {part['reason']}"
+    elif part["state"] == "standby":
+        yield str(part["reason"])
 
 
 def for_line(line: _Row) -> Iterator[str]:

@@ -109,7 +109,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True)
 class LineEvidence:
-    """A client line. `reason` says why it is down; it is empty while the line is up.
+    """A client line. `reason` says why it is down, or why it `is_standby`; it is empty while the line is up.
 
     `sent` requests have left; `copies` of them came back, `others` are requests of other clients that were heard.
     `errors` are what the driver says of received characters, None where it does not count them.
@@ -120,6 +120,7 @@ class LineEvidence:
     baud: int
     format: str
     reason: str = ""
+    is_standby: bool = False
     is_serial: bool = True
     echo: bool = False
     busy_share: float | None = None

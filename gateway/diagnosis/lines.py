@@ -19,6 +19,9 @@ FULL: Final = 0.9
 
 def about_line(line: LineEvidence) -> Iterator[Finding]:
     """The findings about a line and its units; one `ok` if nothing is wrong."""
+    if line.is_standby:
+        yield Finding("note", line.name, f"does not ask: {line.reason}")
+        return
     if line.reason:
         remedy = "see the rows about its port" if line.is_serial else "check its address, and the device server"
         yield Finding("fix", line.name, f"is down: {line.reason}", remedy)

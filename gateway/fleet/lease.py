@@ -131,8 +131,10 @@ class Lease:
         self.silent_until = -inf
         self.state: State = {}
         self.inherited: State | None = None
-        #: Why it is not held, or since when the store cannot be reached though it is.
+        #: Why it is not held.
         self.reason = "not asked for yet"
+        #: Why the store has not answered last; empty if it has.
+        self.trouble = ""
         self._holder = holder
         self._instance = instance
         #: The latest entry, its revision, and since when it is known; None: nothing was read yet.
@@ -195,7 +197,7 @@ class Lease:
     def tick(self, now: float) -> None:
         """Let time pass: our share may have ended."""
         if self.is_held and now >= self._ends_at:
-            self._drop(f"it could not be renewed in time{self.reason and f': {self.reason}'}")
+            self._drop(f"it could not be renewed in time{self.trouble and f': {self.trouble}'}")
 
     def found(self, value: bytes | None, revision: int, now: float) -> None:
         """The entry was read; None: there is none."""
@@ -203,11 +205,14 @@ class Lease:
         self._must_read = False
         self._asks_at = now + LOOKS * self.settings.ttl
         self._looked_at = now
+        self.trouble = ""
         entry = None if value is None else Entry.decode(value, self.settings.ttl)
         if self._known_since is None or revision != self._revision or entry != self._entry:
             self._know(entry, revision, now)
         if entry is None:
-            if self.is_held:
+            if not self.is_held:
+                self.reason = "nobody holds it; it may be taken soon"
+            else:
                 self._asks_at = now  # the store has lost it; nobody else can have it before our share ends
         elif self._is_ours(entry):
             sent_at = self._sent.get(entry.beat)
@@ -240,7 +245,9 @@ class Lease:
     def failed(self, reason: str, now: float) -> None:
         """The store did not answer: nobody knows whether what was asked was done."""
         self.tick(now)
-        self.reason = reason
+        self.trouble = reason
+        if not self.is_held and not self.holder:
+            self.reason = reason
         self._asks_at = now + (self.settings.step if self.is_held else LOOKS * self.settings.ttl)
         self._must_read = False
         self._looked_at = -inf
@@ -356,7 +363,7 @@ class Lease:
             self._take(entry, now)
         self._counts_from = sent_at
         self.until = sent_at + self.settings.writes_for
-        self.reason = ""
+        self.reason = self.trouble = ""
 
     def _take(self, entry: Entry, now: float) -> None:
         self.is_held = True

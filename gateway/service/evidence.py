@@ -31,6 +31,7 @@ def line_evidence(
         baud=timing.baud,
         format=str(timing.format),
         reason=str(line.reconnector.error or ""),
+        is_standby=line.is_standby,
         is_serial=isinstance(plan.port, SerialSettings),
         echo=machine.settings.echo,
         busy_share=None if rate is None else rate.busy,

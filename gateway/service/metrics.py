@@ -126,6 +126,8 @@ def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
     waiting = Family("gauge", "line_queue_length", "Requests that wait for the line.", ("line",))
     up = Family("gauge", "line_up", "Whether the port is open.", ("line",))
     reopens = Family("counter", "line_reopens", "How often the port was reopened after a loss.", ("line",))
+    held = Family("gauge", "lease_held", "Whether this gateway holds the lease of the line.", ("line", "lease"))
+    taken = Family("counter", "lease_taken", "How often it took the lease.", ("line", "lease"))
     for line in lines:
         phases = line.driver.line.phases(now)
         for phase in ("request", "wait", "response", "gap"):
@@ -133,7 +135,10 @@ def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
         waiting.add(line.driver.line.waiting, line.name)
         up.add(line.reconnector.is_open, line.name)
         reopens.add(line.reconnector.reopened, line.name)
-    return busy, waiting, up, reopens
+        if line.standby is not None:
+            held.add(line.standby.lease.is_held, line.name, line.standby.name)
+            taken.add(line.standby.taken, line.name, line.standby.name)
+    return busy, waiting, up, reopens, *(each for each in (held, taken) if each.values)
 
 
 class _Units:

@@ -91,6 +91,11 @@ class GatewayLine:
         """Keep the port open until cancelled, as long as the line may ask."""
         await (self.reconnector.run() if self.standby is None else self.standby.run())
 
+    @property
+    def is_standby(self) -> bool:
+        """Whether another gateway may ask there, and this one not."""
+        return self.standby is not None and not self.standby.lease.is_held
+
     def now(self) -> float:
         """The time by which the line counts."""
         return self._loop.time()

@@ -66,7 +66,9 @@ async def search(
     addresses = candidates(line, silent)
     found = await _answering(line, addresses, is_wanted)
     result = Search(tuple(addresses), tuple(found))
-    if found or not is_dead or not isinstance(line.plan.port, SerialSettings) or running.is_lent(line):
+    if found or not is_dead or not isinstance(line.plan.port, SerialSettings) or line.standby is not None:
+        return result
+    if running.is_lent(line):
         return result
     async with running.port_lent(line, "doctor, which tries other rates and formats") as borrowers:
         result = await _search_speeds(line, silent[:MOST_UNITS], result, is_wanted, borrowers)

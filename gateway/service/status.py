@@ -85,8 +85,24 @@ class LineUserStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class LeaseStatus:
+    """The lease of a line. `holder` is who holds it, empty if nobody is known; this gateway has it if it `is_held`.
+
+    It was `taken` so often. `trouble` is why NATS was not reached last, empty if it was.
+    """
+
+    name: str
+    is_held: bool
+    holder: str
+    taken: int
+    trouble: str
+
+
+@dataclass(frozen=True, slots=True)
 class LineStatus:
-    """A client line. `reason` says why it is down. `late_windows` is how many late responses are still expected.
+    """A client line. `reason` says why it is down, or standby: then another gateway may ask there, which has its lease.
+
+    `late_windows` is how many late responses are still expected.
 
     `wire` may be `auto` until the port was open once.
 
@@ -99,7 +115,7 @@ class LineStatus:
     name: str
     source: str
     port: str
-    state: Literal["up", "down", "not tried"]
+    state: Literal["up", "down", "standby", "not tried"]
     reason: str
     wire: Wire
     mode: str
@@ -114,6 +130,7 @@ class LineStatus:
     unasked_bytes: int
     counts: Counts
     users: tuple[LineUserStatus, ...]
+    lease: LeaseStatus | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,7 +340,7 @@ def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
         name=line.settings.name,
         source=line.settings.source,
         port=parts.reconnector.port_path,
-        state=_port_state(parts.reconnector),
+        state="standby" if parts.is_standby else _port_state(parts.reconnector),
         reason=str(parts.reconnector.error or ""),
         wire=parts.driver.wire,
         mode=timing.mode,
@@ -338,7 +355,16 @@ def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
         unasked_bytes=line.unasked_bytes,
         counts=_sum(parts.counts),
         users=tuple(_users(parts, users)),
+        lease=_lease(parts),
     )
+
+
+def _lease(parts: GatewayLine) -> LeaseStatus | None:
+    standby = parts.standby
+    if standby is None:
+        return None
+    lease = standby.lease
+    return LeaseStatus(standby.name, lease.is_held, lease.holder, standby.taken, lease.trouble)
 
 
 def _users(parts: GatewayLine, users: Iterable[LineUser]) -> Iterator[LineUserStatus]:

@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, Self
@@ -48,10 +49,8 @@ class Terminal:
         return os.read(self.port.far_end, 4096)
 
     def write(self, data: bytes) -> None:
-        try:
+        with suppress(BlockingIOError):  # nobody reads there
             os.write(self.port.far_end, data)
-        except BlockingIOError:
-            pass  # nobody reads there
 
     def close(self) -> None:
         self.port.unplug()
@@ -80,10 +79,8 @@ class Connection:
         return data
 
     def write(self, data: bytes) -> None:
-        try:
+        with suppress(OSError):
             self._socket.send(data)
-        except OSError:
-            pass
 
     def close(self) -> None:
         self._socket.close()

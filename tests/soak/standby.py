@@ -39,10 +39,10 @@ from kit.nats import NatsServer
 from kit.process import GatewayProcess
 from kit.shared_bus import REGISTERS, UNITS, Bus, sometimes_late
 
-#: The time to live of the lease, in seconds.
-TTL = 2.0
-#: The longest time that a fault lasts, in seconds: longer than a lease.
-LONGEST_FAULT = 1.5 * TTL
+#: The time to live of the lease, in seconds; behind a device server, where TCP may hold back what was written.
+TTL, TTL_BEHIND_SERVER = 2.0, 3.0
+#: The longest time that a fault lasts, in leases.
+LONGEST_FAULT = 1.5
 #: How soon after it was continued a gateway may write what it had decided before it was stopped, in seconds.
 JUST_CONTINUED = 0.05
 #: How long nobody may answer after a fault is over, in seconds.
@@ -66,8 +66,9 @@ lease = "hall-a"
 class Site:
     """One gateway, its folder, its way to NATS, and the client that asks it."""
 
-    def __init__(self, name: str, folder: Path, nats: NatsServer, port: str, clock: Path | None) -> None:
+    def __init__(self, name: str, folder: Path, nats: NatsServer, port: str, ttl: float, clock: Path | None) -> None:
         self.name = name
+        self.ttl = ttl
         self.link = Link(nats.port)
         self.continued_at = 0.0
         self.answered_at = 0.0
@@ -99,7 +100,7 @@ class Site:
         if self._clock is not None:
             os.environ |= {"LD_PRELOAD": str(self._clock), "WALL_CLOCK_OFF": str(self._off)}
         try:
-            config = CONFIG.format(name=self.name, nats=self.link.port, ttl=TTL, port=self._port)
+            config = CONFIG.format(name=self.name, nats=self.link.port, ttl=self.ttl, port=self._port)
             self._gateway = GatewayProcess(self._folder, config, level="info").__enter__()
         finally:
             os.environ.pop("LD_PRELOAD", None)
@@ -193,7 +194,7 @@ class Stage:
         self._wait_for_service()
         time.sleep(self._choose.uniform(0.0, 0.5))
         name = self._choose.choice(list(self._faults))
-        lasts = self._choose.uniform(0.0, LONGEST_FAULT)
+        lasts = self._choose.uniform(0.0, LONGEST_FAULT * self.holder.ttl)
         watching = Watch(self.sites)
         with watching:
             self._faults[name](lasts)
@@ -298,7 +299,7 @@ def soak(rounds: int, seed: int, *, server: bool) -> int:
             else:
                 port = str(folder / f"tty-{label}")
                 bus.terminal(label, Path(port))
-            sites.append(Site(label, folder, nats, port, clock))
+            sites.append(Site(label, folder, nats, port, TTL_BEHIND_SERVER if server else TTL, clock))
         stack.enter_context(bus)
         for site in sites:
             stack.enter_context(site.running())

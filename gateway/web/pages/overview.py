@@ -115,7 +115,7 @@ def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Troub
     for line in status.lines:
         if (line.busy_share or 0.0) >= FULL:
             yield Trouble("full", "lines", line.name, share=line.busy_share)
-    down = {line.name for line in (*status.lines, *status.upstreams) if line.state == "down"}
+    down = {line.name for line in (*status.lines, *status.upstreams) if line.state in ("down", "standby")}
     for kind in ("resting", "failing"):
         for unit in status.units:
             state = states[unit.name]
