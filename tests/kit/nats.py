@@ -21,33 +21,50 @@ PROGRAM = shutil.which("nats-server") or shutil.which("nats-server", path="/usr/
 needs_nats = pytest.mark.skipif(PROGRAM is None, reason="nats-server is not installed (Debian package nats-server)")
 
 
+#: Ports and folder in the configs of deploy/nats, and the address of the hub there.
+_IN_CONFIG = ("127.0.0.1:4222", "127.0.0.1:7422", "127.0.0.1:8222", "/var/lib/nats", "hub.plant.example:7422")
+
+
 class NatsServer:
     """A server with JetStream; in its context it runs, and after a restart it has its port, address and buckets again.
 
     `settings` are lines of its config, such as `authorization { … }`. `leaf_of` is the hub whose leaf node it is;
     then `domain` is its JetStream's name, which must differ from the hub's. `user` is "NAME:PASSWORD" at the hub.
+    With `config`, one of deploy/nats, all of that stands there.
     """
 
     def __init__(
-        self, folder: Path, settings: str = "", *, domain: str = "", leaf_of: "NatsServer | None" = None, user: str = ""
+        self,
+        folder: Path,
+        settings: str = "",
+        *,
+        domain: str = "",
+        leaf_of: "NatsServer | None" = None,
+        user: str = "",
+        config: str = "",
     ) -> None:
         self.port, self.leaf_port, self._monitor = free_port(), free_port(), free_port()
-        self.name = domain or f"nats-{self.port}"
         self._config = folder / f"nats-{self.port}.conf"
         self._log = folder / f"nats-{self.port}.log"
+        store = folder / f"nats-{self.port}"
+        hub = f"127.0.0.1:{self.leaf_port if leaf_of is None else leaf_of.leaf_port}"
+        if config:
+            ours = (f"127.0.0.1:{self.port}", hub, f"127.0.0.1:{self._monitor}", str(store), hub)
+            for theirs, own in zip(_IN_CONFIG, ours, strict=True):
+                config = config.replace(theirs, own)
+            self._config.write_text(config)
+            return
         lines = [
-            f"server_name: {self.name}",
+            f"server_name: {domain or f'nats-{self.port}'}",
             f"listen: 127.0.0.1:{self.port}",
             f"http: 127.0.0.1:{self._monitor}",
-            f'jetstream {{ store_dir: "{folder / f"nats-{self.port}"}"{f", domain: {domain}" if domain else ""} }}',
+            f'jetstream {{ store_dir: "{store}"{f", domain: {domain}" if domain else ""} }}',
         ]
         if leaf_of is None:
-            lines.append(f"leafnodes {{ listen: 127.0.0.1:{self.leaf_port} }}")
+            lines.append(f"leafnodes {{ listen: {hub} }}")
         else:
-            at = f"{user}@" if user else ""
-            lines.append(
-                f'leafnodes {{ reconnect: 1, remotes: [{{ url: "nats-leaf://{at}127.0.0.1:{leaf_of.leaf_port}" }}] }}'
-            )
+            remote = f"nats-leaf://{f'{user}@' if user else ''}{hub}"
+            lines.append(f'leafnodes {{ reconnect: 1, remotes: [{{ url: "{remote}" }}] }}')
         self._config.write_text("\n".join((*lines, settings, "")))
 
     def __enter__(self) -> Self:

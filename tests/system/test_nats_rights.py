@@ -1,0 +1,326 @@
+"""The configs of deploy/nats, with a real server: who may say what to whom, by site."""
+
+import asyncio
+import json
+import socket
+import ssl
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from nats.aio.client import Client
+from nats.aio.msg import Msg
+from nats.errors import NoRespondersError
+from nats.js.api import KeyValueConfig
+from nats.js.errors import KeyWrongLastSequenceError, NoStreamResponseError
+
+from kit.link import Link
+from kit.nats import NatsServer, needs_nats
+from kit.pki import pki
+from kit.process import PATIENCE
+
+pytestmark = needs_nats
+
+FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "nats"
+#: How long nothing must come, in seconds, where what must not come would come in a millisecond.
+QUIET = 0.3
+
+
+class Site:
+    """A client of NATS, as the gateway of a site is one; `heard` is what came, `refused` what the server refused."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.heard: asyncio.Queue[Msg] = asyncio.Queue()
+        self.refused: asyncio.Queue[str] = asyncio.Queue()
+        self.client = Client()
+
+    async def connect(self, port: int, password: str) -> None:
+        await self.client.connect(
+            f"nats://127.0.0.1:{port}",
+            user=self.name,
+            password=password,
+            error_cb=self._refuse,
+            inbox_prefix=f"_INBOX.{self.name}",
+            allow_reconnect=False,
+        )
+
+    async def listen(self) -> None:
+        """For requests, answers and heartbeats."""
+        await self.hear(f"mbgw.{self.name}.unit.*.from.*", "mbgw")
+        await self.hear(f"mbgw.{self.name}.answer.>")
+        await self.hear("mbgw.*.clock")
+        await self.client.flush()
+
+    async def hear(self, subject: str, queue: str = "") -> None:
+        await self.client.subscribe(subject, queue, cb=self.heard.put)
+
+    async def ask(self, other: str, sender: str = "", reply: str = "") -> None:
+        """Send a request to unit 3 of another site."""
+        subject = f"mbgw.{other}.unit.3.from.{sender or self.name}"
+        await self.client.publish(subject, b"\x03\x00\x00\x00\x01", reply or f"mbgw.{self.name}.answer.{other}.7")
+        await self.client.flush()
+
+    async def hears(self) -> Msg:
+        return await asyncio.wait_for(self.heard.get(), PATIENCE)
+
+    async def is_refused(self) -> str:
+        return await asyncio.wait_for(self.refused.get(), PATIENCE)
+
+    async def hears_nothing(self) -> bool:
+        await asyncio.sleep(QUIET)
+        return self.heard.empty()
+
+    async def _refuse(self, error: Exception) -> None:
+        await self.refused.put(str(error).lower())
+
+
+class Fleet(NamedTuple):
+    """The hub, the leaf node of plant-3 with a link between them, and a client for each site."""
+
+    hub: NatsServer
+    leaf: NatsServer
+    link: Link
+    control: Site
+    plant1: Site
+    plant3: Site
+
+
+@pytest.fixture
+async def fleet(tmp_path):
+    with NatsServer(tmp_path, config=(FOLDER / "hub.conf").read_text()) as hub, Link(hub.leaf_port) as link:
+        config = (FOLDER / "leaf.conf").read_text().replace("hub.plant.example:7422", f"127.0.0.1:{link.port}")
+        with NatsServer(tmp_path, config=config) as leaf:
+            leaf.wait_for_leaves()
+            found = Fleet(hub, leaf, link, Site("control"), Site("plant-1"), Site("plant-3"))
+            async with AsyncExitStack() as stack:
+                for site, server, password in (
+                    (found.control, hub, "control"),
+                    (found.plant1, hub, "plant-1"),
+                    (found.plant3, leaf, "gateway"),
+                ):
+                    await site.connect(server.port, password)
+                    stack.push_async_callback(site.client.close)
+                    await site.listen()
+                yield found
+
+
+async def asks_and_answers(asker: Site, other: Site) -> bytes:
+    """What comes to `asker` when `other` answers it; between servers a subscription takes a moment to be known."""
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            await asker.ask(other.name)
+            waiting = {asyncio.create_task(each.heard.get()) for each in (asker, other)}
+            (done,), late = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            for each in late:
+                each.cancel()
+            first = done.result()
+            if first.subject.startswith(f"mbgw.{asker.name}.answer."):
+                assert first.headers["Status"] == "503"
+                continue
+            assert first.subject == f"mbgw.{other.name}.unit.3.from.{asker.name}"
+            await other.client.publish(first.reply, b"\x03\x02\x12\x34")
+            return (await asker.hears()).data
+
+
+async def test_sites_ask_and_answer_one_another(fleet):
+    control, plant1, plant3 = fleet.control, fleet.plant1, fleet.plant3
+    pairs = (control, plant1), (plant1, control), (control, plant3), (plant3, control), (control, control)
+    for asker, other in pairs:
+        assert await asks_and_answers(asker, other) == b"\x03\x02\x12\x34"
+
+
+@pytest.mark.parametrize("asker", ["plant1", "plant3"])
+async def test_it_says_at_once_that_nobody_is_there(fleet, asker):
+    site = getattr(fleet, asker)
+    await site.ask("plant-9")
+    assert (await site.hears()).headers["Status"] == "503"
+
+
+async def test_a_site_may_not_ask_by_another_name(fleet):
+    await fleet.plant1.ask("control", sender="plant-3")
+    assert "publish" in await fleet.plant1.is_refused()
+    assert await fleet.control.hears_nothing()
+
+
+async def test_a_site_with_a_leaf_node_may_not_ask_by_another_name(fleet):
+    await asks_and_answers(fleet.plant3, fleet.control)
+    await fleet.plant3.ask("control", sender="plant-1")
+    assert "publish" in await fleet.plant3.is_refused()
+    assert await fleet.control.hears_nothing()
+
+
+async def test_a_leaf_node_that_permits_everything_is_no_other_site_either(fleet):
+    await asks_and_answers(fleet.plant3, fleet.control)
+    with LeafProtocol(fleet.hub.leaf_port, "plant-3", "plant-3") as forger:
+        forger.publish("mbgw.control.unit.3.from.plant-1", "mbgw")
+        forger.publish("mbgw.control.unit.3.from.plant-3", "mbgw")
+        forger.publish("mbgw.control.answer.plant-1.7")
+        forger.publish("mbgw.plant-1.clock")
+        forger.publish("$KV.mbgw-status.plant-1")
+        forger.publish("mbgw.control.answer.plant-3.8")
+        forger.wait()
+    assert (await fleet.control.hears()).subject == "mbgw.control.unit.3.from.plant-3"
+    assert (await fleet.control.hears()).subject == "mbgw.control.answer.plant-3.8"
+    assert await fleet.control.hears_nothing()
+
+
+class LeafProtocol:
+    """A leaf node that keeps to none of the rights that the hub tells it."""
+
+    def __init__(self, port: int, user: str, password: str) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
+        self._lines = self._socket.makefile("rb")
+        hello = {"user": user, "pass": password, "name": "forger", "server_id": "FORGER", "headers": True}
+        self._socket.sendall(f"CONNECT {json.dumps(hello)}\r\n".encode())
+        self.wait()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lines.close()
+        self._socket.close()
+
+    def publish(self, subject: str, queue: str = "") -> None:
+        to = f"{subject} | {queue}" if queue else subject
+        self._socket.sendall(f"LMSG {to} 2\r\nhi\r\n".encode())
+
+    def wait(self) -> None:
+        """Until the hub has read what was sent."""
+        self._socket.sendall(b"PING\r\n")
+        while (line := self._lines.readline()) != b"PONG\r\n":
+            assert line, "the hub has closed the connection"
+
+
+@pytest.mark.parametrize("listener", ["plant1", "plant3"])
+async def test_a_site_hears_only_what_is_its_own(fleet, listener):
+    site = getattr(fleet, listener)
+    for subject in "mbgw.control.unit.*.from.*", "mbgw.control.answer.>", "_INBOX.control.>", "mbgw.>", "_INBOX.>", ">":
+        await site.hear(subject)
+        await site.client.flush()
+        assert "subscription" in await site.is_refused()
+
+
+async def test_a_site_may_not_answer_for_another(fleet):
+    await fleet.plant1.client.publish("mbgw.control.answer.plant-3.7", b"\x03\x02\x00\x00")
+    assert "publish" in await fleet.plant1.is_refused()
+    assert await fleet.control.hears_nothing()
+
+
+async def test_heartbeats_are_heard_by_those_who_ask_and_not_forged(fleet):
+    await fleet.plant1.client.publish("mbgw.plant-3.clock", b"1")
+    assert "publish" in await fleet.plant1.is_refused()
+    await asks_and_answers(fleet.control, fleet.plant3)
+    await fleet.control.client.publish("mbgw.control.clock", b"2")
+    assert (await fleet.plant3.hears()).data == b"2"
+    await fleet.plant3.client.publish("mbgw.plant-3.clock", b"3")
+    assert {(await fleet.control.hears()).data, (await fleet.control.hears()).data} == {b"2", b"3"}
+
+
+async def buckets(site: Site, name: str):
+    return await site.client.jetstream(timeout=PATIENCE).key_value(name)
+
+
+async def create(site: Site, name: str):
+    return await site.client.jetstream(timeout=PATIENCE).create_key_value(KeyValueConfig(bucket=name, history=1))
+
+
+async def test_the_first_gateway_makes_the_buckets_and_no_other_may(fleet):
+    await create(fleet.control, "mbgw-status")
+    await create(fleet.control, "mbgw-lease")
+    with pytest.raises(TimeoutError):
+        await fleet.plant1.client.jetstream(timeout=QUIET).create_key_value(KeyValueConfig(bucket="mbgw-status"))
+    assert "$js.api.stream.create" in await fleet.plant1.is_refused()
+
+
+async def test_each_site_writes_its_own_status_and_reads_all_wherever_it_is(fleet):
+    await create(fleet.control, "mbgw-status")
+    stores = {site: await buckets(site, "mbgw-status") for site in (fleet.control, fleet.plant1, fleet.plant3)}
+    for site, store in stores.items():
+        await store.put(site.name, site.name.encode())
+    for store in stores.values():
+        assert [(await store.get(site.name)).value.decode() for site in stores] == ["control", "plant-1", "plant-3"]
+
+
+@pytest.mark.parametrize("forger", ["plant1", "plant3"])
+async def test_a_site_may_not_write_the_status_of_another(fleet, forger):
+    await create(fleet.control, "mbgw-status")
+    site = getattr(fleet, forger)
+    store = await buckets(site, "mbgw-status")
+    with pytest.raises((TimeoutError, NoStreamResponseError)):
+        await asyncio.wait_for(store.put("control", b"gone"), 1.0)
+    assert "publish" in await site.is_refused()
+
+
+@pytest.mark.parametrize("holder", ["plant1", "plant3"])
+async def test_a_site_takes_its_own_leases_only(fleet, holder):
+    site = getattr(fleet, holder)
+    await create(fleet.control if site is fleet.plant1 else site, "mbgw-lease")
+    store = await buckets(site, "mbgw-lease")
+    revision = await store.create(f"{site.name}.hall-a", b"{}")
+    await store.update(f"{site.name}.hall-a", b"{}", revision)
+    with pytest.raises(KeyWrongLastSequenceError):
+        await store.update(f"{site.name}.hall-a", b"{}", revision)
+    with pytest.raises(TimeoutError):
+        await asyncio.wait_for(store.put("control.hall-a", b"{}"), QUIET)
+    assert "publish" in await site.is_refused()
+
+
+async def test_without_the_way_to_the_hub_a_site_has_its_leases_and_itself(fleet):
+    await create(fleet.control, "mbgw-status")
+    store = await create(fleet.plant3, "mbgw-lease")
+    await asks_and_answers(fleet.plant3, fleet.control)
+    fleet.link.cut()
+    fleet.leaf.wait_for_leaves(0)
+    assert await store.put("plant-3.hall-a", b"{}")
+    assert await asks_and_answers(fleet.plant3, fleet.plant3)
+    await fleet.plant3.ask("control")
+    assert (await fleet.plant3.hears()).headers["Status"] == "503"
+    with pytest.raises(NoRespondersError):
+        await fleet.plant3.client.request("$JS.API.STREAM.INFO.KV_mbgw-status", timeout=PATIENCE)
+    fleet.link.mend()
+    assert await asks_and_answers(fleet.plant3, fleet.control)
+    assert await asks_and_answers(fleet.control, fleet.plant3)
+
+
+async def test_the_server_itself_writes_for_a_site_to_any_subject_but_says_for_whom(fleet):
+    """What no rights of NATS exclude: so an owner also looks at the subject for the reply (gateway/fleet/owner.py)."""
+    await create(fleet.control, "mbgw-status")
+    store = await buckets(fleet.plant1, "mbgw-status")
+    await store.put("plant-1", b"\x06\x00\x01\x00\x02")
+    forged = "mbgw.control.unit.3.from.plant-3"
+    await fleet.plant1.client.publish("$JS.API.DIRECT.GET.KV_mbgw-status.$KV.mbgw-status.plant-1", b"", reply=forged)
+    request = b'{"last_by_subj": "$KV.mbgw-status.plant-1"}'
+    await fleet.plant1.client.publish("$JS.API.STREAM.MSG.GET.KV_mbgw-status", request, reply=forged)
+    got = await fleet.control.hears()
+    assert got.subject == forged
+    assert not got.reply
+
+
+async def test_nobody_gets_in_without_a_password(fleet):
+    for server in fleet.hub, fleet.leaf:
+        for login in {}, {"user": "control", "pass": "guess"}:
+            with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE) as plain:
+                plain.sendall(f"CONNECT {json.dumps(login)}\r\n".encode())
+                with plain.makefile("rb") as lines:
+                    assert b"Authorization Violation" in lines.read()
+
+
+async def test_with_the_lines_for_tls_nothing_is_said_in_the_clear(tmp_path):
+    files = {"/etc/nats/server.crt": "server.crt", "/etc/nats/server.key": "server.key", "/etc/nats/ca.crt": "ca.crt"}
+    hub, leaf = ((FOLDER / name).read_text() for name in ("hub.conf", "leaf.conf"))
+    hub = hub.replace("# tls {", "tls {")
+    leaf = leaf.replace('7422" }', '7422", tls { ca_file: "/etc/nats/ca.crt" } }').replace("nats-leaf://", "tls://")
+    for path, name in files.items():
+        hub, leaf = (text.replace(path, str(pki() / name)) for text in (hub, leaf))
+    with NatsServer(tmp_path, config=hub) as server, NatsServer(tmp_path, config=leaf, leaf_of=server) as node:
+        node.wait_for_leaves()
+        context = ssl.create_default_context(cafile=pki() / "ca.crt")
+        client = Client()
+        address = f"tls://127.0.0.1:{server.port}"
+        await client.connect(address, user="control", password="control", tls=context, allow_reconnect=False)
+        await client.close()
+        with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE) as plain:
+            assert json.loads(plain.recv(65536).split(b" ", 1)[1])["tls_required"] is True
