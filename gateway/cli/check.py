@@ -11,6 +11,7 @@ from gateway.cli.columns import align
 from gateway.cli.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.line_load import polls_as_json, polls_as_text, rates_as_json, rates_as_text
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.cli.published import published_as_json, published_as_text
 from gateway.cli.rights import rights_as_json, rights_as_text
 from gateway.config.address_trouble import address_trouble
 from gateway.config.duration import show_duration
@@ -115,6 +116,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts += [_upstream(upstream) for upstream in plan.upstreams]
     parts += [_server(server, plan) for server in plan.servers]
     parts += images_as_text(plan)
+    parts += published_as_text(plan)
     parts += _remembered(plan)
     if plan.lines or plan.upstreams:
         parts.append(_advice(plan))
@@ -328,6 +330,7 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["servers"] = [_server_as_json(server, plan) for server in plan.servers]
         picture["images"] = images_as_json(plan)
         picture["mirrors"] = mirrors_as_json(plan)
+        picture["published"] = published_as_json(plan)
     return picture
 
 

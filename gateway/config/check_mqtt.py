@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.config.broker import is_topic_part
 from gateway.config.plan import Plan
-from gateway.config.problem import Problem, did_you_mean, error
+from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.publishing import Publishable, names_device
 from gateway.config.reserved import MQTT
 from gateway.config.resolve import publishable, resolve
@@ -108,6 +108,23 @@ def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[
         yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
     if mqtt.sparkplug is None:
         yield from _check_taken(mqtt, devices)
+    else:
+        yield from _check_alike(mqtt, [device.name for device in devices], "devices")
+        for device in devices:
+            yield from _check_alike(mqtt, [point.name for point in device.points], f"points of {device.name}")
+
+
+def _check_alike(mqtt: Mqtt, names: list[str], what: str) -> Iterator[Problem]:
+    """Sparkplug hosts need not tell names apart that differ by case only."""
+    alike: dict[str, list[str]] = {}
+    for name in names:
+        alike.setdefault(name.casefold(), []).append(name)
+    for same in alike.values():
+        if len(same) > 1:
+            problem = (
+                f"the {what} {_named(same)} differ by upper and lower case only: Sparkplug hosts may take them for one"
+            )
+            yield warning((*mqtt.path, "publish"), problem, "give them other names")
 
 
 def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:

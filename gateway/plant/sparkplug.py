@@ -20,11 +20,11 @@ from gateway.plant.messages import (
     Received,
 )
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode, signed
+from gateway.plant.topics import SparkplugTopics
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.items import has_bits
 
-_NAMESPACE: Final = "spBv1.0"
 _REBIRTH: Final = "Node Control/Rebirth"
 #: Birth and death of one session have the same number in this metric, and message numbers have as many values.
 _SESSION: Final = "bdSeq"
@@ -60,9 +60,8 @@ class Sparkplug:
     def __init__(
         self, group: str, node: str, primary_host: str | None = None, withdrawals: Sequence[Message] = ()
     ) -> None:
-        self._group = group
-        self._node = node
-        self._host = None if primary_host is None else f"{_NAMESPACE}/STATE/{primary_host}"
+        self._topics = SparkplugTopics(group, node)
+        self._host = None if primary_host is None else self._topics.state(primary_host)
         self._host_seen = -1
         self._host_is_online = primary_host is None
         self._session = _NUMBERS - 1
@@ -90,12 +89,12 @@ class Sparkplug:
 
     def early_subscriptions(self) -> Sequence[str]:
         """The state of the primary host, and commands for the node, which write nothing."""
-        return [*([] if self._host is None else [self._host]), self._topic("NCMD")]
+        return [*([] if self._host is None else [self._host]), self._topics.of("NCMD")]
 
     def late_subscriptions(self) -> Sequence[str]:
         """Commands for devices that have something to write."""
         return [
-            self._topic("DCMD", device)
+            self._topics.of("DCMD", device.name)
             for device in self._devices.values()
             if any(point.is_writable for point in device.points)
         ]
@@ -109,7 +108,7 @@ class Sparkplug:
             Metric(_SESSION, self._session, DataType.INT64, at),
             Metric(_REBIRTH, value=False, data_type=DataType.BOOLEAN, at=at),
         )
-        yield self._message(self._topic("NBIRTH"), Payload(metrics, at, self._next()))
+        yield self._message(self._topics.of("NBIRTH"), Payload(metrics, at, self._next()))
         for state in states:
             self._devices[state.device.name] = state.device
             if state.is_available:
@@ -125,7 +124,7 @@ class Sparkplug:
             return []
         metrics = _metrics(points, readings, at)
         payload = encode(Payload(metrics, at, self._next()), with_types=False)
-        return [Message(self._topic("DDATA", device), payload, qos=0)]
+        return [Message(self._topics.of("DDATA", device.name), payload, qos=0)]
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
         """A device is born, or dies."""
@@ -134,7 +133,7 @@ class Sparkplug:
         if state.device.name not in self._born:
             return []
         self._born.discard(state.device.name)
-        return [self._message(self._topic("DDEATH", state.device), Payload((), at, self._next()))]
+        return [self._message(self._topics.of("DDEATH", state.device.name), Payload((), at, self._next()))]
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
         """The primary host comes or goes, somebody wants a new birth, or to write."""
@@ -146,11 +145,11 @@ class Sparkplug:
             metrics = decode(delivery.payload).metrics
         except ValueError:
             return []
-        if delivery.topic == self._topic("NCMD"):
+        if delivery.topic == self._topics.of("NCMD"):
             is_wanted = any(metric.name == _REBIRTH and metric.value is True for metric in metrics)
             return [Rebirth()] if is_wanted and not self.is_held else []
         for device in self._devices.values():
-            if delivery.topic == self._topic("DCMD", device):
+            if delivery.topic == self._topics.of("DCMD", device.name):
                 return list(_commands(device, metrics, delivery))
         return []
 
@@ -178,21 +177,17 @@ class Sparkplug:
         self._born.add(state.device.name)
         self._devices[state.device.name] = state.device
         metrics = _metrics(state.device.points, state.readings, at)
-        return self._message(self._topic("DBIRTH", state.device), Payload(metrics, at, self._next()))
+        return self._message(self._topics.of("DBIRTH", state.device.name), Payload(metrics, at, self._next()))
 
     def _death(self, at: float) -> Message:
         metric = Metric(_SESSION, self._session, DataType.INT64, at)
-        return Message(self._topic("NDEATH"), encode(Payload((metric,), at), with_types=True), qos=1)
+        return Message(self._topics.of("NDEATH"), encode(Payload((metric,), at), with_types=True), qos=1)
 
     def _next(self) -> int:
         """The number of the next message."""
         number = self._sequence
         self._sequence = (number + 1) % _NUMBERS
         return number
-
-    def _topic(self, kind: str, device: PublishedDevice | None = None) -> str:
-        node = f"{_NAMESPACE}/{self._group}/{kind}/{self._node}"
-        return node if device is None else f"{node}/{device.name}"
 
     @staticmethod
     def _message(topic: str, payload: Payload) -> Message:

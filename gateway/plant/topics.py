@@ -1,9 +1,10 @@
-"""The topics of plain messages: `modbus/SITE/DEVICE` and those below it."""
+"""The topics of messages: plain ones, `modbus/SITE/DEVICE` and those below it, and those of Sparkplug B."""
 
 from dataclasses import dataclass
 from typing import Final
 
 _ROOT: Final = "modbus"
+_NAMESPACE: Final = "spBv1.0"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,3 +51,21 @@ class Topics:
     def result(setting: str) -> str:
         """Where it is told what became of a value, by the topic that has taken it."""
         return f"{setting.removesuffix('/set')}/result"
+
+
+@dataclass(frozen=True, slots=True)
+class SparkplugTopics:
+    """The topics of an edge node."""
+
+    group: str
+    node: str
+
+    def of(self, kind: str, device: str = "") -> str:
+        """The topic of a `kind` of messages (NBIRTH, DDATA), of the node itself or of one of its devices."""
+        topic = f"{_NAMESPACE}/{self.group}/{kind}/{self.node}"
+        return f"{topic}/{device}" if device else topic
+
+    @staticmethod
+    def state(host: str) -> str:
+        """Whether a host is there."""
+        return f"{_NAMESPACE}/STATE/{host}"

@@ -597,3 +597,48 @@ def test_the_longest_wait_is_never_shown_too_short(seconds, shown):
 def test_the_unit_of_the_gateway_itself_is_shown(config, capsys):
     assert main(["check", config(FILE + "\n[self]\nunit = 246\n")]) == 0
     assert " 246 gateway self never registers of the gateway itself" in " ".join(capsys.readouterr().out.split())
+
+
+PUBLISHED = """
+site = "plant-2"
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+[[image]]
+unit = 1
+name = "shift"
+profile = "shift"
+holding = 10
+[profile.shift]
+points = [
+  { name = "a", holding = 0 }, { name = "b", holding = 1, write = true }, { name = "c", holding = 2, write = "only" },
+  { name = "d", holding = 3 }, { name = "e", holding = 4 },
+]
+[mqtt]
+broker = "mqtt://broker"
+publish = [{ device = "shift", every = "1 s" }]
+write = true
+"""
+
+
+@pytest.mark.parametrize(
+    ("form", "said", "topic"),
+    [
+        ("home_assistant = true", "  Announced to Home Assistant below homeassistant/\n", "modbus/plant-2/shift"),
+        ("", "  JSON; modbus/plant-2/status says whether the gateway is there\n", "modbus/plant-2/shift"),
+        ('sparkplug = { group = "hall" }', "  Sparkplug B\n", "spBv1.0/hall/DDATA/plant-2/shift"),
+    ],
+)
+def test_topics_are_in_the_picture(tmp_path, capsys, form, said, topic):
+    file = tmp_path / "g.toml"
+    file.write_text(PUBLISHED + form)
+    assert main(["check", str(file)]) == 0
+    text = capsys.readouterr().out
+    assert "Broker mqtt://broker:1883\n" in text
+    assert said in text
+    assert f"  shift   {topic}" in text
+    assert "a, b, d and 1 more" in text
+    assert main(["check", "--json", str(file)]) == 0
+    published = json.loads(capsys.readouterr().out)["published"]
+    assert published["devices"] == [
+        {"device": "shift", "topic": topic, "points": ["a", "b", "d", "e"], "settable": ["b", "c"]}
+    ]
