@@ -143,3 +143,11 @@ def test_a_site_that_has_another_name_in_home_assistant_may_announce_its_devices
 def test_commands_in_the_compose_file_are_commands(service):
     (script,) = yaml(COMPOSE / "compose.yaml")["services"][service]["command"]
     subprocess.run(["sh", "-n", "-c", script.replace("$$", "$")], check=True)
+
+
+def test_the_compose_file_has_no_passwords_of_its_own_and_tells_which_to_make():
+    text = (COMPOSE / "compose.yaml").read_text(encoding="utf-8")
+    assert not re.findall(r"(?<!\$)\$\{\w+:?-", text), "a password that everybody knows"
+    wanted = set(re.findall(r"\$\{(\w+):\?", text))
+    made = set(re.findall(r"for name in (.+); do", text)[0].split())
+    assert wanted == made
