@@ -60,16 +60,34 @@ def pdus() -> list[bytes]:
     return [*(bytes((function, 0, 0, 0, 1)) for function in range(1, 128)), b"\x2b\x0e\x01\x00", b"\x2b\x0d\x00"]
 
 
+#: A viewer reads, an operator writes to some units and reads the others.
+TABLE = (
+    Row(READING, role="viewer"),
+    Row(EVERYTHING, units=frozenset(range(40, 50)), role="operator"),
+    Row(READING, role="operator"),
+)
+OTHERS = (Row(EVERYTHING, listeners=frozenset(["scada"])), Row(EVERYTHING, networks=(ip_network("10.0.0.0/8"),)))
+
+
 @pytest.mark.parametrize("role", ROLES)
-def test_only_a_role_that_may_write_gets_a_write_to_a_unit(role: str) -> None:
-    rows = (Row(READING, role="viewer"), Row(EVERYTHING, units=frozenset(range(40, 50)), role="operator"))
-    rows = (*rows, Row(READING, role="operator"))
+@pytest.mark.parametrize(
+    ("rows", "readers", "writers"),
+    [
+        (TABLE, ["viewer", "operator"], ["operator"]),
+        (DEFAULT_ROWS, ROLES, []),
+        (OTHERS, [], []),
+    ],
+    ids=["rows for roles", "no rows", "rows for others only"],
+)
+def test_only_a_role_that_may_write_gets_a_write_to_a_unit(
+    rows: tuple[Row, ...], readers: list[str], writers: list[str], role: str
+) -> None:
     bench = Bench(rows, role)
     for unit in range(1, 248):
         for pdu in pdus():
-            may_read, may_write = role in ("operator", "viewer"), role == "operator" and 40 <= unit < 50
+            may_read, may_write = role in readers, role in writers and 40 <= unit < 50
             assert bench.asks(unit, pdu) is (may_write or (may_read and only_reads(pdu)))
-    assert all(only_reads(each.pdu) or (role == "operator" and 40 <= each.unit < 50) for each in bench.reached)
+    assert all(only_reads(each.pdu) or (role in writers and 40 <= each.unit < 50) for each in bench.reached)
 
 
 @given(
