@@ -4,59 +4,56 @@ import asyncio
 from collections.abc import Callable
 from math import inf
 
+from gateway.ports.exact_loop import ExactLoop
+
 
 class LazyTimer:
     """Calls back once a deadline has passed, never before. Deadlines are `loop.time()`, in seconds.
 
-    A line changes its deadline several times in a transaction, mostly to a later one. A later deadline leaves the
-    loop's timer as it is: when it fires, it is set again. Only an earlier deadline costs a call into the loop.
+    A line changes its deadline several times in a transaction, to a later one and back. The loop is asked for a call
+    only if none is to come as early, and none is taken back: one that comes before the deadline is no more than a look.
     """
 
-    __slots__ = ("_armed_for", "_call_at", "_callback", "_deadline", "_time", "_timer")
+    __slots__ = ("_call_at", "_callback", "_calls", "_deadline", "_time")
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
-        self._call_at = loop.call_at
+        self._call_at: Callable[[float, Callable[[], None]], object] = (
+            loop.wake_at if isinstance(loop, ExactLoop) else loop.call_at
+        )
         self._time = loop.time
-        self._callback = callback
-        self._deadline: float | None = None
-        self._timer: asyncio.TimerHandle | None = None
-        self._armed_for = inf
+        self._callback: Callable[[], None] | None = callback
+        self._deadline = inf
+        #: When the loop is going to call, the next time last.
+        self._calls: list[float] = []
 
     def set(self, deadline: float | None) -> None:
         """Replace the deadline; None for no callback."""
-        self._deadline = deadline
-        if deadline is not None and deadline < self._armed_for:
-            self._arm(deadline)
+        self._deadline = inf if deadline is None else deadline
+        if self._deadline != inf:
+            self._ask()
 
     def close(self) -> None:
         """Never call back again."""
-        self._deadline = None
-        self._armed_for = -inf
-        self._disarm()
+        self._deadline = inf
+        self._callback = None
 
-    def _arm(self, when: float) -> None:
-        self._disarm()
-        self._armed_for = when
-        self._timer = self._call_at(when, self._fired)
+    def _ask(self) -> None:
+        """Have the loop call at the deadline, unless it calls earlier."""
+        if self._callback is not None and not (self._calls and self._calls[-1] <= self._deadline):
+            self._calls.append(self._deadline)
+            self._call_at(self._deadline, self._called)
 
-    def _disarm(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-    def _fired(self) -> None:
-        self._timer = None
-        self._armed_for = inf
-        deadline = self._deadline
-        if deadline is None:
+    def _called(self) -> None:
+        self._calls.pop()
+        if self._deadline == inf:
             return
-        if self._time() < deadline:
-            self._arm(deadline)
-            return
-        self._deadline = None
-        self._callback()
+        if self._time() < self._deadline:
+            self._ask()
+        elif self._callback is not None:
+            self._deadline = inf
+            self._callback()
 
     def __repr__(self) -> str:
-        if self._deadline is None:
+        if self._deadline == inf:
             return "<LazyTimer off>"
         return f"<LazyTimer in {1000 * (self._deadline - self._time()):.1f} ms>"

@@ -41,10 +41,26 @@ async def test_a_later_deadline_wins(bell):
 
 async def test_a_later_deadline_leaves_the_timer_standing(bell):
     bell.timer.set(1.0)
-    timer = bell.timer._timer
     bell.timer.set(3.0)
     bell.timer.set(2.0)
-    assert bell.timer._timer is timer
+    assert calls_ordered(bell) == [1.0]
+
+
+async def test_a_call_that_has_been_ordered_serves_for_a_later_deadline_too(bell):
+    """A line's limit, and the short waits before it, over and over."""
+    for now in range(5):
+        bell.timer.set(20.0 + now)
+        bell.timer.set(now + 0.5)
+        await asyncio.sleep(1)
+    assert calls_ordered(bell) == [20.0]
+    assert bell.rung == [0.5, 1.5, 2.5, 3.5, 4.5]
+    bell.timer.set(24.0)
+    await asyncio.sleep(30)
+    assert bell.rung[5:] == [24.0]
+
+
+def calls_ordered(bell):
+    return [handle.when() for handle in bell.loop._scheduled]
 
 
 async def test_an_earlier_deadline_wins(bell):
@@ -93,11 +109,13 @@ async def test_it_can_be_set_again_while_it_rings(bell):
 async def test_a_timer_that_fires_early_does_not_ring(bell):
     """Some loops run their timers up to a millisecond early."""
     bell.timer.set(1.0)
-    bell.timer._timer.cancel()
-    bell.timer._fired()
+    bell.timer._called()
+    assert bell.rung == []
+    bell.timer.set(2.0)
+    bell.timer._called()
     assert bell.rung == []
     await asyncio.sleep(10)
-    assert bell.rung == [1.0]
+    assert bell.rung == [2.0]
 
 
 async def test_once_closed_it_never_rings(bell):

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import serial
-import serial_asyncio
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -96,7 +95,7 @@ def pack(machine: Machine, kind: str, debian: Path, folder: Path) -> Path:
                 shutil.copytree(source, target, symlinks=True)
             else:
                 shutil.copy(source, target, follow_symlinks=False)
-    for source in (GATEWAY, Path(serial.__file__).parent, Path(serial_asyncio.__file__).parent):
+    for source in (GATEWAY, Path(serial.__file__).parent):
         shutil.copytree(source, root / "gateway" / source.name, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     shutil.copy(GUEST, root / "gateway")
     (root / "init").write_text(INIT.format(port=machine.port, kind=kind))

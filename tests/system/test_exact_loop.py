@@ -6,11 +6,13 @@ import socket
 import threading
 import time
 from contextlib import closing
+from functools import partial
 
 import pytest
 
 from gateway.ports import exact_loop as exact_loop_module
-from gateway.ports.exact_loop import EXACT_PART, ExactSelector, exact_loop, run_exactly
+from gateway.ports.exact_loop import ExactLoop, ExactSelector, exact_loop, run_exactly
+from gateway.ports.poller import EXACT_PART
 
 #: asyncio runs what is due within this time.
 CLOCK_RESOLUTION = time.get_clock_info("monotonic").resolution
@@ -64,48 +66,173 @@ def test_a_thread_that_computes_hands_over_in_less_than_a_millisecond() -> None:
     assert run_exactly(least()) < 0.003
 
 
-def test_a_descriptor_ends_an_exact_wait() -> None:
+@pytest.fixture
+def pair():
     near, far = socket.socketpair()
-    with near, far, closing(ExactSelector()) as selector:
-        selector.register(near, selectors.EVENT_READ, ("read", None))
+    with near, far:
+        yield near, far
+
+
+@pytest.fixture
+def selector():
+    with closing(ExactSelector()) as selector:
+        yield selector
+
+
+@pytest.fixture
+def called():
+    return []
+
+
+@pytest.fixture
+def handle():
+    """Makes handles of callbacks, as a loop does."""
+    with closing(asyncio.SelectorEventLoop()) as loop:
+        yield lambda callback, *arguments: asyncio.Handle(callback, arguments, loop)
+
+
+@pytest.fixture
+def note(called, handle):
+    """Makes handles whose callback notes their name."""
+    return partial(handle, called.append)
+
+
+def test_a_descriptor_ends_an_exact_wait(selector, pair, handle):
+    near, far = pair
+    ready = selector.poller.ready
+    selector.register(near, selectors.EVENT_READ, (handle(ready.append, "read"), None))
+    far.send(b"x")
+    assert selector.select(EXACT_PART) == []
+    assert list(ready) == ["read"]
+
+
+def test_it_calls_what_waits_for_a_descriptor_at_the_moment(selector, pair, called, note):
+    near, far = pair
+    far.send(b"x")
+    selector.register(near, selectors.EVENT_READ | selectors.EVENT_WRITE, (note("read"), note("write")))
+    selector.select(0)
+    assert called == ["read", "write"]
+    selector.modify(near, selectors.EVENT_READ, (note("another"), None))
+    selector.select(0)
+    assert called[2:] == ["another"]
+    selector.unregister(near)
+    selector.select(0)
+    assert called[3:] == []
+
+
+def test_the_end_of_a_connection_is_for_who_reads_and_for_who_writes(selector, pair, called, note):
+    near, far = pair
+    selector.register(near, selectors.EVENT_WRITE, (None, note("write")))
+    far.close()
+    selector.select(0)
+    assert called == ["write"]
+    selector.modify(near, selectors.EVENT_READ, (note("read"), None))
+    selector.select(0)
+    assert called[1:] == ["read"]
+
+
+def test_a_masked_descriptor_is_left_alone_unless_what_is_behind_it_is_lost(selector, pair, called, note):
+    near, far = pair
+    selector.register(near, selectors.EVENT_READ, (note("read"), None))
+    selector.poller.mask(near.fileno(), is_masked=True)
+    far.send(b"x")
+    selector.select(0)
+    assert called == []
+    selector.poller.mask(near.fileno(), is_masked=False)
+    selector.select(0)
+    assert called == ["read"]
+    selector.poller.mask(near.fileno(), is_masked=True)
+    far.close()
+    selector.select(0)
+    assert called == ["read", "read"]
+
+
+def test_who_writes_to_a_masked_descriptor_is_called_all_the_same(selector, pair, called, note):
+    near, far = pair
+    selector.register(near, selectors.EVENT_READ | selectors.EVENT_WRITE, (note("read"), note("write")))
+    far.send(b"x")
+    selector.poller.mask(near.fileno(), is_masked=True)
+    selector.select(0)
+    assert called == ["write"]
+    selector.poller.mask(near.fileno(), is_masked=False)
+    selector.select(0)
+    assert called[1:] == ["read", "write"]
+
+
+def test_it_goes_on_waiting_while_the_loop_has_nothing_to_call(selector, pair, handle):
+    near, far = pair
+    reads = []
+
+    def read():
+        reads.append(near.recv(1))
+        if len(reads) < 3:
+            far.send(b"x")
+
+    selector.register(near, selectors.EVENT_READ, (handle(read), None))
+    far.send(b"x")
+    started = time.monotonic()
+    selector.select(0.01)
+    assert len(reads) == 3
+    assert time.monotonic() - started >= 0.01
+
+
+async def test_a_timer_that_a_descriptors_callback_has_set_is_in_time(pair):
+    """The loop has begun to wait for something that is much later."""
+    near, far = pair
+    loop = asyncio.get_running_loop()
+    called = loop.create_future()
+
+    def read():
+        near.recv(1)
+        loop.call_later(0.001, called.set_result, None)
+
+    loop.add_reader(near, read)
+    loop.call_later(0.001, far.send, b"x")
+    async with asyncio.timeout(30):
+        await called
+    loop.remove_reader(near)
+
+
+def test_a_descriptors_callback_can_stop_the_loop(pair):
+    near, far = pair
+    with closing(exact_loop()) as loop:
+        loop.add_reader(near, loop.stop)
         far.send(b"x")
-        assert selector.select(EXACT_PART) == ["read"]
+        loop.run_forever()
+        loop.remove_reader(near)
 
 
-def test_it_returns_what_waits_for_a_descriptor_at_the_moment() -> None:
-    near, far = socket.socketpair()
-    with near, far, closing(ExactSelector()) as selector:
-        far.send(b"x")
-        selector.register(near, selectors.EVENT_READ | selectors.EVENT_WRITE, ("read", "write"))
-        assert selector.select(0) == ["read", "write"]
-        selector.modify(near, selectors.EVENT_READ, ("another", None))
-        assert selector.select(0) == ["another"]
-        selector.unregister(near)
-        assert selector.select(0) == []
+async def test_a_callback_of_another_thread_ends_the_wait():
+    loop = asyncio.get_running_loop()
+    called = loop.create_future()
+    thread = threading.Timer(0.001, loop.call_soon_threadsafe, (called.set_result, None))
+    thread.start()
+    async with asyncio.timeout(30):
+        await called
+    thread.join()
 
 
-def test_the_end_of_a_connection_is_for_who_reads_and_for_who_writes() -> None:
-    near, far = socket.socketpair()
-    with near, closing(ExactSelector()) as selector:
-        selector.register(near, selectors.EVENT_WRITE, (None, "write"))
-        far.close()
-        assert selector.select(0) == ["write"]
-        selector.modify(near, selectors.EVENT_READ, ("read", None))
-        assert selector.select(0) == ["read"]
+async def test_it_calls_back_at_the_time_never_before_and_in_order():
+    loop = asyncio.get_running_loop()
+    now = loop.time()
+    called, over = [], loop.create_future()
+    for number, delay in enumerate((0.004, 0.001, 0.001)):
+        loop.wake_at(now + delay, lambda number=number, at=now + delay: called.append((number, loop.time() >= at)))
+    loop.wake_at(now + 0.005, lambda: over.set_result(None))
+    async with asyncio.timeout(30):
+        await over
+    assert called == [(1, True), (2, True), (0, True)]
 
 
-def test_a_masked_descriptor_is_left_alone_unless_what_is_behind_it_is_lost() -> None:
-    near, far = socket.socketpair()
-    with near, closing(ExactSelector()) as selector:
-        selector.register(near, selectors.EVENT_READ, ("read", None))
-        selector.mask(near.fileno(), is_masked=True)
-        far.send(b"x")
-        assert selector.select(0) == []
-        selector.mask(near.fileno(), is_masked=False)
-        assert selector.select(0) == ["read"]
-        selector.mask(near.fileno(), is_masked=True)
-        far.close()
-        assert selector.select(0) == ["read"]
+async def test_an_error_in_a_callback_at_its_time_is_reported_and_the_next_one_is_called():
+    loop = asyncio.get_running_loop()
+    reported, over = [], loop.create_future()
+    loop.set_exception_handler(lambda _, context: reported.append(type(context["exception"])))
+    loop.wake_at(loop.time(), lambda: 1 / 0)
+    loop.wake_at(loop.time(), lambda: over.set_result(None))
+    async with asyncio.timeout(30):
+        await over
+    assert reported == [ZeroDivisionError]
 
 
 async def test_a_callback_that_another_one_has_removed_is_not_called() -> None:
@@ -161,15 +288,22 @@ async def test_its_clock_is_that_of_the_timers() -> None:
     ("owner", "name"),
     [
         (selectors.EpollSelector, "_selector"),
-        (asyncio.SelectorEventLoop, "_process_events"),
+        (asyncio.SelectorEventLoop, "_ready"),
         (asyncio.Handle, "_run"),
         (asyncio.Handle, "_cancelled"),
     ],
 )
 def test_a_private_name_is_there(owner: type, name: str) -> None:
     """A version of Python without one gets asyncio's own loop."""
-    with closing(selectors.EpollSelector()) as selector:
-        assert hasattr(selector if owner is selectors.EpollSelector else owner, name)
+    with closing(selectors.EpollSelector()) as selector, closing(asyncio.SelectorEventLoop()) as loop:
+        assert hasattr({selectors.EpollSelector: selector, asyncio.SelectorEventLoop: loop}.get(owner, owner), name)
+
+
+def test_the_loops_own_callbacks_wait_in_what_is_looked_at() -> None:
+    with closing(exact_loop()) as loop:
+        assert isinstance(loop, ExactLoop)
+        loop.call_soon(print)
+        assert len(loop._selector.poller.ready) == 1
 
 
 def test_without_a_private_name_the_loop_is_that_of_asyncio(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,6 +311,21 @@ def test_without_a_private_name_the_loop_is_that_of_asyncio(monkeypatch: pytest.
     with closing(exact_loop()) as loop:
         assert type(loop) is asyncio.SelectorEventLoop
         loop.run_until_complete(asyncio.sleep(0))
+
+
+def test_without_the_queue_of_callbacks_the_loop_is_that_of_asyncio(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exact_loop_module, "ExactLoop", _NoQueue)
+    with closing(exact_loop()) as loop:
+        assert type(loop) is asyncio.SelectorEventLoop
+        loop.run_until_complete(asyncio.sleep(0))
+
+
+class _NoQueue:
+    """The loop of a Python without one of the names."""
+
+    def __init__(self, selector: ExactSelector) -> None:
+        self._poller = selector.poller
+        self._poller.ready = self._ready
 
 
 @pytest.mark.parametrize(("parts", "waited"), [(0.3, 0.3), (1.0, 1.0), (1.5, 0.5)])

@@ -22,6 +22,7 @@ from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
 from gateway.ports import opening
 from gateway.ports import serial as serial_module
+from gateway.ports import serial_port as serial_port_module
 from gateway.ports.holders import _by_lock, holder
 from gateway.ports.ioctls import divided
 from gateway.ports.port import SerialSettings
@@ -286,7 +287,7 @@ async def test_each_way_a_driver_says_goodbye_is_a_loss(virtual, user, monkeypat
     async with opened(virtual.path, user) as port:
         await asyncio.sleep(0)
         with monkeypatch.context() as patch:
-            patch.setattr(serial_module, "os", FailingOs(call, port._descriptor, error))
+            patch.setattr(os, call, failing(call, port._descriptor, error))
             if call == "write":
                 port.write(b"ask")
             else:
@@ -295,20 +296,16 @@ async def test_each_way_a_driver_says_goodbye_is_a_loss(virtual, user, monkeypat
     assert user.losses == [f"{virtual.path} is gone: Input/output error"]
 
 
-class FailingOs:
-    """The os module with one call that fails for one descriptor."""
+def failing(name, broken, error):
+    """The call of os with this name, which fails for one descriptor."""
+    works = getattr(os, name)
 
-    def __init__(self, call, descriptor, error):
-        self._broken = (call, descriptor)
-        self._error = error
+    def call(descriptor, argument):
+        if descriptor == broken:
+            raise error
+        return works(descriptor, argument)
 
-    def __getattr__(self, name):
-        def call(descriptor, argument):
-            if (name, descriptor) == self._broken:
-                raise self._error
-            return getattr(os, name)(descriptor, argument)
-
-        return call
+    return call
 
 
 async def test_a_driver_that_closes_slowly_does_not_block_the_loop(virtual, user, monkeypatch):
@@ -316,7 +313,7 @@ async def test_a_driver_that_closes_slowly_does_not_block_the_loop(virtual, user
         time.sleep(2 * AT_ONCE)
         opening.close_device(device, lost=lost)
 
-    monkeypatch.setattr(serial_module, "close_device", close_slowly)
+    monkeypatch.setattr(serial_port_module, "close_device", close_slowly)
     loop = asyncio.get_running_loop()
     port = await open_serial(settings(virtual.path), user)
     port.close()

@@ -1,0 +1,109 @@
+"""What the event loop does most of the time: it waits, and calls what waits for a descriptor or for a time. Compiled.
+
+asyncio waits in `epoll_wait`, which counts in milliseconds. Above 19200 baud, t3.5 is 1.75 ms, so that a millisecond is
+a tenth of what a fast line can carry. `select` counts in microseconds, and can wait for the descriptor of an epoll. Why
+not a timer descriptor for each line: docs/adr/0009-exact-timers.md
+"""
+
+import asyncio
+import select
+from collections import deque
+from collections.abc import Callable
+from heapq import heappop, heappush
+from math import inf
+from time import monotonic
+from typing import Final
+
+#: `select` is used for the last part of a wait, in seconds. Silences and frames are shorter, most time limits longer.
+EXACT_PART: Final = 0.06
+#: `select` supports only descriptors below this number (select(2)).
+SELECTABLE: Final = 1024
+#: So many descriptors are looked at between two looks at the timers.
+_AT_ONCE: Final = 64
+_NOBODY: Final = (None, None)
+
+#: What waits to read from a descriptor and to write to it.
+Callbacks = tuple[asyncio.Handle | None, asyncio.Handle | None]
+
+
+class Poller:
+    """Waits with `epoll`, which has this `descriptor`, and calls `callbacks`, by their descriptors, and what is due.
+
+    Of the loop that it serves, `ready` are the callbacks that the loop calls itself, and `failed` reports errors.
+    """
+
+    def __init__(self, epoll: select.epoll, descriptor: int) -> None:
+        self.callbacks: dict[int, Callbacks] = {}
+        self.ready: deque[asyncio.Handle] = deque()
+        self.failed: Callable[[Exception], None]
+        self._epoll = epoll
+        self._descriptor = descriptor
+        #: What is to be called when; numbers keep the order of equal times.
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._number = 0
+        self._ends_at = 0.0
+
+    def wait(self, timeout: float | None = None) -> list[asyncio.Handle]:
+        """Wait and call what there is to call until `timeout` has passed, or the loop has something to do.
+
+        Nothing of it is left to the loop: the list is empty.
+        """
+        now = monotonic()
+        self._ends_at = inf if timeout is None else now + timeout
+        while True:
+            self._poll(min(self._ends_at, self._due[0][0] if self._due else inf) - now)
+            now = monotonic()
+            while self._due and self._due[0][0] <= now:
+                self._call(heappop(self._due)[2])
+            if self.ready or self._ends_at <= now:
+                return []
+
+    def wake_at(self, when: float, callback: Callable[[], None]) -> None:
+        """Call back at `when`. This costs much less than a timer of the loop, and cannot be cancelled."""
+        self._number += 1
+        heappush(self._due, (when, self._number, callback))
+
+    def end_by(self, when: float) -> None:
+        """The wait ends at `when` at the latest: the loop has a new timer."""
+        self._ends_at = min(self._ends_at, when)
+
+    def mask(self, descriptor: int, *, is_masked: bool) -> None:
+        """Read nothing from a descriptor for a while, but notice when what is behind it is lost; or read again.
+
+        To remove what reads and to register it anew takes five times as long.
+        """
+        _, writer = self.callbacks[descriptor]
+        reading = 0 if is_masked else select.EPOLLIN
+        self._epoll.modify(descriptor, reading if writer is None else reading | select.EPOLLOUT)
+
+    def _poll(self, timeout: float) -> None:
+        """Wait once."""
+        if timeout <= 0.0:
+            self._call_ready(0.0)
+        elif timeout == inf:
+            self._call_ready(-1.0)
+        elif self._descriptor >= SELECTABLE:
+            self._call_ready(timeout)
+        elif timeout > EXACT_PART:
+            self._call_ready(timeout - EXACT_PART)
+        elif select.select((self._descriptor,), (), (), timeout)[0]:
+            self._call_ready(0.0)
+
+    def _call_ready(self, wait: float) -> None:
+        """Call those that are ready within `wait` seconds, unless another one of them has just cancelled it."""
+        handles = []
+        for descriptor, events in self._epoll.poll(wait, _AT_ONCE):
+            reader, writer = self.callbacks.get(descriptor, _NOBODY)
+            if reader is not None and events & ~select.EPOLLOUT:  # the end of a connection is for both
+                handles.append(reader)
+            if writer is not None and events & ~select.EPOLLIN:
+                handles.append(writer)
+        for handle in handles:
+            if not handle._cancelled:  # noqa: SLF001 - `cancelled()` is a call more for each
+                handle._run()  # noqa: SLF001 - as the loop does
+
+    def _call(self, callback: Callable[[], None]) -> None:
+        try:
+            callback()
+        except Exception as error:  # noqa: BLE001 - an event loop reports the errors of callbacks and goes on
+            self.failed(error)
