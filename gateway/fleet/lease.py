@@ -180,7 +180,7 @@ class Lease:
         if self._must_read:
             return Read()
         if self.is_held:
-            is_due = now >= self._asks_at or self.state != self._written
+            is_due = now >= self._asks_at or (self.state != self._written and not self._sent)
             return self._write(now, self.state) if is_due else None
         if self._may_claim(now):
             return self._claim(now)

@@ -84,7 +84,6 @@ class Standby:
         bucket: OpenBucket,
         shared: SharedLine,
         emit: Emit,
-        clock: Callable[[], float] = lambda: clock_gettime(CLOCK_BOOTTIME),
     ) -> None:
         self.lease = Lease(settings, holder, "")
         self.taken = 0
@@ -93,7 +92,6 @@ class Standby:
         self._line = line
         self._bucket = bucket
         self._emit = emit
-        self._clock = clock
         self._shared = shared
         self._keeping: asyncio.Task[None] | None = None
         self._unusable_since: float | None = None
@@ -106,15 +104,15 @@ class Standby:
 
     def permits(self) -> bool:
         """See Permission: by CLOCK_BOOTTIME, which counts while the machine sleeps and cannot be set."""
-        return self._clock() < self.lease.until
+        return _now() < self.lease.until
 
     def silence(self) -> float:
         """See Permission."""
-        return max(0.0, self.lease.silent_until - self._clock())
+        return max(0.0, self.lease.silent_until - _now())
 
     def heard_asker(self) -> None:
         """See Permission."""
-        self.lease.heard_asker(self._clock())
+        self.lease.heard_asker(_now())
         self._wake.set()
 
     async def run(self) -> None:
@@ -124,7 +122,7 @@ class Standby:
         try:
             while True:
                 await self._follow()
-                question = self.lease.next(self._clock())
+                question = self.lease.next(_now())
                 if question is None:
                     await self._pause()
                 else:
@@ -136,7 +134,7 @@ class Standby:
         """Wait for the lease's deadline, or for a reason to act before it."""
         self._wake.clear()
         with suppress(TimeoutError):
-            async with asyncio.timeout(max(0.0, self.lease.deadline() - self._clock())):
+            async with asyncio.timeout(max(0.0, self.lease.deadline() - _now())):
                 await self._wake.wait()
 
     async def _ask(self, question: Question, within: float) -> None:
@@ -145,29 +143,29 @@ class Standby:
             async with asyncio.timeout(within):
                 await self._put(question)
         except FleetError as error:
-            self.lease.failed(str(error), self._clock())
+            self.lease.failed(str(error), _now())
         except TimeoutError:
-            self.lease.failed(f"NATS did not answer within {within:.1g} s", self._clock())
+            self.lease.failed(f"NATS did not answer within {within:.1g} s", _now())
 
     async def _put(self, question: Question) -> None:
         bucket, key = await self._bucket(), self.name
         if isinstance(question, Read):
             entry = await bucket.get(key)
             value = None if entry is None else entry.value
-            self.lease.found(value, 0 if entry is None or value is None else entry.revision, self._clock())
+            self.lease.found(value, 0 if entry is None or value is None else entry.revision, _now())
             return
         if question.revision:
             revision = await bucket.update(key, question.value, question.revision)
         else:
             revision = await bucket.create(key, question.value)
         if revision is None:
-            self.lease.refused(self._clock())
+            self.lease.refused(_now())
         else:
-            self.lease.written(revision, self._clock())
+            self.lease.written(revision, _now())
 
     async def _follow(self) -> None:
         """Do with the port what the lease says."""
-        lease, now = self.lease, self._clock()
+        lease, now = self.lease, _now()
         lease.tick(now)
         if lease.is_held and self._keeping is None:
             self._begin()
@@ -218,7 +216,11 @@ class Standby:
         lease, was_held = self.lease, self.lease.is_held
         silent = 0.0 if await self._close() else self._settings.guard + self._settings.late
         lease.release(silent, self._shared.leave())
-        question = lease.next(self._clock())
+        question = lease.next(_now())
         if was_held and question is not None and not isinstance(question, Read):
             await self._ask(question, FAREWELL)
             self._emit(LeaseLost(self._line, self.name, lease.reason))
+
+
+def _now() -> float:
+    return clock_gettime(CLOCK_BOOTTIME)
