@@ -2,7 +2,7 @@
 
     .venv/bin/python tests/soak/rollout.py
 
-Needs `apt install ansible-core`; with `ansible-lint` installed, the playbook is also checked by that. Rollouts that work,
+Needs `apt install ansible-core`; where `ansible-lint` is, it checks the playbook as well. Rollouts that work,
 one in which the check of the second host refuses its file, and one in which a line of the second host does not come up
 again. After each, the file of every host and the units of its gateway are compared with what they must be.
 """
