@@ -16,7 +16,7 @@ class AuditedOrigin:
     `clock` is that of `received_at`.
     """
 
-    __slots__ = ("_clock", "_emit", "_identity", "_is_broadcast", "_listener", "_origin", "client", "host")
+    __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "client", "host", "identity", "origin")
 
     def __init__(
         self,
@@ -30,16 +30,17 @@ class AuditedOrigin:
     ) -> None:
         self.client = origin.client
         self.host = origin.host
-        self._origin = origin
+        #: The client's.
+        self.origin = origin
         self._listener = listener
         self._is_broadcast = is_broadcast
         self._clock = clock
         self._emit = emit
-        self._identity = identity
+        self.identity = identity
 
     def wants(self, request: Request) -> bool:
         """See Origin."""
-        return self._origin.wants(request)
+        return self.origin.wants(request)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Log the write, and pass the response on."""
@@ -55,11 +56,11 @@ class AuditedOrigin:
                 result=self._result(request, pdu),
                 code=f"{pdu[1]:02X}" if pdu is not None and pdu[0] & EXCEPTION_BIT else "",
                 elapsed_ms=round((self._clock() - request.received_at) * 1000, 1),
-                subject=self._identity.subject,
-                role=self._identity.role,
+                subject=self.identity.subject,
+                role=self.identity.role,
             )
         )
-        self._origin.answer(request, pdu)
+        self.origin.answer(request, pdu)
 
     def _result(self, request: Request, pdu: bytes | None) -> str:
         if request.error is not None:

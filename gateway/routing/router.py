@@ -63,6 +63,15 @@ class Router:
         else:
             self._submit_other(request, target, now, rights, identity)
 
+    def submit_named(self, identity: Identity, request: Request, now: float) -> None:
+        """The same for a client of which `identity` is told, for the audit only: it has the rights of its host."""
+        unit = request.unit
+        target = self.routes.get(unit)
+        if target is not None and request.pdu[0] in self.rights[request.origin.host][unit]:
+            target.submit(request, now)
+        else:
+            self._submit_other(request, target, now, self.rights, identity)
+
     def _submit_other(
         self, request: Request, target: NamedTarget | None, now: float, rights: Rights, identity: Identity
     ) -> None:

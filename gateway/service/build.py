@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, Union
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
-from gateway.config.reserved import CONTROL, MQTT, WEB
+from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
 from gateway.devices.device import Device
 from gateway.events import Emit
 from gateway.images.image import Image, ImageSettings
@@ -36,12 +36,16 @@ from gateway.tls.store import TlsStore
 from gateway.trace.ring import Ring
 from gateway.upstreams.driver import UpstreamDriver
 
+if TYPE_CHECKING:
+    from gateway.fleet.asker import Asker
+
 #: A listener of any protocol.
 Listener = TcpListener | UdpListener
 
 #: A part that keeps a port or a connection open.
 Part = GatewayLine | GatewayUpstream | GatewayServer
-Driver = LineDriver | UpstreamDriver | SerialListener
+#: What drives one. The one of a site is loaded only for it.
+Driver = Union[LineDriver, UpstreamDriver, SerialListener, "Asker"]
 
 
 class Way(NamedTuple):
@@ -73,6 +77,8 @@ class Gateway:
     web: Router
     #: The way of what a broker delivers: it has all rights until a row names it. What may be written is seen to before.
     mqtt: Router
+    #: The way of requests from other sites: they only read until a row names it.
+    sites: Router
     ways: tuple[Way, ...]
     ring: Ring
     plan: Plan
@@ -130,7 +136,8 @@ def build(
     `plan` are reused.
     """
     old, ring, contexts = _Old(running), running.ring if running else Ring(), contexts or TlsStore()
-    fleet = running.fleet if running else Fleet(emit, contexts)
+    sites = running.sites if running else Router(EntryPoint(FLEET, "site"), loop.time, emit, ring=ring)
+    fleet = running.fleet if running else Fleet(sites, emit, contexts)
     lines = tuple(
         old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring, fleet.bucket) for one in plan.lines
     )
@@ -165,6 +172,7 @@ def build(
     publishing = running.publishing if running else Publishing(emit, contexts)
     ways = (
         Way(mqtt, everyone.routes, everyone.known_as),
+        Way(sites, everyone.routes, everyone.known_as),
         Way(control, everyone.routes, everyone.known_as),
         Way(web, everyone.routes, everyone.known_as),
         *(_way(one, alone[one.settings.line] if one.settings.line else everyone, ring) for one in listeners),
@@ -181,6 +189,7 @@ def build(
         control,
         web,
         mqtt,
+        sites,
         ways,
         ring,
         plan,

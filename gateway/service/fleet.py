@@ -1,14 +1,17 @@
-"""`[fleet]`: the connection to NATS, as long as the config names one. What makes it is loaded only then."""
+"""`[fleet]`: the other sites, as long as the config names NATS servers. What knows them is loaded only then."""
 
 import asyncio
-from collections.abc import Callable
+import secrets
+import time
+from collections.abc import Callable, Iterable
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
 from gateway.config.plan import FleetPlan
 from gateway.errors import FleetError, PortError
 from gateway.ports.port import OpenPort, Port, PortUser
+from gateway.routing.router import Router
 from gateway.service.libraries import not_installed
 from gateway.service.password import read_password, read_secret
 from gateway.tls.contexts import load
@@ -16,22 +19,38 @@ from gateway.tls.store import TlsStore
 
 if TYPE_CHECKING:
     from gateway.fleet.connection import Bucket
+    from gateway.fleet.exchange import Exchange
     from gateway.fleet.link import Link, Member
+    from gateway.fleet.serving import Serving
+
+#: The name of this process for deadlines.
+_INSTANCE: Final = secrets.token_hex(6)
 
 
 class Fleet:
-    """The other gateways of a fleet, as long as the plan of a gateway says so. Members know of each connection."""
+    """The other sites, as long as the plan of a gateway names NATS servers. Requests from there take the way `sites`.
 
-    def __init__(self, emit: events.Emit, contexts: TlsStore) -> None:
+    Members know of each connection.
+    """
+
+    def __init__(
+        self, sites: Router, emit: events.Emit, contexts: TlsStore, clock: Callable[[], float] | None = None
+    ) -> None:
+        """`clock` is the one that deadlines are told by."""
+        self.clock = clock or _clock
+        self._sites = sites
         self._emit = emit
         self._contexts = contexts
         self._members: list[Member] = []
+        self._units: Callable[[], Iterable[int]] = tuple
         self._task: asyncio.Task[None] | None = None
         self.plan: FleetPlan | None = None
-        #: What keeps the connection; None without [fleet], or without its library.
+        #: Why no other site can be reached, if that is for longer.
+        self.reason = "there is no [fleet]"
+        #: What keeps the connection, asks other sites, and is asked by them; None without [fleet], or its library.
         self.link: Link | None = None
-        #: Why there is no link, if one is wanted.
-        self.reason = ""
+        self.exchange: Exchange | None = None
+        self.serving: Serving | None = None
 
     def join(self, member: "Member") -> None:
         """Tell `member` of this connection, and of all later ones, until it leaves."""
@@ -48,8 +67,10 @@ class Fleet:
     def opener(self, site: str) -> OpenPort:
         """What opens the way to another site."""
 
-        async def open_port(user: PortUser) -> Port:  # noqa: ARG001
-            raise PortError(f"fleet://{site}: {self.reason or 'NATS cannot be reached'}")
+        async def open_port(user: PortUser) -> Port:
+            if self.exchange is None:
+                raise PortError(f"fleet://{site}: {self.reason}")
+            return await self.exchange.open(site, user)
 
         return open_port
 
@@ -73,23 +94,57 @@ class Fleet:
         if plan is None:
             return
         try:
-            connection, link = (import_module(f"gateway.fleet.{name}") for name in ("connection", "link"))
+            library = import_module("gateway.fleet.connection")
         except ModuleNotFoundError as error:
             self.reason = not_installed(error.name, "fleet")
             self._emit(events.FleetLost(str(plan.servers[0]), self.reason))
             return
-        servers = [connection.Server(each.host, each.port, each.scheme == "tls") for each in plan.servers]
-        self.link = link.Link(servers, _login(plan, self._contexts, connection.Login), self._emit)
-        for member in self._members:
-            self.link.join(member)
-        self._task = asyncio.create_task(self.link.run(), name="fleet")
+        servers = [library.Server(each.host, each.port, each.scheme == "tls") for each in plan.servers]
+        link: Link = import_module("gateway.fleet.link").Link(
+            servers, _login(plan, self._contexts, library.Login), self._emit
+        )
+        self.link = link
+        self.exchange = import_module("gateway.fleet.exchange").Exchange(plan.site, lambda: link.reason)
+        self.serving = import_module("gateway.fleet.serving").Serving(
+            plan.site, _INSTANCE, self._sites, self.clock, self._emit
+        )
+        for member in (self.exchange, self.serving, *self._members):
+            link.join(member)
+        self._task = asyncio.create_task(link.run(), name="fleet")
+        await self.refresh()
+
+    async def serve(self, units: Callable[[], Iterable[int]]) -> None:
+        """From now on other sites reach the `units` that there are at the moment."""
+        self._units = units
+        await self.refresh()
+
+    async def refresh(self) -> None:
+        """The units that other sites reach may be others now."""
+        if self.serving is not None:
+            await self.serving.serve(self._units())
+
+    async def finish(self) -> None:
+        """Take no more requests from other sites; those under way may be answered."""
+        await self.serve(tuple)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether another site waits for a response."""
+        return self.serving is not None and self.serving.owner.under_way > 0
 
     async def stop(self) -> None:
         """Send what waits, and leave."""
-        task, self._task, self.plan, self.link, self.reason = self._task, None, None, None, ""
+        task, self._task = self._task, None
+        self.plan = self.link = self.exchange = self.serving = None
+        self.reason = "there is no [fleet]"
         if task is not None:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
+
+
+def _clock() -> float:
+    """It goes on while the machine sleeps, and nobody sets it."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def _login(plan: FleetPlan, contexts: TlsStore, login: Callable[..., Any]) -> Callable[[], Any]:

@@ -18,7 +18,7 @@ from gateway.lines.late import Overdue
 from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import Opener, OpenPort, Port, PortUser, SerialSettings
+from gateway.ports.port import Opener, OpenPort, Port, PortUser, SerialSettings, SiteSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
@@ -30,6 +30,7 @@ from gateway.upstreams.driver import UpstreamDriver
 from gateway.upstreams.upstream import Upstream
 
 if TYPE_CHECKING:
+    from gateway.fleet.asker import Asker
     from gateway.fleet.standby import Standby
     from gateway.service.shared_line import Buckets
 
@@ -184,7 +185,12 @@ class GatewayUpstream:
     ) -> None:
         self.plan = plan
         self.name = plan.upstream.name
-        self.driver = UpstreamDriver(Upstream(plan.upstream, emit, ring), loop, emit)
+        upstream = Upstream(plan.upstream, emit, ring)
+        self.driver: UpstreamDriver | Asker = (
+            import_module("gateway.fleet.asker").Asker(upstream, loop, emit)
+            if isinstance(plan.port, SiteSettings)
+            else UpstreamDriver(upstream, loop, emit)
+        )
         tell = kept_in(ring, loop.time, emit)
         self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)
         self.devices = {each.known_as: Device(each, self.driver, emit, ring, self.name) for each in plan.devices}

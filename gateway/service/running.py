@@ -170,7 +170,8 @@ class Running:
         servers = [driver for driver in drivers if isinstance(driver, SerialListener)]
         for end in (*listeners, *servers):
             end.finish()
-        await _until(lambda: is_urgent() or not _any_under_way(listeners, servers))
+        fleet = self.gateway.fleet
+        await _until(lambda: is_urgent() or not (fleet.is_busy or _any_under_way(listeners, servers)))
         for driver in drivers:
             if not isinstance(driver, SerialListener):
                 driver.port_down(PortError("the gateway is stopping"))
@@ -210,6 +211,7 @@ class Running:
             for mirror in new.mirrors:
                 mirror.start()
             await new.fleet.adopt(new.plan.fleet)
+            await new.fleet.refresh()
             await new.publishing.adopt(new)
 
     def renew_certificates(self) -> None:

@@ -55,6 +55,7 @@ async def serve(
                 await reloader.close()
             running.emit(events.Stopping(stop.reason))
             systemd.stopping()
+            await running.gateway.fleet.finish()
             async with running.gateway.publishing.stopping():
                 await running.drain(lambda: stop.at_once)
             running.stop_listening()
@@ -80,6 +81,7 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     systemd.ready(summary(running.gateway))
     running.ready.set()
     await running.gateway.publishing.adopt(running.gateway)
+    await running.gateway.fleet.serve(lambda: running.gateway.sites.routes)
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
     looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")

@@ -7,6 +7,7 @@ from typing import Any
 from gateway.errors import NotModbus, PortError
 from gateway.events import Emit, UpstreamClosed
 from gateway.lines.transaction import Transaction
+from gateway.modbus.mbap import MbapFramer, encode
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import Port
 from gateway.upstreams.upstream import Upstream
@@ -25,6 +26,7 @@ class UpstreamDriver:
         self.upstream = upstream
         self._emit = emit
         self._time = loop.time
+        self._framer = MbapFramer(strict=True)
         self._boundary = ErrorBoundary(
             f"upstream {upstream.settings.name}",
             loop,
@@ -41,11 +43,17 @@ class UpstreamDriver:
     def port_up(self, port: Port) -> None:
         """The connection is open."""
         self._boundary.port = port
-        self._run(self.upstream.port_up, port.write)
+        self._framer = MbapFramer(strict=True)
+        write = port.write
+
+        def send(identifier: int, transaction: Transaction) -> None:
+            write(encode(identifier, transaction.unit, transaction.asked.data))
+
+        self._run(self.upstream.port_up, send)
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:  # noqa: ARG002 - TCP delivers no damaged bytes
         """These bytes were received."""
-        self._run(self.upstream.received, data, self._time())
+        self._run(self._take, data)
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
         """The connection was lost; requests fail at once until it is open again."""
@@ -67,6 +75,9 @@ class UpstreamDriver:
     def close(self) -> None:
         """Stop the timer."""
         self._boundary.close()
+
+    def _take(self, data: bytes) -> None:
+        self.upstream.received(self._framer.cut(data), self._time())
 
     def _tick(self) -> None:
         self._step(self.upstream.tick, self._time())

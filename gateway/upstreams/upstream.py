@@ -6,11 +6,11 @@
 Every request gets a transaction identifier (T 4.2.2), which is not used again while a response to it may come, however
 late, so a response always belongs to its own request. Nothing is repeated.
 
-There is no I/O here: bytes, time and requests are arguments, and `deadline` is when to call `tick`. An upstream
+There is no I/O here: frames, time and requests are arguments, and `deadline` is when to call `tick`. An upstream
 finishes its own state before it answers requests, because an answer may cause the next request at once.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -23,11 +23,14 @@ from gateway.lines.report import Report
 from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, SERVER_UNIT
 from gateway.modbus.frame import Frame
-from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
+from gateway.modbus.mbap import TcpFrame, encode
 from gateway.trace.ring import Ring
 
 #: After so many requests without a response, a new connection is opened, on which none of the responses can come.
 MAX_OUTSTANDING: Final = 4096
+
+#: Sends a request with its transaction identifier.
+Send = Callable[[int, Transaction], None]
 
 _IDENTIFIERS: Final = 0x10000
 #: The unit identifiers in responses of servers that have only one unit (T 4.4.1.2).
@@ -63,8 +66,7 @@ class Upstream:
         self._report = Report(settings.name, settings.source, emit)
         self._recorder = Recorder(settings.name, ring or Ring())
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
-        self._write: Callable[[bytes], None] | None = None
-        self._framer = MbapFramer(strict=True)
+        self._send_request: Send | None = None
         #: By identifier: requests under way, oldest first; bytes instead of responses; requests past their limits.
         self._under_way: dict[int, Transaction] = {}
         self._instead: dict[int, bytes] = {}
@@ -74,17 +76,16 @@ class Upstream:
         self._failed_at: dict[Destination, float] = {}
         self._last_identifier = 0
 
-    def port_up(self, write: Callable[[bytes], None]) -> None:
-        """The connection is open: requests are sent with `write`."""
-        self._write = write
-        self._framer = MbapFramer(strict=True)
+    def port_up(self, send: Send) -> None:
+        """The connection is open: requests are sent with `send`."""
+        self._send_request = send
         for device in self._failed_at:
             device.breaker.record_success()
         self._failed_at.clear()
 
     def port_down(self, now: float) -> None:
         """The connection was lost: units may have acted on requests under way (0B); others were not sent (0A)."""
-        self._write = None
+        self._send_request = None
         lost, waiting = list(self._under_way.values()), self._queue.clear()
         for kept in (self._under_way, self._instead, self._outstanding, self._asking):
             kept.clear()
@@ -96,13 +97,13 @@ class Upstream:
 
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones are not sent (0A), those under way may be answered."""
-        self._write = None
+        self._send_request = None
         for transaction in self._queue.clear():
             self._refuse(transaction, errors.LineDown(), now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent in its turn, or fails."""
-        if self._write is None:
+        if self._send_request is None:
             self._refuse(transaction, errors.LineDown(), now)
         elif transaction.device.breaker.is_resting(now):
             self._refuse(transaction, errors.UnitResting(), now)
@@ -114,8 +115,8 @@ class Upstream:
             if lost is not transaction:
                 self._go_on(now)
 
-    def received(self, data: bytes, now: float) -> None:
-        """Take bytes.
+    def received(self, frames: Iterable[TcpFrame], now: float) -> None:
+        """Take frames.
 
         Raises:
             NotModbus: the server does not speak Modbus TCP, so the connection cannot be used any more. Responses before
@@ -123,7 +124,7 @@ class Upstream:
         """
         answers: list[tuple[Transaction, bytes]] = []
         try:
-            for frame in self._framer.cut(data):
+            for frame in frames:
                 answer = self._answer_in(frame, now)
                 if answer is not None:
                     answers.append(answer)
@@ -131,6 +132,20 @@ class Upstream:
         finally:
             for transaction, pdu in answers:
                 transaction.respond(pdu, now)
+
+    def unsent(self, identifier: int, now: float) -> None:
+        """The request with this identifier got nowhere (0A); nothing if it has none any more."""
+        transaction = self._under_way.get(identifier)
+        if transaction is not None:
+            self._finish(identifier, transaction)
+            try:
+                self._go_on(now)
+            finally:
+                self._refuse(transaction, errors.LineDown(), now)
+
+    def forget_late(self) -> None:
+        """No late response to any request can come any more."""
+        self._outstanding.clear()
 
     def deadline(self) -> float | None:
         """When to call `tick`, or None."""
@@ -218,11 +233,11 @@ class Upstream:
         """Send requests while there is a place, and fail those that have waited too long."""
         late = self._queue.expired(now)
         try:
-            while self._write is not None and len(self._under_way) < self.settings.in_flight:
+            while self._send_request is not None and len(self._under_way) < self.settings.in_flight:
                 transaction = None if len(self._outstanding) >= MAX_OUTSTANDING else self._queue.take(self._must_wait)
                 if transaction is None:
                     break
-                self._send(transaction, self._write, now)
+                self._send(transaction, self._send_request, now)
         finally:
             for request, name in late:
                 self._recorder.expired(request, name, errors.WaitedTooLong(), now)
@@ -234,7 +249,7 @@ class Upstream:
             return True
         return device.breaker.failures > 0 and any(one.device is device for one in self._under_way.values())
 
-    def _send(self, transaction: Transaction, write: Callable[[bytes], None], now: float) -> None:
+    def _send(self, transaction: Transaction, send: Send, now: float) -> None:
         if not transaction.is_wanted:
             self._refuse(transaction, errors.Unwanted(), now)
             return
@@ -250,7 +265,7 @@ class Upstream:
             self._asking.add((transaction.client, transaction.device))
         else:  # the server may respond all the same
             self._outstanding[identifier] = transaction
-        write(encode(identifier, transaction.unit, transaction.asked.data))
+        send(identifier, transaction)
         if not transaction.expects_answer:
             self._recorder.exchange(transaction, None, now)
             transaction.end()
@@ -276,7 +291,7 @@ class Upstream:
             self._report.recovered(device)
 
     def __repr__(self) -> str:
-        state = "down" if self._write is None else f"under way={self.under_way}"
+        state = "down" if self._send_request is None else f"under way={self.under_way}"
         return f"<Upstream {self.settings.name} {state} waiting={self.waiting}>"
 
 

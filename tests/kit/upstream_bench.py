@@ -5,6 +5,7 @@ from typing import NamedTuple, TypeVar
 from gateway.devices.device import Device, DeviceSettings
 from gateway.events import Event
 from gateway.lines.counts import Counts, total
+from gateway.lines.transaction import Transaction
 from gateway.modbus.mbap import MbapFramer, encode
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
@@ -42,8 +43,8 @@ class UpstreamBench:
         self.connect()
 
     def connect(self) -> None:
-        self._framer = MbapFramer()
-        self.upstream.port_up(self._write)
+        self._framer = MbapFramer(strict=True)
+        self.upstream.port_up(self._send)
 
     def device(self, unit: int) -> Device:
         if unit not in self._devices:
@@ -62,7 +63,7 @@ class UpstreamBench:
 
     def hear(self, data: bytes) -> None:
         """The other server says this."""
-        self.upstream.received(data, self.now)
+        self.upstream.received(self._framer.cut(data), self.now)
 
     def respond(self, pdu: str = RESPONSE, to: int = -1, unit: int | None = None) -> None:
         """It answers one of the requests `sent`; with `unit` from another one than it was asked."""
@@ -81,6 +82,5 @@ class UpstreamBench:
         """The events of this kind."""
         return [event for event in self.events if isinstance(event, kind)]
 
-    def _write(self, data: bytes) -> None:
-        for adu in self._framer.cut(data):
-            self.sent.append(Sent(adu.transaction, adu.unit, adu.pdu.hex(" ").upper()))
+    def _send(self, identifier: int, transaction: Transaction) -> None:
+        self.sent.append(Sent(identifier, transaction.unit, transaction.asked.data.hex(" ").upper()))

@@ -118,9 +118,9 @@ async def test_a_defect_ends_at_the_error_boundary_and_each_request_gets_one_ans
     for client in clients[:2]:
         driven.ask(client=client)
     if where == "write":
-        driven.upstream._write = defect
+        driven.upstream._send_request = defect
     elif where == "cut":
-        driven.upstream._framer = SimpleNamespace(cut=defect)
+        driven.driver._framer = SimpleNamespace(cut=defect)
     else:
         monkeypatch.setattr("gateway.upstreams.upstream._answers", defect)
     driven.ask(client=clients[2])
@@ -138,7 +138,7 @@ async def test_a_defect_ends_at_the_error_boundary_and_each_request_gets_one_ans
 async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_error_boundary_too(monkeypatch):
     monkeypatch.setattr(Upstream, "port_down", defect)
     driven = Driven()
-    driven.upstream._framer = SimpleNamespace(cut=defect)
+    driven.driver._framer = SimpleNamespace(cut=defect)
     driven.driver.received(b"?")
     assert [type(event) for event in driven.events] == [PartFailed, PartFailed]
     assert driven.port.closed

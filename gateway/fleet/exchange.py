@@ -1,0 +1,198 @@
+"""Requests to other sites, their answers, and what is heard of the other sites' clocks."""
+
+import asyncio
+import secrets
+from collections.abc import Callable, Mapping
+from functools import partial
+from math import inf
+from typing import TYPE_CHECKING, Final, Protocol
+
+from gateway.errors import FleetError, PortClosed, PortError
+from gateway.fleet.clock import Clocks
+from gateway.fleet.messages import Message
+from gateway.fleet.subjects import all_answers, answer_folder, clock_subject, request_subject
+from gateway.ports.port import CharacterErrors, PortUser
+
+if TYPE_CHECKING:
+    from gateway.fleet.connection import Connection
+
+#: How long a way to another site waits for the connection and the first heartbeat, in seconds.
+WELCOME: Final = 2.5
+#: For how long a way that is lost passes answers on, in seconds: longer than requests have time.
+_AFTERLIFE: Final = 600.0
+
+
+class Asking(Protocol):
+    """Who asks another site."""
+
+    def answered(self, number: int, pdu: bytes) -> None:
+        """The response to the request with this number, or a copy of it."""
+
+    def unsent(self, number: int) -> None:
+        """Nobody was there to get it."""
+
+
+class Exchange:
+    """The requests of `site` to others, over one connection after the other. It is a Member of the link."""
+
+    def __init__(self, site: str, why_down: Callable[[], str]) -> None:
+        """`why_down` says why there is no connection."""
+        self.site = site
+        #: Nobody who is not asked knows it, and no other process of this site has the same.
+        self._token = secrets.token_hex(8)
+        self._why_down = why_down
+        self._connection: Connection | None = None
+        self._clocks: dict[str, Clocks] = {}
+        self._followed: set[str] = set()
+        self._news = asyncio.Event()
+        #: By how the reply subjects of their requests begin.
+        self._ways: dict[str, SitePort] = {}
+        self._last_way = 0
+
+    async def connected(self, connection: "Connection") -> None:
+        """See Member."""
+        await connection.subscribe(all_answers(self.site), self._answered)
+        self._followed.clear()
+        self._connection = connection
+        self._tell()
+
+    def disconnected(self) -> None:
+        """See Member."""
+        self._connection = None
+        for way in tuple(self._ways.values()):
+            way.lose(PortError(f"fleet://{way.site}: NATS cannot be reached: {self._why_down()}"))
+
+    async def open(self, site: str, user: PortUser) -> "SitePort":
+        """The way to a site that is there.
+
+        Raises:
+            PortError: there is no connection, or the site is not heard.
+        """
+        clocks = self._clocks.setdefault(site, Clocks())
+        try:
+            async with asyncio.timeout(WELCOME):
+                await self._until_heard(site, clocks)
+        except TimeoutError:
+            why = f"NATS cannot be reached: {self._why_down()}" if self._connection is None else "it is not heard"
+            raise PortError(f"fleet://{site}: {why}") from None
+        except FleetError as error:
+            raise PortError(f"fleet://{site}: {error}") from error
+        self._last_way += 1
+        now, folder = (
+            asyncio.get_running_loop().time(),
+            f"{answer_folder(self.site, site)}{self._token}.{self._last_way}",
+        )
+        self._ways = {each: way for each, way in self._ways.items() if now - way.lost_at < _AFTERLIFE}
+        way = self._ways[folder] = SitePort(self.site, site, folder, user, clocks, self._publish)
+        return way
+
+    async def _until_heard(self, site: str, clocks: Clocks) -> None:
+        time = asyncio.get_running_loop().time
+        while self._connection is None or not clocks.is_heard(time()):
+            if self._connection is not None and site not in self._followed:
+                self._followed.add(site)
+                await self._connection.subscribe(clock_subject(site), partial(self._heard, clocks))
+            await self._news.wait()
+
+    def _publish(self, message: Message) -> bool:
+        return self._connection is not None and self._connection.publish(message)
+
+    def _heard(self, clocks: Clocks, message: Message) -> None:
+        if clocks.hear(message.body, asyncio.get_running_loop().time()):
+            self._tell()
+
+    def _tell(self) -> None:
+        """Wake all who wait."""
+        self._news.set()
+        self._news = asyncio.Event()
+
+    def _answered(self, message: Message) -> None:
+        """An answer, or that there is nobody to answer."""
+        folder, _, number = message.subject.rpartition(".")
+        way = self._ways.get(folder)
+        if way is not None and number.isdecimal():
+            way.answered(int(number), message)
+
+
+class SitePort:
+    """The way to a `site`, a port that carries messages; it is lost when the connection is, or the site falls silent.
+
+    The answer to a request comes to the subject in `folder` that has its number, so it is to this request and to no
+    other.
+    """
+
+    latency = 0.0
+    virtual = True
+    baud: int | None = None
+    has_arrived: Callable[[], bool] | None = None
+    errors: CharacterErrors | None = None
+
+    def __init__(
+        self, sender: str, site: str, folder: str, user: PortUser, clocks: Clocks, publish: Callable[[Message], bool]
+    ) -> None:
+        self.site = site
+        self.clocks = clocks
+        #: When it was lost, by the clock of the event loop.
+        self.lost_at = inf
+        self._sender = sender
+        #: Who gets the answers, from the first request on.
+        self.asking: Asking | None = None
+        self._folder = folder
+        self._user = user
+        self._publish = publish
+        self._loop = asyncio.get_running_loop()
+        self._timer = self._loop.call_later(0, self._listen)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether requests can be sent."""
+        return self.lost_at == inf
+
+    def ask(self, number: int, unit: int, pdu: bytes, headers: Mapping[str, str]) -> bool:
+        """Send a request; False if it cannot be sent."""
+        subject = request_subject(self.site, unit, self._sender)
+        return self.is_open and self._publish(Message(subject, pdu, f"{self._folder}.{number}", headers))
+
+    def answered(self, number: int, message: Message) -> None:
+        """What came for the request with this number."""
+        if self.asking is None:
+            return
+        if message.has_no_responders:
+            self.asking.unsent(number)
+        else:
+            self.asking.answered(number, message.body)
+
+    def write(self, data: bytes) -> None:
+        """See Port: messages are not bytes."""
+
+    def pause(self) -> bool:
+        """See Port."""
+        return False
+
+    def read_now(self) -> None:
+        """See Port."""
+
+    def change_baud(self, baud: int) -> None:
+        """See Port."""
+
+    def lose(self, error: PortError) -> None:
+        """Lose it. Answers that still come are passed on: requests that were sent have their time."""
+        if self.is_open:
+            self.lost_at = self._loop.time()
+            self._timer.cancel()
+            self._user.lost(error)
+
+    def close(self) -> None:
+        """See Port."""
+        self.lose(PortClosed())
+
+    async def wait_closed(self) -> None:
+        """See Port."""
+
+    def _listen(self) -> None:
+        """Lose it when the site falls silent."""
+        now, deadline = self._loop.time(), self.clocks.deadline()
+        if deadline is None or deadline <= now:
+            self.lose(PortError(f"fleet://{self.site}: it is not heard any more"))
+        else:
+            self._timer = self._loop.call_at(deadline, self._listen)

@@ -1,0 +1,81 @@
+"""Keeps the units of this gateway within reach of other sites, and tells them what its clock shows."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+from typing import TYPE_CHECKING
+
+from gateway.errors import FleetError
+from gateway.events import Emit, PartFailed
+from gateway.fleet.clock import INTERVAL, heartbeat
+from gateway.fleet.messages import Message
+from gateway.fleet.owner import Owner, Way
+from gateway.fleet.subjects import GROUP, clock_subject, request_subject
+
+if TYPE_CHECKING:
+    from gateway.fleet.connection import Connection
+
+
+class Serving:
+    """Serves the `units` that there are at the moment. It is a Member of the link.
+
+    There is a subscription for each unit: who asks for another one learns at once that nobody has it.
+    """
+
+    def __init__(self, site: str, instance: str, way: Way, clock: Callable[[], float], emit: Emit) -> None:
+        self.owner = Owner(site, instance, way, self._publish, clock, emit)
+        self._clock = clock
+        self._emit = emit
+        self._loop = asyncio.get_running_loop()
+        self._units: frozenset[int] = frozenset()
+        self._connection: Connection | None = None
+        self._subscribed: dict[int, Callable[[], Awaitable[None]]] = {}
+        self._turn = asyncio.Lock()
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def connected(self, connection: "Connection") -> None:
+        """See Member."""
+        self._connection = connection
+        self._subscribed.clear()
+        await self._subscribe()
+        self._beat()
+
+    def disconnected(self) -> None:
+        """See Member."""
+        self._connection = None
+        if self._timer is not None:
+            self._timer.cancel()
+
+    async def serve(self, units: Iterable[int]) -> None:
+        """Serve these units from now on, and no others."""
+        self._units = frozenset(units)
+        await self._subscribe()
+
+    async def _subscribe(self) -> None:
+        """Have the subscriptions that are needed, and no others. A connection that is lost meanwhile has none."""
+        async with self._turn:
+            connection = self._connection
+            for unit in set(self._subscribed).difference(self._units):
+                await self._subscribed.pop(unit)()
+            for unit in sorted(self._units.difference(self._subscribed)):
+                if connection is None or connection is not self._connection:
+                    return
+                subject = request_subject(self.owner.site, unit, "*")
+                try:
+                    self._subscribed[unit] = await connection.subscribe(subject, self._received, GROUP)
+                except FleetError as error:
+                    connection.lose(str(error))
+                    return
+
+    def _received(self, message: Message) -> None:
+        try:
+            self.owner.received(message, self._loop.time())
+        except Exception as error:  # noqa: BLE001 - an error boundary: the next request may be without the defect
+            self._emit(PartFailed.of("fleet", error))
+
+    def _publish(self, message: Message) -> bool:
+        return self._connection is not None and self._connection.publish(message)
+
+    def _beat(self) -> None:
+        body = heartbeat(self.owner.instance, self._clock())
+        self._publish(Message(clock_subject(self.owner.site), body))
+        self._timer = self._loop.call_later(INTERVAL, self._beat)

@@ -1,0 +1,395 @@
+"""Gateways of several sites in virtual time: requests, rights, deadlines, bounds, and what is lost on the way."""
+
+import asyncio
+from contextlib import AsyncExitStack, asynccontextmanager
+
+import pytest
+
+from gateway.events import AccessDenied, WriteAudit
+from gateway.fleet import link
+from gateway.fleet.messages import Message
+from gateway.fleet.owner import MOST_OF_SENDER
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.fake_nats import FakeConnection, FakeNats
+from kit.gateway_bench import GatewayBench, gateway_bench
+
+FLEET = '[fleet]\nservers = ["nats://127.0.0.1"]\n'
+
+OWNER = f"""
+site = "b"
+[[line]]
+name = "hall"
+port = "/dev/hall"
+baud = 115200
+devices = [{{ unit = 1, as = 41 }}, {{ unit = 2, as = 42 }}]
+[[image]]
+unit = 200
+holding = 10
+initial.holding = [{{ at = 0, values = [7, 8] }}]
+{FLEET}
+"""
+WRITERS = '[[access]]\nlisten = ["fleet"]\nfrom = ["a"]\nallow = ["read", "write"]\n'
+LOCAL = '[[access]]\nallow = ["read", "write"]\n'
+ASKER = f"""
+site = "a"
+[[upstream]]
+name = "b"
+to = "fleet://b"
+timeout = "1 s"
+units = [{{ as = "41-43", unit = "41-43" }}, {{ as = 200, unit = 200 }}]
+{FLEET}
+"""
+READ = "03 00 00 00 01"
+WRITE = "06 00 05 00 09"
+
+
+@pytest.fixture
+def nats(monkeypatch) -> FakeNats:
+    made = FakeNats()
+    monkeypatch.setattr(FakeConnection, "nats", made, raising=False)
+    monkeypatch.setattr(link, "Connection", FakeConnection)
+    return made
+
+
+@asynccontextmanager
+async def site(config: str, *, clock_ahead: float = 0.0):
+    """A gateway that serves its units to others."""
+    async with gateway_bench(config) as bench:
+        loop, fleet = asyncio.get_running_loop(), bench.gateway.fleet
+        fleet.clock = lambda: loop.time() + clock_ahead
+        await fleet.adopt(bench.gateway.plan.fleet)
+        await fleet.serve(lambda: bench.gateway.sites.routes)
+        try:
+            yield bench
+        finally:
+            await fleet.stop()
+
+
+@asynccontextmanager
+async def sites(*configs: str):
+    """Several of them, a second after they have found each other; the clock of each is ahead of the last one."""
+    async with AsyncExitStack() as stack:
+        benches = [
+            await stack.enter_async_context(site(config, clock_ahead=1000.0 * place))
+            for place, config in enumerate(configs)
+        ]
+        await asyncio.sleep(3.0)
+        yield benches
+
+
+def on_line(bench: GatewayBench, **settings) -> list[SimulatedDevice]:
+    devices = [SimulatedDevice(unit, **settings) for unit in (1, 2)]
+    bench.attach("hall", SimulatedLine("rtu", *devices))
+    return devices
+
+
+async def test_units_of_another_site_are_read(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        client = a.client()
+        assert await client.asks(200, "03 00 00 00 02") == "03 04 00 07 00 08"
+        assert await client.asks(41, READ) == "03 02 00 00"
+
+
+async def test_another_site_only_reads_until_a_row_names_it(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        devices = on_line(b)
+        assert await a.client().asks(41, WRITE) == "86 01"
+        assert devices[0].heard == []
+        [denied] = [each for each in b.events if isinstance(each, AccessDenied)]
+        assert (denied.listener, denied.client, denied.unit) == ("fleet", "a:1", 41)
+
+
+async def test_who_may_write_is_audited_with_the_client_that_its_site_names(nats):
+    async with sites(ASKER + LOCAL, OWNER + WRITERS) as (a, b):
+        on_line(b)
+        assert await a.client("10.9.9.9:4711").asks(41, WRITE) == WRITE
+        [audit] = [each for each in b.events if isinstance(each, WriteAudit)]
+        assert (audit.client, audit.subject, audit.listener, audit.result) == ("a:1", "10.9.9.9:4711", "fleet", "ok")
+
+
+async def test_rights_of_one_site_are_not_those_of_another(nats):
+    other = ASKER.replace('site = "a"', 'site = "c"')
+    async with sites(other + LOCAL, OWNER + WRITERS) as (c, b):
+        devices = on_line(b)
+        assert await c.client().asks(41, WRITE) == "86 01"
+        assert devices[0].heard == []
+
+
+async def test_a_unit_that_nobody_has_is_0a_at_once(nats):
+    async with sites(ASKER, OWNER) as (a, _):
+        client = a.client()
+        before = client.now()
+        assert await client.asks(43, READ) == "83 0A"
+        assert client.now() - before < 0.1
+
+
+async def test_a_site_that_is_not_there_is_0a_at_once(nats):
+    async with sites(ASKER) as (a,):
+        client = a.client()
+        before = client.now()
+        assert await client.asks(41, READ) == "83 0A"
+        assert client.now() == before
+        await asyncio.sleep(3.0)
+        assert str(a.gateway.upstreams[0].reconnector.error) == "fleet://b: it is not heard"
+
+
+async def test_a_site_that_leaves_is_0a_at_once(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        await b.gateway.fleet.stop()
+        client = a.client()
+        before = client.now()
+        assert await client.asks(41, READ) == "83 0A"
+        assert client.now() - before < 0.1
+
+
+async def test_a_request_that_comes_too_late_is_never_sent(nats):
+    """Its client has its 0B when the line is free at last."""
+    async with sites(ASKER + LOCAL, OWNER + WRITERS) as (a, b):
+        devices = on_line(b, delay=0.7)
+        first, second, third = (a.client(f"10.0.0.{each}:1") for each in range(3))
+        began = first.now()
+        for value, client in enumerate((first, second, third)):
+            client.ask(41, f"06 00 05 00 {value:02X}")
+        assert await third.answer() == "86 0B"
+        assert third.came_at - began == pytest.approx(1.0)
+        await asyncio.sleep(5.0)
+        assert [frame.pdu[4] for frame in devices[0].heard] == [0, 1]
+        assert b.gateway.fleet.serving.owner.counts.expired == 1
+
+
+async def test_no_write_begins_after_its_client_has_an_answer(nats):
+    """Whatever the delays: the deadline is by the owner's clock, as its last heartbeat tells it."""
+    async with sites(ASKER.replace("1 s", "600 ms") + LOCAL, OWNER + WRITERS) as (a, b):
+        devices = on_line(b, delay=0.12)
+        written_at: list[tuple[float, bytes]] = []
+        deliver = b.lines["hall"].on_write
+        loop = asyncio.get_running_loop()
+
+        def watch(data: bytes) -> None:
+            written_at.append((loop.time(), data))
+            deliver(data)
+
+        b.lines["hall"].on_write = watch
+        for step in range(60):
+            nats.delay = 0.001 + 0.003 * (step * 7 % 50)
+            clients = [a.client(f"10.0.{step}.{each}:1") for each in range(6)]
+            for each, client in enumerate(clients):
+                client.ask(41 + each % 2, f"06 00 {step:02X} 00 {each:02X}")
+            for each, client in enumerate(clients):
+                answer = await client.answer()
+                sent = [at for at, frame in written_at if frame[3:6] == bytes((step, 0, each))]
+                assert len(sent) <= 1
+                assert all(at < client.came_at for at in sent), (step, each, answer)
+            await asyncio.sleep(1.0)
+            assert {frame[1:6] for _, frame in written_at} == {frame[1:6] for at, frame in written_at}
+        assert devices[0].heard
+
+
+async def test_a_write_that_is_answered_0b_does_not_begin_later(nats):
+    async with sites(ASKER.replace("1 s", "500 ms") + LOCAL, OWNER + WRITERS) as (a, b):
+        on_line(b, delay=0.2)
+        began: dict[bytes, float] = {}
+        deliver, loop = b.lines["hall"].on_write, asyncio.get_running_loop()
+
+        def watch(data: bytes) -> None:
+            began[data[2:6]] = loop.time()
+            deliver(data)
+
+        b.lines["hall"].on_write = watch
+        late = 0
+        for step in range(40):
+            nats.delay = 0.002 * step
+            clients = [a.client(f"10.1.{step}.{each}:1") for each in range(5)]
+            for each, client in enumerate(clients):
+                client.ask(41, f"06 00 {step:02X} 00 {each:02X}")
+            answers = [await client.answer() for client in clients]
+            await asyncio.sleep(3.0)
+            for each, (client, answer) in enumerate(zip(clients, answers, strict=True)):
+                at = began.get(bytes((0, step, 0, each)))
+                late += answer == "86 0B"
+                assert at is None or at < client.came_at
+        assert late > 20
+
+
+async def test_a_lost_connection_leaves_requests_their_time(nats):
+    """The owner may still send what it got: until its deadline nobody says that it failed."""
+    async with sites(ASKER + LOCAL, OWNER + WRITERS) as (a, b):
+        on_line(b, delay=0.05)
+        client = a.client()
+        began = client.now()
+        client.ask(41, WRITE)
+        await asyncio.sleep(0.001)
+        nats.cut()
+        assert await client.answer() == "86 0B"
+        assert client.came_at - began == pytest.approx(1.0)
+        assert await client.asks(41, READ) == "83 0A"
+
+
+async def test_all_comes_back_when_nats_does(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        nats.cut()
+        await asyncio.sleep(30.0)
+        nats.down = False
+        await asyncio.sleep(16.0)
+        assert await a.client().asks(41, READ) == "03 02 00 00"
+
+
+async def test_a_late_or_second_answer_is_no_answer_to_another_request(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        devices = on_line(b)
+        devices[0].holding[0:2] = [1, 2]
+        client = a.client()
+        assert await client.asks(41, "03 00 00 00 01") == "03 02 00 01"
+        [copy] = [each for each in nats.sent if ".answer." in each.subject]
+        client.ask(41, "03 00 01 00 01")
+        nats.take(Message(copy.subject, b"\x03\x02\x00\x63"))
+        assert await client.answer() == "03 02 00 02"
+        [driver] = [each.driver for each in a.gateway.upstreams]
+        assert driver.unasked == 1
+
+
+async def test_an_answer_of_another_site_is_no_answer(nats):
+    """NATS lets a site answer below its own name only."""
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b, delay=0.2)
+        client = a.client()
+        client.ask(41, READ)
+        await asyncio.sleep(0.05)
+        asked = next(each for each in nats.sent if ".unit." in each.subject)
+        nats.take(Message(asked.reply.replace(".answer.b.", ".answer.c."), b"\x03\x02\x00\x63"))
+        assert await client.answer() == "03 02 00 00"
+
+
+async def test_a_request_whose_answer_would_go_to_a_third_site_is_dropped(nats):
+    async with sites(OWNER + WRITERS) as (b,):
+        devices = on_line(b)
+        headers = {"Deadline": b.gateway.fleet.serving.owner.instance + "=1e9", "Hops": "1"}
+        for reply in ("mbgw.c.unit.1.from.b", "mbgw.c.answer.b.1", "mbgw.a.answer.c.1", ""):
+            nats.take(Message("mbgw.b.unit.41.from.a", bytes.fromhex(WRITE), reply, headers))
+        await asyncio.sleep(1.0)
+        assert devices[0].heard == []
+        assert b.gateway.fleet.serving.owner.counts.dropped == 4
+        assert {each.client for each in b.events if isinstance(each, AccessDenied)} == {"a"}
+
+
+@pytest.mark.parametrize(
+    ("headers", "answer"),
+    [
+        ({}, "83 0A"),
+        ({"Deadline": "other=1e9"}, "83 0A"),
+        ({"Deadline": "INSTANCE=soon"}, "83 0A"),
+        ({"Deadline": "INSTANCE=0.5"}, "83 0B"),
+        ({"Deadline": "INSTANCE=nan"}, "83 0A"),
+        ({"Deadline": "INSTANCE=1e9", "Hops": "5"}, "83 0A"),
+        ({"Deadline": "INSTANCE=1e9", "Hops": "many"}, "83 0A"),
+        ({"Deadline": "INSTANCE=1e9"}, "03 02 00 07"),
+    ],
+)
+async def test_headers_that_say_nothing_are_no_way_round_a_rule(nats, headers, answer):
+    async with sites(OWNER) as (b,):
+        instance = b.gateway.fleet.serving.owner.instance
+        headers = {name: text.replace("INSTANCE", instance) for name, text in headers.items()}
+        nats.take(Message("mbgw.b.unit.200.from.a", bytes.fromhex(READ), "mbgw.a.answer.b.1", headers))
+        await asyncio.sleep(1.0)
+        assert [each.body.hex(" ").upper() for each in nats.sent if ".answer." in each.subject] == [answer]
+
+
+async def test_a_circle_of_sites_ends(nats):
+    there = ASKER.replace('"b"', '"c"').replace("fleet://b", "fleet://c")
+    back = (
+        there.replace('site = "a"', 'site = "c"').replace("fleet://c", "fleet://a").replace('name = "c"', 'name = "a"')
+    )
+    async with sites(there, back) as (a, _):
+        client = a.client()
+        before = client.now()
+        assert await client.asks(41, READ) == "83 0A"
+        assert client.now() - before < 0.5
+        assert len([each for each in nats.sent if ".unit." in each.subject]) <= 6
+
+
+async def test_the_next_site_gets_no_more_time_than_the_first_client_gives(nats):
+    """Else the second owner could send a write whose client has had its answer."""
+    middle = ASKER.replace('site = "a"', 'site = "m"').replace("1 s", "5 s")
+    first = ASKER.replace("fleet://b", "fleet://m").replace('name = "b"', 'name = "m"').replace("1 s", "500 ms")
+    rights = '[[access]]\nlisten = ["fleet"]\nallow = ["read", "write"]\n'
+    async with sites(first + LOCAL, middle + rights, OWNER + rights) as (a, _, b):
+        devices = on_line(b, delay=0.4)
+        one, other = a.client("10.0.0.1:1"), a.client("10.0.0.2:1")
+        one.ask(42, READ)
+        one.ask(41, READ)
+        other.ask(41, WRITE)
+        assert await other.answer() == "86 0B"
+        await asyncio.sleep(10.0)
+        assert all(frame.pdu[0] != 6 for device in devices for frame in device.heard)
+
+
+async def test_one_clients_requests_to_a_unit_keep_their_order(nats):
+    async with sites(ASKER + LOCAL, OWNER + WRITERS) as (a, b):
+        devices = on_line(b, delay=0.02)
+        clients = [a.client(f"10.0.0.{each}:1") for each in range(3)]
+        for value in range(8):
+            for each, client in enumerate(clients):
+                client.ask(41, f"06 00 {each:02X} 00 {value:02X}")
+        for client in clients:
+            for _ in range(8):
+                assert (await client.answer()).startswith("06")
+        for each in range(3):
+            assert [frame.pdu[4] for frame in devices[0].heard if frame.pdu[2] == each] == list(range(8))
+
+
+async def test_equal_reads_share_at_the_owner(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        devices = on_line(b, delay=0.05)
+        clients = [a.client(f"10.0.0.{each}:1") for each in range(8)]
+        for client in clients:
+            client.ask(41, READ)
+        for client in clients:
+            assert await client.answer() == "03 02 00 00"
+        assert len(devices[0].heard) == 2
+
+
+async def test_a_flood_of_one_sender_is_its_own_trouble(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b, delay=0.02)
+        instance = b.gateway.fleet.serving.owner.instance
+        headers = {"Deadline": f"{instance}=1e9"}
+        for number in range(2000):
+            told = {**headers, "Client": f"10.0.0.1:{number}"}
+            pdu = bytes((3, 0, number % 100, 0, 1))
+            nats.take(Message("mbgw.b.unit.41.from.z", pdu, f"mbgw.z.answer.b.{number}", told))
+        client = a.client()
+        before = client.now()
+        assert await client.asks(41, "03 00 AA 00 01") == "03 02 00 00"
+        assert client.now() - before < 0.7
+        owner = b.gateway.fleet.serving.owner
+        assert owner.counts.busy == 2000 - MOST_OF_SENDER
+        await asyncio.sleep(10.0)
+        assert owner.under_way == 0
+
+
+async def test_a_full_connection_is_0a(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        for connection in nats.connections:
+            connection.is_full = connection.login.site == "a"
+        client = a.client()
+        assert await client.asks(41, READ) == "83 0A"
+
+
+async def test_units_that_are_not_served_any_more_have_no_responders(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        await b.gateway.fleet.serve(lambda: (42, 200))
+        client = a.client()
+        assert await client.asks(41, READ) == "83 0A"
+        assert await client.asks(42, READ) == "03 02 00 00"
+
+
+async def test_a_reload_that_drops_the_fleet_leaves_it(nats):
+    async with sites(ASKER, OWNER) as (a, _):
+        await a.gateway.fleet.adopt(None)
+        client = a.client()
+        assert await client.asks(41, READ) == "83 0A"
+        assert len(nats.connections) == 1
