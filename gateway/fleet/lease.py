@@ -192,7 +192,8 @@ class Lease:
             return -inf
         if self.is_held:
             return min(self._asks_at, self._ends_at)
-        return min(self._asks_at, max(self._claims_at, self._claims_from))
+        claims_at = max(self._claims_at, self._claims_from, self._looked_at)
+        return min(self._asks_at, claims_at) if self._is_fresh(claims_at) else self._asks_at
 
     def tick(self, now: float) -> None:
         """Let time pass: our share may have ended."""
@@ -296,8 +297,10 @@ class Lease:
 
     def _may_claim(self, now: float) -> bool:
         """What is known must be fresh: the store may have lost the entry and counted up to the same revision again."""
-        is_fresh = now < self._looked_at + 2 * LOOKS * self.settings.ttl
-        return is_fresh and now >= max(self._claims_at, self._claims_from)
+        return self._is_fresh(now) and now >= max(self._claims_at, self._claims_from)
+
+    def _is_fresh(self, now: float) -> bool:
+        return now < self._looked_at + 2 * LOOKS * self.settings.ttl
 
     def _is_ours(self, entry: Entry) -> bool:
         return entry.instance == self._instance

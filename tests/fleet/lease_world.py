@@ -166,6 +166,8 @@ class World:
     def _ask(self, number: int) -> None:
         one = self._one(number)
         one.asked = one.lease.next(self._clock(one))
+        if one.asked is None and one.lease.deadline() <= self._clock(one):
+            self.wrong = f"{one.lease} waits for a time in the past"
 
     def _serve(self, number: int) -> None:
         one = self._one(number)

@@ -29,6 +29,7 @@ class Store:
         for _ in range(5):
             asked = lease.next(now)
             if asked is None:
+                assert lease.deadline() > now, "who waits for a time in the past waits for nothing"
                 return
             if self.is_away:
                 lease.failed("no answer", now)

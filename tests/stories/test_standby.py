@@ -1,0 +1,261 @@
+"""Two gateways whose lines name one lease: one asks, the other one takes over where it has left off."""
+
+import asyncio
+from types import SimpleNamespace
+
+import pytest
+
+from gateway.errors import FleetError, WrongQuestion
+from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
+from gateway.service.fleet import Fleet
+from gateway.service.metrics import read
+from gateway.service.running import Running
+from gateway.service.status import status
+from kit.gateway_bench import GatewayBench, gateway_bench
+
+CONFIG = """
+site = "{site}"
+[fleet]
+servers = ["nats://127.0.0.1:4222"]
+lease = "5 s"
+[[line]]
+name    = "hall-a"
+port    = "/dev/hall-a"
+baud    = 9600
+lease   = "hall-a"
+devices = [{{ unit = 1, as = 41, name = "silo-1", profile = "weigher" }}]
+"""
+READ_7 = "03 0007 0001"
+MOVE_TO_5 = ("01 10 01 00 00 01 02 00 05 76 93", "05 10 01 00 00 01 01 B1")
+TO_19200 = ("01 10 02 00 00 02 04 46 96 00 00 1F AB", "01 10 02 00 00 02 40 70")
+#: Of somebody else on the line: a read of register 1 of unit 9.
+STRANGER = bytes.fromhex("09 03 00 01 00 01 D4 82")
+#: Longer than a lease and any late window here, in seconds.
+LONG = 20.0
+
+
+class KeyValues:
+    """The bucket of leases. `is_away`: NATS cannot be reached."""
+
+    def __init__(self) -> None:
+        self.entries: dict[str, tuple[bytes, int]] = {}
+        self.is_away = False
+
+    async def get(self, key: str) -> SimpleNamespace | None:
+        value, revision = self.entries.get(key, (None, 0))
+        return SimpleNamespace(value=value, revision=revision) if revision else None
+
+    async def create(self, key: str, value: bytes) -> int | None:
+        return await self.update(key, value, 0)
+
+    async def update(self, key: str, value: bytes, revision: int) -> int | None:
+        if self.entries.get(key, (b"", 0))[1] != revision:
+            return None
+        self.entries[key] = (value, revision + 1)
+        return revision + 1
+
+
+@pytest.fixture
+def store(monkeypatch: pytest.MonkeyPatch) -> KeyValues:
+    """The bucket of both gateways, and their clock, which is that of the event loop."""
+    store = KeyValues()
+
+    async def bucket(fleet: Fleet, name: str) -> KeyValues:
+        if store.is_away:
+            raise FleetError("NATS cannot be reached: it is away")
+        return store
+
+    monkeypatch.setattr(Fleet, "bucket", bucket)
+    monkeypatch.setattr("gateway.fleet.standby.clock_gettime", lambda _: 1000.0 + asyncio.get_running_loop().time())
+    return store
+
+
+def told(bench: GatewayBench, kind: type) -> list:
+    return [event for event in bench.events if isinstance(event, kind)]
+
+
+def is_open(bench: GatewayBench) -> bool:
+    """Whether its port is open; one that was never open is not there."""
+    return "hall-a" in bench.lines and bench.lines["hall-a"].is_open
+
+
+def config(site: str, more: str = "") -> str:
+    return CONFIG.format(site=site) + more
+
+
+async def exchange(bench: GatewayBench, request: str, response: str) -> str:
+    """Unit 41 is asked; the request must be on the line as it is printed, and gets the printed response."""
+    client, line = bench.client(), bench.lines["hall-a"]
+    client.ask(41, request[3:-6])
+    await asyncio.sleep(0.2)
+    assert line.take_written().hex(" ").upper() == request
+    line.deliver(bytes.fromhex(response))
+    return await client.answer()
+
+
+async def test_one_asks_and_the_other_one_answers_0a_with_its_port_closed(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(LONG)
+            assert (is_open(one), is_open(other)) == (True, False)
+            assert await other.client().asks(41, READ_7) == "83 0A"
+            one.client().ask(41, READ_7)
+            await asyncio.sleep(0.1)
+            assert one.lines["hall-a"].take_written()
+            assert not told(other, LineLost), "a port that is closed on purpose is not lost"
+
+
+async def test_status_and_metrics_say_who_holds_it(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one, gateway_bench(config("b")) as other:
+        await asyncio.sleep(LONG)
+        first, second = sorted(
+            (status(bench.gateway, 0.0).lines[0] for bench in (one, other)),
+            key=lambda line: line.state,
+            reverse=True,
+        )
+        assert (first.state, second.state) == ("up", "standby")
+        assert first.lease is not None
+        assert second.lease is not None
+        assert (first.lease.is_held, second.lease.is_held) == (True, False)
+        assert first.lease.holder == second.lease.holder
+        assert second.reason.startswith("standby for the lease hall-a: ")
+        values = [family.values for family in await read(other.running) if family.name == "lease_held"]
+        assert values == [[(("hall-a", "hall-a"), is_open(other))]]
+
+
+async def test_after_a_stop_the_other_one_goes_on_with_moved_devices_and_without_a_silence(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        assert await exchange(one, *MOVE_TO_5) == "10 01 00 00 01"
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            await one.running._end([one.gateway.lines[0]])
+            assert not is_open(one)
+            await asyncio.sleep(0.6)
+            assert [event.silent_s for event in told(other, LeaseTaken)] == [0.0]
+            other.client().ask(41, READ_7)
+            await asyncio.sleep(0.1)
+            assert other.lines["hall-a"].take_written()[0] == 5
+
+
+async def test_a_rate_that_was_changed_moves_too(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        assert await exchange(one, *TO_19200) == "10 02 00 00 02"
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            await one.running._end([one.gateway.lines[0]])
+            await asyncio.sleep(0.6)
+            assert is_open(other)
+            assert other.opened["hall-a"].baud == 19200
+            assert other.gateway.lines[0].driver.line.settings.timing.baud == 19200
+
+
+async def test_a_late_answer_to_the_other_one_is_not_believed(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            client = one.client()
+            assert await client.asks(41, READ_7) == "83 0B"
+            await one.running._end([one.gateway.lines[0]])
+            await asyncio.sleep(0.6)
+            assert is_open(other)
+            assert other.gateway.lines[0].driver.line.late_windows(asyncio.get_running_loop().time()) == 1
+            asker = other.client()
+            assert await asker.asks(41, READ_7) == "83 0B", "the same function of that unit is not asked meanwhile"
+            assert not other.lines["hall-a"].take_written()
+    assert not told(other, LateResponse)
+
+
+async def test_who_was_killed_is_followed_after_its_lease_and_a_silence(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            entries = dict(store.entries)
+            await one.running._end([one.gateway.lines[0]])
+            value, revision = entries["hall-a"]
+            store.entries["hall-a"] = (value, revision)  # it did not come to give it back
+            while not told(other, LeaseTaken):  # noqa: ASYNC110 - virtual time
+                await asyncio.sleep(0.1)
+            (taken,) = told(other, LeaseTaken)
+            assert taken.silent_s > 0.5
+            await asyncio.sleep(max(0.0, taken.silent_s - 1.0))
+            other.client().ask(41, READ_7)
+            await asyncio.sleep(min(1.0, taken.silent_s) - 0.2)
+            assert not other.lines["hall-a"].take_written()
+            await asyncio.sleep(0.5)
+            assert other.lines["hall-a"].take_written()
+
+
+async def test_without_nats_nobody_asks_and_requests_get_0a(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        store.is_away = True
+        await asyncio.sleep(5.0)
+        assert not is_open(one)
+        assert await one.client().asks(41, READ_7) == "83 0A"
+        (lost,) = told(one, LeaseLost)
+        assert "NATS cannot be reached: it is away" in lost.reason
+        store.is_away = False
+        await asyncio.sleep(2.0)
+        assert is_open(one)
+
+
+async def test_with_fallback_hold_it_goes_on_without_nats(store: KeyValues) -> None:
+    async with gateway_bench(config("a").replace('"5 s"', '"5 s"\nfallback = "hold"')) as one:
+        await asyncio.sleep(LONG)
+        store.is_away = True
+        await asyncio.sleep(LONG)
+        one.client().ask(41, READ_7)
+        await asyncio.sleep(0.1)
+        assert one.lines["hall-a"].take_written()
+
+
+async def test_who_hears_another_asker_closes_its_port_and_sends_nothing_more(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        one.lines["hall-a"].deliver(STRANGER)
+        await asyncio.sleep(0.1)
+        assert not is_open(one)
+        assert await one.client().asks(41, READ_7) == "83 0A"
+        assert [event.reason for event in told(one, LeaseLost)] == ["another asker was heard on the line"]
+        await asyncio.sleep(4.0)
+        assert not is_open(one)
+        await asyncio.sleep(3.0)
+        assert is_open(one)
+
+
+async def test_a_request_is_refused_when_the_share_has_ended_though_nobody_could_act_on_that(store: KeyValues) -> None:
+    """As behind SIGSTOP: the first that happens is a request."""
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        standby = one.gateway.lines[0].standby
+        assert standby is not None
+        standby.lease.until = 0.0
+        client = one.client()
+        assert await client.asks(41, READ_7) == "83 0A"
+        assert not one.lines["hall-a"].take_written()
+
+
+async def test_who_cannot_open_the_port_lets_the_other_one_ask(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            one.lines["hall-a"].pull()
+            await asyncio.sleep(8.0)
+            assert is_open(other)
+            one.lines["hall-a"].plug()
+            await asyncio.sleep(LONG)
+            assert (is_open(one), is_open(other)) == (False, True)
+
+
+async def test_the_port_is_not_lent(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        running: Running = one.running
+        with pytest.raises(WrongQuestion, match="others may ask there"):
+            async with running.port_lent(one.gateway.lines[0], "a test"):
+                pass
