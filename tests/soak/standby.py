@@ -29,6 +29,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Self
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -37,7 +38,7 @@ from gateway.modbus import mbap
 from kit.link import Link
 from kit.nats import NatsServer
 from kit.process import GatewayProcess
-from kit.shared_bus import REGISTERS, UNITS, Bus, sometimes_late
+from kit.shared_bus import REGISTERS, UNITS, Bus, Collision, sometimes_late
 
 #: The time to live of the lease, in seconds; behind a device server, where TCP may hold back what was written.
 TTL, TTL_BEHIND_SERVER = 2.0, 3.0
@@ -70,7 +71,8 @@ class Site:
         self.name = name
         self.ttl = ttl
         self.link = Link(nats.port)
-        self.continued_at = 0.0
+        #: When it was continued, each time.
+        self.continued_at: list[float] = []
         self.answered_at = 0.0
         self.answers: Counter[str] = Counter()
         self._folder = folder / name
@@ -110,22 +112,26 @@ class Site:
         if gateway is not None:
             gateway.__exit__()
 
+    def end(self) -> int:
+        """SIGTERM; the exit code."""
+        gateway, self._gateway = self._gateway, None
+        assert gateway is not None
+        code = gateway.stop()
+        gateway.__exit__()
+        return code
+
     def stop(self) -> None:
         assert self._gateway is not None
         self._gateway.signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
         assert self._gateway is not None
-        self.continued_at = time.monotonic()
+        self.continued_at.append(time.monotonic())
         self._gateway.signal(signal.SIGCONT)
 
     def set_clock(self, seconds: int) -> None:
         with self._off.open("r+b") as file, mmap.mmap(file.fileno(), 8) as off:
             off[:] = seconds.to_bytes(8, sys.byteorder, signed=True)
-
-    def told(self, event: str) -> int:
-        """How often it has told this event since it was started."""
-        return 0 if self._gateway is None else sum(each["event"] == event for each in self._gateway.log)
 
     def _keep_asking(self) -> None:
         choose = random.Random(self.name)
@@ -161,8 +167,8 @@ class Stage:
     def __init__(self, seed: int, nats: NatsServer, bus: Bus, sites: tuple[Site, Site], *, has_clock: bool) -> None:
         self.sites = sites
         self.gaps: dict[str, float] = defaultdict(float)
+        self.bus = bus
         self._nats = nats
-        self._bus = bus
         self._choose = random.Random(seed)
         self._faults: dict[str, Callable[[float], None]] = {
             "the holder is killed": lambda lasts: self._kill(self.holder, lasts),
@@ -183,25 +189,37 @@ class Stage:
     @property
     def holder(self) -> Site:
         """Who asked last."""
-        return max(self.sites, key=lambda site: self._bus.asked.get(site.name, 0.0))
+        return max(self.sites, key=lambda site: self.bus.asked.get(site.name, 0.0))
 
     @property
     def standby(self) -> Site:
         return next(site for site in self.sites if site is not self.holder)
 
     def round(self) -> None:
-        """One fault, and all is well again."""
-        self._wait_for_service()
+        """One fault, at any moment."""
+        self.wait_for_service()
         time.sleep(self._choose.uniform(0.0, 0.5))
-        name = self._choose.choice(list(self._faults))
-        lasts = self._choose.uniform(0.0, LONGEST_FAULT * self.holder.ttl)
-        watching = Watch(self.sites)
-        with watching:
-            self._faults[name](lasts)
-            self._wait_for_service()
-        self.gaps[name] = max(self.gaps[name], watching.gap)
+        self.suffer(self._choose.choice(list(self._faults)), self._choose.uniform(0.0, LONGEST_FAULT * self.holder.ttl))
 
-    def _wait_for_service(self) -> None:
+    def suffer(self, fault: str, lasts: float) -> None:
+        """This fault, for so many seconds, and all is well again."""
+        self.wait_for_service()
+        with Watch(self.sites) as watching:
+            self._faults[fault](lasts)
+            self.wait_for_service()
+        self.gaps[fault] = max(self.gaps[fault], watching.gap)
+
+    def was_just_continued(self, collision: Collision) -> bool:
+        """Whether one of the two may have been stopped between its look at the clock and its write."""
+        return any(
+            0 <= collision.at - at <= JUST_CONTINUED
+            for site in self.sites
+            if site.name in (collision.first, collision.second)
+            for at in site.continued_at
+        )
+
+    def wait_for_service(self) -> None:
+        """Wait until somebody gets answers."""
         deadline = time.monotonic() + PATIENCE
         while max(site.answered_at for site in self.sites) < time.monotonic() - 0.1:
             if time.monotonic() > deadline:
@@ -260,8 +278,9 @@ class Watch:
         self._is_over = False
         self._thread = threading.Thread(target=self._run, name="watch")
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> Self:
         self._thread.start()
+        return self
 
     def __exit__(self, *_: object) -> None:
         self._is_over = True
@@ -304,24 +323,18 @@ def soak(rounds: int, seed: int, *, server: bool) -> int:
         for site in sites:
             stack.enter_context(site.running())
         stage = Stage(seed, nats, bus, (sites[0], sites[1]), has_clock=clock is not None)
-        continued: dict[str, list[float]] = defaultdict(list)
         for number in range(1, rounds + 1):
             stage.round()
-            for site in sites:
-                continued[site.name].append(site.continued_at)
             if number % 25 == 0 or number == rounds:
                 print(f"{number} rounds, {len(bus.collisions)} collisions", flush=True)
-    return tell(bus, stage, continued)
+    return tell(stage)
 
 
-def tell(bus: Bus, stage: Stage, continued: dict[str, list[float]]) -> int:
+def tell(stage: Stage) -> int:
     """Print what was found; how often something was wrong."""
-    apart = [
-        each
-        for each in bus.collisions
-        if any(0 <= each.at - at <= JUST_CONTINUED for name in (each.first, each.second) for at in continued[name])
-    ]
-    met = len(bus.collisions) - len(apart)
+    bus = stage.bus
+    apart = sum(map(stage.was_just_continued, bus.collisions))
+    met = len(bus.collisions) - apart
     for each in bus.collisions:
         print(f"{each.first} and {each.second} at {each.at:.3f}")
     for name, gap in sorted(stage.gaps.items()):
@@ -330,7 +343,7 @@ def tell(bus: Bus, stage: Stage, continued: dict[str, list[float]]) -> int:
         print(f"{site.name}: {dict(site.answers)}")
     wrong = sum(site.answers["wrong"] for site in stage.sites)
     print(
-        f"{bus.frames} frames, {met} of two askers at once, {len(apart)} just after a stop, {wrong} wrong answers, "
+        f"{bus.frames} frames, {met} of two askers at once, {apart} just after a stop, {wrong} wrong answers, "
         f"longest gap {max(stage.gaps.values()):.2f} s"
     )
     return met + wrong

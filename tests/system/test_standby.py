@@ -1,0 +1,54 @@
+"""Two gateways with one lease on one bus: a short form of tests/soak/standby.py, each kind of fault once."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import pytest
+
+from kit.nats import NatsServer, needs_nats
+from kit.shared_bus import Bus, sometimes_late
+from soak.standby import TTL, Site, Stage
+
+pytestmark = needs_nats
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    """Two gateways on one bus, one of which asks. Each test leaves them so."""
+    tmp_path = tmp_path_factory.mktemp("standby")
+    bus = Bus(lateness=sometimes_late(seed=1, share=0.02, longest=0.3))
+    with ExitStack() as stack:
+        nats = stack.enter_context(NatsServer(tmp_path))
+        sites = []
+        for name in ("a", "b"):
+            bus.terminal(name, tmp_path / f"tty-{name}")
+            sites.append(Site(name, tmp_path, nats, str(tmp_path / f"tty-{name}"), TTL, None))
+        stack.enter_context(bus)
+        for site in sites:
+            stack.enter_context(site.running())
+        yield Stage(1, nats, bus, (sites[0], sites[1]), has_clock=False)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "the holder is killed",
+        "the holder is stopped",
+        "NATS is away",
+        "the holder's link is held",
+    ],
+)
+def test_two_never_ask_at_once_and_one_goes_on(stage: Stage, fault: str) -> None:
+    stage.suffer(fault, 1.2 * TTL)
+    assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
+    assert sum(site.answers["wrong"] for site in stage.sites) == 0
+
+
+def test_after_a_stop_the_other_one_goes_on_at_once(stage: Stage) -> None:
+    stage.wait_for_service()
+    holder, standby = stage.holder, stage.standby
+    assert holder.end() == 0
+    stage.wait_for_service()
+    assert stage.holder is standby
+    assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
+    holder.start()
