@@ -48,7 +48,7 @@ class Site:
 
     async def listen(self) -> None:
         """For requests, answers and heartbeats."""
-        await self.hear(f"mbgw.{self.name}.unit.*.from.*", "mbgw")
+        await self.hear(f"mbgw.{self.name}.unit.3.from.*", "mbgw")
         await self.hear(f"mbgw.{self.name}.answer.>")
         await self.hear("mbgw.*.clock")
         await self.client.flush()
