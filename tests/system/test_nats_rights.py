@@ -1,12 +1,14 @@
 """The configs of deploy/nats, with a real server: who may say what to whom, by site."""
 
 import asyncio
+import base64
 import json
+import re
 import socket
 import ssl
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 from nats.aio.client import Client
@@ -19,6 +21,9 @@ from kit.link import Link
 from kit.nats import NatsServer, needs_nats
 from kit.pki import pki
 from kit.process import PATIENCE
+
+if TYPE_CHECKING:
+    from kit.nats_tokens import Key
 
 pytestmark = needs_nats
 
@@ -41,6 +46,16 @@ class Site:
             f"nats://127.0.0.1:{port}",
             user=self.name,
             password=password,
+            error_cb=self._refuse,
+            inbox_prefix=f"_INBOX.{self.name}",
+            allow_reconnect=False,
+        )
+
+    async def connect_by_token(self, port: int, token: str, key: "Key") -> None:
+        await self.client.connect(
+            f"nats://127.0.0.1:{port}",
+            user_jwt_cb=token.encode,
+            signature_cb=lambda nonce: base64.b64encode(key.sign(nonce.encode())),
             error_cb=self._refuse,
             inbox_prefix=f"_INBOX.{self.name}",
             allow_reconnect=False,
@@ -324,3 +339,37 @@ async def test_with_the_lines_for_tls_nothing_is_said_in_the_clear(tmp_path):
         await client.close()
         with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE) as plain:
             assert json.loads(plain.recv(65536).split(b" ", 1)[1])["tls_required"] is True
+
+
+def rights(site: str) -> tuple[list[str], list[str]]:
+    """What this site may publish and hear, by the config of the hub."""
+    told = (FOLDER / "hub.conf").read_text().partition(f"\n{site}: {{")[2]
+    publish, _, subscribe = told.partition("subscribe:")
+    return re.findall(r'"([^"]+\.[^"]+)"', publish), re.findall(r'"([^"]+)"', subscribe.partition("]")[0])
+
+
+async def test_one_template_gives_each_site_with_credentials_only_its_own_rights(tmp_path):
+    """For fleets whose sites are not in the server's config: what their tokens may do follows from the name there."""
+    operators = pytest.importorskip("kit.nats_tokens", reason="it needs cryptography")
+    publish, subscribe = ([right.replace("plant-1", "{{name()}}") for right in some] for some in rights("plant-1"))
+    operator = operators.Operator(publish, subscribe)
+    with NatsServer(tmp_path, operator.settings) as server:
+        north, south = Site("north"), Site("south")
+        for site in north, south:
+            await site.connect_by_token(server.port, *operator.user(site.name))
+            await site.listen()
+        assert await asks_and_answers(north, south) == b"\x03\x02\x12\x34"
+        assert north.refused.empty()
+        for subject in (
+            "mbgw.south.unit.3.from.east",
+            "mbgw.east.answer.south.7",
+            "mbgw.south.clock",
+            "$KV.mbgw-status.south",
+        ):
+            await north.client.publish(subject, b"")
+            assert "publish" in await north.is_refused()
+        await north.hear("mbgw.south.answer.>")
+        await north.client.flush()
+        assert "subscription" in await north.is_refused()
+        for site in north, south:
+            await site.client.close()
