@@ -123,7 +123,7 @@ class Sparkplug:
         if device.name not in self._born or not points:
             return []
         metrics = _metrics(points, readings, at)
-        payload = encode(Payload(metrics, at, self._next()), with_types=False)
+        payload = encode(Payload(metrics, at, self._next()), with_units=False)
         return [Message(self._topics.of("DDATA", device.name), payload, qos=0)]
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
@@ -181,7 +181,7 @@ class Sparkplug:
 
     def _death(self, at: float) -> Message:
         metric = Metric(_SESSION, self._session, DataType.INT64, at)
-        return Message(self._topics.of("NDEATH"), encode(Payload((metric,), at), with_types=True), qos=1)
+        return Message(self._topics.of("NDEATH"), encode(Payload((metric,), at), with_units=True), qos=1)
 
     def _next(self) -> int:
         """The number of the next message."""
@@ -191,7 +191,7 @@ class Sparkplug:
 
     @staticmethod
     def _message(topic: str, payload: Payload) -> Message:
-        return Message(topic, encode(payload, with_types=True), qos=0)
+        return Message(topic, encode(payload, with_units=True), qos=0)
 
 
 def _commands(device: PublishedDevice, metrics: Iterable[Metric], delivery: Delivery) -> Iterable[Command]:

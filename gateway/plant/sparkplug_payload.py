@@ -101,11 +101,11 @@ def signed(value: int, data_type: DataType) -> int:
     return low - (1 << bits) if low >> (bits - 1) else low
 
 
-def encode(payload: Payload, *, with_types: bool) -> bytes:
-    """The bytes of a payload, in which each metric tells its type and unit, or none does."""
+def encode(payload: Payload, *, with_units: bool) -> bytes:
+    """The bytes of a payload, in which each metric tells its unit, or none does."""
     parts = [] if payload.at is None else [_number(_PayloadField.TIMESTAMP, _milliseconds(payload.at))]
     for metric in payload.metrics:
-        body = _metric(metric, with_types=with_types)
+        body = _metric(metric, with_units=with_units)
         parts += (_METRIC, _varint(len(body)), body)
     if payload.seq is not None:
         parts.append(_number(_PayloadField.SEQ, payload.seq))
@@ -132,15 +132,15 @@ def decode(data: bytes) -> Payload:
     return Payload(tuple(metrics), at, seq)
 
 
-def _metric(metric: Metric, *, with_types: bool) -> bytes:
+def _metric(metric: Metric, *, with_units: bool) -> bytes:
     body = _name(metric.name)
     if metric.at is not None:
         body += _time(_milliseconds(metric.at))
-    if with_types and metric.data_type is not None:
+    if metric.data_type is not None:
         body += _type_of(metric.data_type)
     if metric.value is None:
         body += _NULL
-    if with_types and metric.unit:
+    if with_units and metric.unit:
         body += _unit(metric.unit)
     return body if metric.value is None else body + _value(metric.value, metric.data_type)
 

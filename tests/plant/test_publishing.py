@@ -477,7 +477,7 @@ async def test_a_flood_of_commands_delays_no_values_and_takes_no_more_room():
         assert broker.driver.publisher.dropped_results == 2 * MOST_RESULTS
 
 
-REBIRTH = encode(Payload((Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN),)), with_types=True)
+REBIRTH = encode(Payload((Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN),)), with_units=True)
 
 
 async def test_many_hosts_that_want_a_birth_get_one_a_second():

@@ -87,8 +87,16 @@ def state_of_host(node, *, online, timestamp, host="scada"):
 
 
 def told(node, topic, *sent, **more):
-    payload = encode(Payload(sent, AT), with_types=more.pop("with_types", True))
+    payload = encode(Payload(sent, AT), with_units=False)
     return node.received(Delivery(topic, payload, AT, **more))
+
+
+def without_type(metric):
+    """The payload of a command that leaves the type out, as hosts may."""
+    data = encode(Payload((metric,)), with_units=False)
+    start = 4 + len(metric.name)
+    assert data[start : start + 2] == bytes((0x20, metric.data_type))
+    return data[:1] + bytes((data[1] - 2,)) + data[2:start] + data[start + 2 :]
 
 
 def wants_rebirth(node, *, value=True):
@@ -316,7 +324,6 @@ def test_a_number_without_label_is_text_too():
     "topics-ddata-timestamp",
     "topics-ddata-payload",
     "operational-behavior-data-publish-dbirth-change",
-    "payloads-metric-datatype-not-req",
     "payloads-ddata-timestamp",
     "payloads-ddata-qos",
     "payloads-ddata-retain",
@@ -325,7 +332,7 @@ def test_data_has_what_has_changed():
     node = born()
     (data,) = node.values(SCALE, WEIGHED, {"weight"}, AT + 1)
     assert (data.topic, data.qos, data.retain) == ("spBv1.0/plant/DDATA/gw/silo-1", 0, False)
-    assert decode(data.payload) == Payload((Metric("weight", 4999.66, None, AT - 1),), AT + 1, 3)
+    assert decode(data.payload) == Payload((Metric("weight", 4999.66, DataType.FLOAT, AT - 1),), AT + 1, 3)
 
 
 def test_what_is_not_known_any_more_is_null():
@@ -431,11 +438,13 @@ def test_a_rebirth_that_is_not_wanted_is_none():
         (Metric("gain", 1.2, DataType.FLOAT), "1.2"),
     ],
 )
-@pytest.mark.parametrize("with_types", [True, False])
-def test_a_command_has_its_value_as_a_user_would_type_it(metric, text, with_types):
-    (command,) = wants(born(), metric, with_types=with_types)
-    assert isinstance(command, Command)
-    assert (command.device, command.point.name, command.text, command.refusal) == (DRIVE, metric.name, text, "")
+def test_a_command_has_its_value_as_a_user_would_type_it(metric, text):
+    node = born()
+    (typed,) = wants(node, metric)
+    (untyped,) = node.received(Delivery("spBv1.0/plant/DCMD/gw/drive-1", without_type(metric), AT))
+    for command in (typed, untyped):
+        assert isinstance(command, Command)
+        assert (command.device, command.point.name, command.text, command.refusal) == (DRIVE, metric.name, text, "")
 
 
 def test_a_message_may_have_several_commands():
@@ -550,7 +559,7 @@ def test_what_is_no_state_is_ignored(payload):
 def test_a_large_command_is_not_even_read():
     node = born()
     payload = encode(
-        Payload((Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN),)), with_types=True
+        Payload((Metric("Node Control/Rebirth", value=True, data_type=DataType.BOOLEAN),)), with_units=True
     )
     assert node.received(Delivery("spBv1.0/plant/NCMD/gw", payload, AT)) == [Rebirth()]
     assert node.received(Delivery("spBv1.0/plant/NCMD/gw", payload + bytes((8, 0)) * 8192, AT)) == []

@@ -54,7 +54,7 @@ DEATH = Payload((), AT, 9)
 
 
 @pytest.mark.parametrize(
-    ("name", "payload", "with_types"),
+    ("name", "payload", "with_units"),
     [
         ("nbirth", BIRTH_OF_NODE, True),
         ("dbirth", BIRTH, True),
@@ -63,8 +63,8 @@ DEATH = Payload((), AT, 9)
         ("ddeath", DEATH, True),
     ],
 )
-def test_a_payload_has_the_bytes_that_others_write(name, payload, with_types):
-    assert encode(payload, with_types=with_types).hex() == VECTORS[name]
+def test_a_payload_has_the_bytes_that_others_write(name, payload, with_units):
+    assert encode(payload, with_units=with_units).hex() == VECTORS[name]
 
 
 def test_what_others_write_is_read():
@@ -77,9 +77,12 @@ def test_what_others_write_is_read():
         assert (theirs.name, theirs.data_type, theirs.at) == (ours.name, ours.data_type, AT)
 
 
-def test_types_and_units_are_told_in_births_only():
+def test_units_are_told_in_births_only():
     read = decode(bytes.fromhex(VECTORS["ddata"]))
-    assert read.metrics == (Metric("weight", 4999.66, None, LATER), Metric("state", "running", None, LATER))
+    assert read.metrics == (
+        Metric("weight", 4999.66, DataType.FLOAT, LATER),
+        Metric("state", "running", DataType.STRING, LATER),
+    )
 
 
 def test_what_we_do_not_know_is_skipped():
@@ -95,7 +98,7 @@ def test_values_come_back(number, whole, text):
         Metric("c", whole, DataType.INT64),
         Metric("d", text, DataType.STRING),
     )
-    a, b, c, d = (each.value for each in decode(encode(Payload(metrics), with_types=True)).metrics)
+    a, b, c, d = (each.value for each in decode(encode(Payload(metrics), with_units=True)).metrics)
     assert (b, signed(c, DataType.INT64), d) == (number, whole, text)
     assert a == pytest.approx(number, rel=1e-6)
 
@@ -103,7 +106,7 @@ def test_values_come_back(number, whole, text):
 def test_a_float32_is_the_shortest_number():
     """Else 0.1 would be 0.10000000149011612, which is no multiple of any scale."""
     payload = Payload((Metric("a", 0.1, DataType.FLOAT),))
-    assert decode(encode(payload, with_types=False)).metrics[0].value == 0.1
+    assert decode(encode(payload, with_units=False)).metrics[0].value == 0.1
 
 
 @pytest.mark.parametrize("name", list(VECTORS))

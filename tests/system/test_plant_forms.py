@@ -129,7 +129,7 @@ def metrics(payload: bytes) -> dict[str, object]:
 
 
 def command(topic: str, metric: Metric) -> tuple[str, bytes]:
-    return topic, encode(Payload((metric,), 1.0), with_types=True)
+    return topic, encode(Payload((metric,), 1.0), with_units=True)
 
 
 def test_a_host_sees_births_data_and_deaths_and_writes(broker, tmp_path):
