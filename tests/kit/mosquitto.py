@@ -5,6 +5,7 @@ import json
 import shutil
 import signal
 import socket
+import ssl
 import subprocess
 import threading
 import time
@@ -194,11 +195,12 @@ def _pass_on(source: socket.socket, target: socket.socket) -> None:
 
 
 class WebSocketDoor:
-    """Takes WebSocket connections for a broker: not every mosquitto can."""
+    """Takes WebSocket connections for a broker: not every mosquitto can. With a `context` they are encrypted."""
 
-    def __init__(self, broker: int) -> None:
+    def __init__(self, broker: int, context: ssl.SSLContext | None = None) -> None:
         self.port = free_port()
         self._broker = broker
+        self._context = context
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="websockets")
 
@@ -208,7 +210,7 @@ class WebSocketDoor:
         app.router.add_get("/mqtt", self._pass)
         self._runner = web.AppRunner(app, shutdown_timeout=0.1)
         self._do(self._runner.setup())
-        self._do(web.TCPSite(self._runner, "127.0.0.1", self.port).start())
+        self._do(web.TCPSite(self._runner, "127.0.0.1", self.port, ssl_context=self._context).start())
         return self
 
     def __exit__(self, *_: object) -> None:

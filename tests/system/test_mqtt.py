@@ -1,6 +1,7 @@
 """A real gateway and a real broker: losses of either, commands that must not be carried out, TLS, passwords."""
 
 import signal
+import ssl
 import subprocess
 import time
 from contextlib import ExitStack, contextmanager
@@ -278,6 +279,28 @@ def test_over_websockets(tmp_path):
         running(tmp_path, config(door.port, scheme="ws")) as gateway,
     ):
         gateway.wait_for("broker_up")
+
+
+def test_over_encrypted_websockets_with_a_password_that_systemd_hands_over(tmp_path, monkeypatch):
+    folder, credentials, users = pki(), tmp_path / "credentials", tmp_path / "users"
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(folder / "server.crt", folder / "server.key")
+    subprocess.run(["mosquitto_passwd", "-b", "-c", str(users), "gw", "right"], check=True, capture_output=True)
+    credentials.mkdir()
+    (credentials / "mqtt").write_text("right\n")
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(credentials))
+    keys = (f'ca = "{folder}/ca.crt"', 'user = "gw"', 'password = { credential = "mqtt" }', "write = true")
+    login = ("-u", "gw", "-P", "right")
+    with (
+        Mosquitto(tmp_path, f"password_file {users}", anonymous=False) as broker,
+        WebSocketDoor(broker.port, context) as door,
+        running(tmp_path, config(door.port, *keys, scheme="wss")) as gateway,
+        Subscriber(broker, "#", login) as subscriber,
+    ):
+        assert gateway.wait_for("broker_up")["broker"] == f"wss://127.0.0.1:{door.port}/mqtt"
+        for number in range(20):  # several may lie in one record, which select does not tell
+            broker.publish(f"{SHIFT}/number/set", str(number), *login)
+        subscriber.wait_for(SHIFT, number=19)
 
 
 def test_a_broker_that_is_not_there_keeps_nobody_waiting(tmp_path):
