@@ -226,7 +226,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     def resume_reading(self) -> None:
         """Deliver what has arrived, soon, and then more."""
         self._is_paused = False
-        if self._is_blocked:
+        if self._is_blocked or self._has_ended:
             return
         self._transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._deliver)
@@ -279,8 +279,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
                 if self._spare < 0:
                     application.reject(TOO_MUCH_BESIDE_DATA)
                 break
-            except ssl.SSLError:
-                self.abort()
+            except ssl.SSLError as error:
+                application.reject(explain(error))  # with the alert that tells the client
                 return
             if count == 0:
                 self._end()
@@ -293,6 +293,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """The client sends no more; it still gets its responses."""
         if not self._has_ended and self._application is not None:
             self._has_ended = True
+            self._transport.pause_reading()  # what comes behind the end in TLS would be kept, and never be looked at
             self._application.eof_received()
 
     def _send(self) -> None:

@@ -32,6 +32,10 @@ class TlsStore:
         """Use this too; returns what was used before."""
         return self.adopt({**self._all, **loaded})
 
+    def renew(self, settings: TlsSettings, fresh: Loaded) -> None:
+        """Use this for `settings`, which says the same as what was used before."""
+        self.adopt({one: fresh if one.settings == settings else each for one, each in self._all.items()})
+
     def expiries(self) -> Iterator[tuple[Secured, Expiry]]:
         """Until when each file is valid, with the address that uses it."""
         for secured, loaded in self._all.items():

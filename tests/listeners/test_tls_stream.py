@@ -1,13 +1,17 @@
 """One secured connection, without a network: between a client in memory and the session of a listener."""
 
 import asyncio
+import shutil
 import socket
 import ssl
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from gateway.listeners import tls
 from gateway.listeners.connection import SecuredConnection
 from gateway.listeners.handshakes import Handshakes, Visitor
 from gateway.listeners.session import ListenSettings
@@ -80,10 +84,19 @@ class Listener:
 
     settings = ListenSettings("remote", "", 0, scheme="tls", in_flight=2)
 
+    def __init__(self) -> None:
+        self.rejections: list[str] = []
+
+    def rejected(self, client: str, reason: str) -> None:
+        self.rejections.append(reason)
+
     def connected(self, connection: object) -> None:
         pass
 
     closing = connected
+
+    def left_early(self, host: str, waited: float) -> None:
+        pass
 
     def closed(self, connection: object, reason: str) -> None:
         raise AssertionError(reason)
@@ -108,10 +121,11 @@ class Slow:
 class Peer:
     """A client in memory."""
 
-    def __init__(self, version: ssl.TLSVersion) -> None:
+    def __init__(self, version: ssl.TLSVersion, options: int = 0) -> None:
         self.incoming, self.outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
         context = client_context(OPERATOR)
         context.maximum_version = version
+        context.options |= options
         self.tls = context.wrap_bio(self.incoming, self.outgoing, server_hostname="localhost")
 
     def goes_on(self) -> None:
@@ -152,9 +166,11 @@ class Handshaker:
         raise AssertionError(reason)
 
 
-def connected(target: Slow, version: ssl.TLSVersion = ssl.TLSVersion.TLSv1_3) -> tuple[Peer, TlsStream, Network]:
+def connected(
+    target: Slow, version: ssl.TLSVersion = ssl.TLSVersion.TLSv1_3, listener: Listener | None = None
+) -> tuple[Peer, TlsStream, Network]:
     now = asyncio.get_running_loop().time
-    listener = Listener()
+    listener = listener or Listener()
     peer, network = Peer(version), Network()
     owner = Handshaker(lambda stream: stream.begin(SecuredConnection(listener, "10.0.0.1", "10.0.0.1:1", now, target)))
     stream = TlsStream(context(), owner)
@@ -201,6 +217,46 @@ def test_a_client_may_send_each_byte_in_a_record_of_its_own(version: ssl.TLSVers
             assert target.waiting[0].transaction == number
             target.answer_first()
         assert not network.is_over
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_a_client_is_told_what_was_wrong_with_a_record(version: ssl.TLSVersion) -> None:
+    async def scenario() -> None:
+        target, listener = Slow(), Listener()
+        peer, stream, network = connected(target, version, listener)
+        peer.tls.write(encode(1, 1, WRITE))
+        record = bytearray(peer.outgoing.read())
+        record[-1] ^= 1
+        arrive(stream, record)
+        assert target.waiting == []
+        assert listener.rejections == ["decryption failed or bad record mac"]
+        assert network.is_over
+        peer.incoming.write(network.sent)
+        with pytest.raises(ssl.SSLError, match="ALERT_BAD_RECORD_MAC"):
+            peer.tls.read(1)
+
+    asyncio.run(scenario())
+
+
+def test_what_comes_behind_the_end_of_the_clients_side_is_not_kept() -> None:
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target)
+        peer.tls.write(encode(1, 1, READ))
+        with pytest.raises(ssl.SSLError):
+            peer.tls.unwrap()
+        arrive(stream, peer.outgoing.read())
+        assert network.is_paused
+        stream.pause_writing()
+        stream.resume_writing()
+        stream.resume_reading()
+        assert network.is_paused
+        target.answer_first()
+        peer.incoming.write(network.sent)
+        assert peer.tls.read(11)[7:] == bytes.fromhex("03 02 0007")
+        assert network.is_over
 
     asyncio.run(scenario())
 
@@ -299,3 +355,50 @@ def test_a_connection_that_has_just_been_accepted_is_ended_with_the_listener(cha
             assert network.is_over
 
     asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("change", ["none", "another certificate", "a damaged one"])
+def test_sessions_are_forgotten_when_they_are_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
+    monkeypatch.setattr(tls, "MOST_SESSIONS", 2)
+    for name in ("server.crt", "server.key", "ca.crt"):
+        shutil.copy(pki() / name, tmp_path)
+    settings = ServerTls(*[SecretFile(str(tmp_path / name)) for name in ("server.crt", "server.key", "ca.crt")])
+
+    async def scenario() -> None:
+        store = TlsStore()
+        store.adopt({Secured("listen remote", "", settings): load(settings)})
+        router = Router(EntryPoint("remote", "certified"), lambda: 0.0, lambda _: None)
+        listener = TlsListener(replace(Listener.settings, tls=settings), router, lambda _: None, store)
+        before = store[settings]
+        for number in range(3):
+            listener._bound_sessions()
+            assert listener._renewing is None
+            handshake_without_tickets(before.context)
+            assert before.context.session_stats()["number"] == number + 1
+        if change == "another certificate":
+            for name in ("server.crt", "server.key"):
+                shutil.copy(pki() / name.replace("server", OPERATOR), tmp_path / name)
+        elif change == "a damaged one":
+            (tmp_path / "server.crt").write_text("")
+        listener._bound_sessions()
+        assert listener._renewing is not None
+        await asyncio.wait([listener._renewing])
+        await asyncio.sleep(0)
+        assert (store[settings] is before) == (change != "none")
+        assert listener._renewing is None
+
+    asyncio.run(scenario())
+
+
+def handshake_without_tickets(server: ssl.SSLContext) -> None:
+    peer = Peer(ssl.TLSVersion.TLSv1_2, ssl.OP_NO_TICKET)
+    ours = server.wrap_bio(peer.outgoing, peer.incoming, server_side=True)
+    for _ in range(3):
+        peer.goes_on()
+        with suppress(ssl.SSLWantReadError):
+            ours.do_handshake()
+    assert ours.version() == "TLSv1.2"
+    with suppress(ssl.SSLWantReadError):
+        ours.unwrap()  # else the session is forgotten at once
