@@ -1,11 +1,10 @@
 """Connects a session to its TCP connection and to asyncio."""
 
 import asyncio
-import os
 from collections.abc import Callable
 from math import inf
 from time import time as wall_clock
-from typing import Final, Protocol, cast
+from typing import Final, Protocol
 
 from gateway.listeners.mbap import MbapSession
 from gateway.listeners.over_tcp import OverTcpSession
@@ -16,12 +15,38 @@ from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Target
 from gateway.routing.identity import ANONYMOUS, Identity
 
-#: Of a connection that only its transport may read and write.
-NO_DESCRIPTOR: Final = -1
 #: The most bytes that are kept for a client that does not read its responses.
 UNSENT_BYTES: Final = 64 * 1024
 #: Why a client is closed in the middle of its work.
 EXPIRED: Final = "its certificate has expired"
+
+
+class Stream(Protocol):
+    """What a connection is sent and received through: `TcpStream`, or one that encrypts."""
+
+    def is_closing(self) -> bool:
+        """Whether it is closed, or being closed."""
+
+    def set_write_buffer_limits(self, high: int) -> None:
+        """Call `pause_writing` when more than `high` bytes wait for the client."""
+
+    def pause_reading(self) -> None:
+        """Receive nothing until `resume_reading`."""
+
+    def resume_reading(self) -> None:
+        """Receive again."""
+
+    def receive(self, room: memoryview) -> int:
+        """Copy what has arrived into `room`; the number of bytes, 0 if they come by themselves."""
+
+    def write(self, data: bytes) -> None:
+        """Send `data`, unless the connection is closed."""
+
+    def close(self) -> None:
+        """Close once everything was sent."""
+
+    def abort(self) -> None:
+        """Close now."""
 
 
 class ConnectionOwner(Protocol):
@@ -48,10 +73,10 @@ class ConnectionOwner(Protocol):
         """An unexpected error was caught at the error boundary of a connection."""
 
 
-class TcpConnection(asyncio.BufferedProtocol):
-    """The driver of one connection. An unexpected error ends only this connection."""
+class TcpConnection:
+    """The driver of one connection, the user of its stream. An unexpected error ends only this connection."""
 
-    transport: asyncio.Transport
+    stream: Stream
     session: Session
     #: The role in the client's certificate, None without one.
     role: str | None = None
@@ -104,18 +129,16 @@ class TcpConnection(asyncio.BufferedProtocol):
         """The number of them that have no response yet."""
         return self.session.in_progress
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+    def connection_made(self, stream: Stream) -> None:
         """A client has connected."""
-        self.transport = cast("asyncio.Transport", transport)
-        socket = transport.get_extra_info("socket")
-        self._descriptor: int = NO_DESCRIPTOR if socket is None else socket.fileno()
+        self.stream = stream
         # requests in progress when reading stops are answered too
         room = UNSENT_BYTES - self._listener.settings.in_flight * MAX_TCP_ADU
-        self.transport.set_write_buffer_limits(max(room, 0))
+        stream.set_write_buffer_limits(max(room, 0))
         self._listener.connected(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the session's buffer has its own size
-        """The buffer that asyncio receives into."""
+        """The buffer to receive into."""
         return self.session.room()
 
     def buffer_updated(self, nbytes: int) -> None:
@@ -150,43 +173,22 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._listener.closed(self, f"lost: {explain(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; the number of bytes. The end of the connection is reported by asyncio."""
-        if self.transport.is_closing():
-            return 0
-        try:
-            return os.readv(self._descriptor, [room])
-        except OSError:
-            return 0
+        """Copy what has arrived into `room`; the number of bytes."""
+        return self.stream.receive(room)
 
     def send(self, data: bytes) -> None:
-        """Send a response, unless the connection is closed, which asyncio may not have reported yet.
-
-        What the system takes at once is written here: asyncio's way takes four times as long.
-        """
-        transport = self.transport
-        if transport.is_closing():
-            return
-        if transport.get_write_buffer_size() == 0:
-            data = data[self._write(data) :]
-        if data:
-            transport.write(data)
-
-    def _write(self, data: bytes) -> int:
-        """Write what the system takes at once; the number of bytes."""
-        try:
-            return os.write(self._descriptor, data)
-        except OSError:
-            return 0  # it is full, or the connection has ended, which asyncio finds too
+        """Send a response, unless the connection is closed."""
+        self.stream.write(data)
 
     def pause(self) -> None:
         """Receive nothing more until `resume`."""
-        self.transport.pause_reading()
+        self.stream.pause_reading()
 
     def resume(self) -> None:
         """Receive again, and process what has already arrived."""
         # first: the session makes room for what a transport holds already
         asyncio.get_running_loop().call_soon(self._proceed)
-        self.transport.resume_reading()
+        self.stream.resume_reading()
 
     def wake(self, when: float | None) -> None:
         """Process what has already arrived at `when`; None cancels that."""
@@ -201,7 +203,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     def close(self) -> None:
         """Close once everything has been sent, or the deadline for that has passed."""
         self._listener.closing(self)
-        self.transport.close()
+        self.stream.close()
 
     def reject(self, reason: str) -> None:
         """Close because of what the client did, or to accept another client."""
@@ -226,7 +228,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._reason = reason or self._reason
         self.session.closed()
         self._listener.closing(self)
-        self.transport.abort()
+        self.stream.abort()
 
     def _leaves(self) -> None:
         """The client closes its side; the listener is told if a response is missing."""
@@ -254,22 +256,13 @@ class TcpConnection(asyncio.BufferedProtocol):
 
 
 class SecuredConnection(TcpConnection):
-    """One whose transport encrypts: nothing is read or written beside that."""
+    """One whose stream encrypts."""
 
     #: Until when the client's certificate is valid, in seconds since 1970.
     valid_until = inf
 
     def check_client(self, now: float, idle: float) -> None:
         """See TcpConnection; also close, once requests in progress are answered, when the certificate has expired."""
-        if wall_clock() > self.valid_until and not self.transport.is_closing():
+        if wall_clock() > self.valid_until and not self.stream.is_closing():
             self.finish(EXPIRED)
         super().check_client(now, idle)
-
-    def receive(self, room: memoryview) -> int:  # noqa: ARG002 - what has arrived is in the transport
-        """Nothing: the transport delivers it."""
-        return 0
-
-    def send(self, data: bytes) -> None:
-        """Send a response, unless the connection is closed."""
-        if not self.transport.is_closing():
-            self.transport.write(data)

@@ -25,6 +25,7 @@ from gateway.listeners.sockets import (
     show_host,
 )
 from gateway.listeners.spare_descriptor import SpareDescriptor
+from gateway.listeners.tcp_stream import TcpStream
 from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
@@ -205,7 +206,10 @@ class TcpListener:
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop = asyncio.get_running_loop()
-        await loop.connect_accepted_socket(lambda: TcpConnection(self, host, client, loop.time, self.router), sock)
+        connection = TcpConnection(self, host, client, loop.time, self.router)
+        stream = TcpStream(loop, sock, connection)
+        connection.connection_made(stream)
+        stream.resume_reading()
 
     async def _refuse(self, listening: socket.socket, reason: str) -> None:
         """Accepting failed, probably for lack of descriptors: reject the waiting clients."""

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any, Final, Protocol, cast
 
+from gateway.listeners.connection import Stream
 from gateway.tls.reasons import explain
 
 #: How much a client may send before its handshake is done: a chain of long certificates.
@@ -30,8 +31,8 @@ _BUFFER: Final = memoryview(bytearray(16 * 1024))
 class Application(Protocol):
     """A buffered protocol, as of TcpConnection."""
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """See asyncio.BaseProtocol."""
+    def connection_made(self, stream: Stream) -> None:
+        """The connection is secured."""
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """See asyncio.BufferedProtocol."""
@@ -239,8 +240,14 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """See asyncio.WriteTransport."""
         return self._transport.get_write_buffer_size()
 
+    def receive(self, room: memoryview) -> int:  # noqa: ARG002 - see Stream
+        """Nothing: what has arrived is delivered."""
+        return 0
+
     def write(self, data: bytes | bytearray | memoryview[Any]) -> None:
-        """Encrypt and send."""
+        """Encrypt and send, unless it is being closed."""
+        if self.is_closing():
+            return
         try:
             self._tls.write(data)
         except ssl.SSLError:

@@ -530,7 +530,7 @@ async def test_a_client_that_vanishes_is_noticed_and_responses_leave_at_once() -
     async with listening() as bench:
         await bench.client()
         [connection] = bench.listener.connections
-        sock = connection.transport.get_extra_info("socket")
+        sock = connection.stream._socket
         assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == KEEPALIVE_IDLE
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == USER_TIMEOUT
@@ -541,7 +541,7 @@ async def test_the_system_keeps_little_for_a_connection() -> None:
     async with listening() as bench:
         await bench.client()
         [connection] = bench.listener.connections
-        sock = connection.transport.get_extra_info("socket")
+        sock = connection.stream._socket
         for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
             assert sock.getsockopt(socket.SOL_SOCKET, option) == 2 * KERNEL_BUFFER  # Linux counts its own share too
 
