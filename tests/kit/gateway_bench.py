@@ -1,7 +1,7 @@
 """A whole gateway in virtual time: config from a string, lines in memory, clients driven by the test."""
 
 import asyncio
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
 from gateway.config.character_format import DEFAULT_FORMATS
@@ -112,10 +112,15 @@ class GatewayBench:
         self.holding_back: set[str] = set()
         self.memory = memory or Memory()
         loop = asyncio.get_running_loop()
-        store = None if state is None else Store(state, self.events.append)
-        self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append, store)
+        self._store = None if state is None else Store(state, self.events.append)
+        self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append, self._store)
         self.running: Running | None = None
         self.recent = Recent(self.gateway, loop.time())
+
+    def close(self) -> None:
+        """Close what persistent images are kept in."""
+        if self._store is not None:
+            self._store.close()
 
     def client(self, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0) -> Client:
         return Client(self.gateway, name, host=host, listener=listener)
@@ -164,7 +169,7 @@ class GatewayBench:
 @asynccontextmanager
 async def gateway_bench(config: str, memory: Memory | None = None, state: Path | None = None):
     """A running gateway with this config, every line up and idle. Persistent images need a `state` folder."""
-    bench = GatewayBench(config, memory, state)
-    async with keep_lines_open(bench.gateway, bench.events.append) as bench.running:
-        await asyncio.sleep(1.0)
-        yield bench
+    with closing(GatewayBench(config, memory, state)) as bench:
+        async with keep_lines_open(bench.gateway, bench.events.append) as bench.running:
+            await asyncio.sleep(1.0)
+            yield bench

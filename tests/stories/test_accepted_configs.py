@@ -4,7 +4,7 @@ import asyncio
 import io
 import json
 from collections.abc import Iterator
-from contextlib import redirect_stdout
+from contextlib import closing, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -308,20 +308,24 @@ async def check_listener(scene: Scene, listener: dict[str, Any]) -> None:
 
 
 async def run(text: str, printed: Printed, folder: Path) -> None:
-    bench = GatewayBench(text, state=folder)
-    scene = Scene(bench, printed)
-    async with keep_lines_open(bench.gateway, bench.events.append):
-        await asyncio.sleep(1.0)
-        scene.allow_everything()
-        for number, listener in enumerate(printed.picture["listeners"]):
-            scene.enter(number)
-            if listener["line"] is None:
-                await check_listener(scene, listener)
-            else:
-                await scene.check_line(listener["line"])
-        for server in printed.picture["servers"]:
-            for row in server["units"]:
-                await scene.check_served(server, row["unit"])
+    with closing(GatewayBench(text, state=folder)) as bench:
+        scene = Scene(bench, printed)
+        async with keep_lines_open(bench.gateway, bench.events.append):
+            await asyncio.sleep(1.0)
+            await check_everything(scene)
+
+
+async def check_everything(scene: Scene) -> None:
+    scene.allow_everything()
+    for number, listener in enumerate(scene.printed.picture["listeners"]):
+        scene.enter(number)
+        if listener["line"] is None:
+            await check_listener(scene, listener)
+        else:
+            await scene.check_line(listener["line"])
+    for server in scene.printed.picture["servers"]:
+        for row in server["units"]:
+            await scene.check_served(server, row["unit"])
 
 
 @pytest.fixture(scope="module", autouse=True)
