@@ -4,7 +4,8 @@
         process = preparation.start(["run", "gateway.toml"], stderr=subprocess.PIPE)
 
 A start takes a tenth of the time that Python needs otherwise. What a process does at its start is the same from
-`gateway.cli.main.main` on; tests of what comes before start one anew.
+`gateway.cli.main.main` on; tests of what comes before start one anew. The process in which a gateway reads its config at
+the start is forked off too; that of a reload, when the gateway has threads, is a new one.
 """
 
 import gc
@@ -19,10 +20,14 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
+import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from struct import Struct
+from types import SimpleNamespace
 from typing import Any, Self
 
 #: The longest request, in bytes.
@@ -183,6 +188,28 @@ def _become(request: dict[str, Any], descriptors: list[int]) -> list[str]:
     return [str(word) for word in request["words"]]
 
 
+def _start_reader(words: Sequence[str], **how: Any) -> subprocess.Popen[bytes]:
+    """The process that reads a config, as `subprocess.Popen` starts it, but with what is imported here."""
+    if threading.active_count() > 1:  # whoever forks then may hang
+        return subprocess.Popen(words, **how)
+    *_, file, kind, limit, gateway, _ = words
+    return subprocess.Popen(words, preexec_fn=partial(_read_config, file, kind, limit, gateway), **how)
+
+
+def _read_config(*words: str) -> None:
+    from gateway.service import config_reader  # noqa: PLC0415
+
+    os.closerange(3, 1 << 16)  # one is open until another program is executed, and subprocess waits for that
+    sys.argv[1:] = words
+    try:
+        config_reader.main()
+        sys.stdout.flush()
+    except BaseException:  # noqa: BLE001 - as at the end of a program
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(0)
+
+
 def _import_everything() -> None:
     import gateway  # noqa: PLC0415 - of those that only start processes nobody needs it
 
@@ -200,7 +227,9 @@ def _run() -> int:
     if words is None:
         return 0
     from gateway.cli import main  # noqa: PLC0415
+    from gateway.service import config_process  # noqa: PLC0415
 
+    vars(config_process)["subprocess"] = SimpleNamespace(**vars(subprocess) | {"Popen": _start_reader})
     sys.argv[:] = [str(main.__file__), *words]
     return main.main()
 
