@@ -40,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `status`."""
     add_control_argument(parser)
     parser.add_argument("-w", "--watch", action="store_true", help="show it again every second, until Ctrl-C")
+    parser.add_argument("--fleet", action="store_true", help="show all sites of the fleet instead of this gateway")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
@@ -51,9 +52,7 @@ def run(args: argparse.Namespace) -> int:
     """
     in_place = args.watch and not args.json and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
     while True:
-        status = ask("status", args.control).get("status")
-        if not isinstance(status, dict):
-            raise DaemonError("the daemon's answer has no status in it")
+        status = _ask(args)
         columns, rows = shutil.get_terminal_size()
         if args.json:
             print(json.dumps(status, indent=None if args.watch else 2), flush=True)
@@ -66,6 +65,14 @@ def run(args: argparse.Namespace) -> int:
         time.sleep(_WATCH_STEP)
 
 
+def _ask(args: argparse.Namespace) -> Mapping[str, Any]:
+    """The status, or that of all sites."""
+    status = ask("fleet", args.control) if args.fleet else ask("status", args.control).get("status")
+    if not isinstance(status, dict):
+        raise DaemonError("the daemon's answer has no status in it")
+    return {"sites": status.get("sites")} if args.fleet else status
+
+
 def _redraw(text: str, rows: int) -> str:
     """`text` with the sequences that draw it over the present content of a terminal with so many rows."""
     lines = text.splitlines()
@@ -76,6 +83,8 @@ def _redraw(text: str, rows: int) -> str:
 
 def show_status(status: Mapping[str, Any], width: int = 80) -> str:
     """The status as tables, `width` characters wide unless names and addresses are too long."""
+    if "sites" in status:
+        return _table("Sites", _rows(status, "sites"), _SITES, width)
     units = _rows(status, "units")
     asked = [unit for unit in units or () if _cell(_was_polled, unit)]
     shown = {**status, "units": None if units is None else asked, "users": list(_users(_rows(status, "lines") or ()))}
@@ -206,6 +215,14 @@ def _count_answered(server: Mapping[str, Any]) -> int:
     return int(server["counts"]["responses"])
 
 
+def _since(site: Mapping[str, Any]) -> str:
+    return show_age(1000 * site["for_s"])
+
+
+def _lines_down(site: Mapping[str, Any]) -> str:
+    return ", ".join(site["lines_down"]) or _NOTHING
+
+
 def _down_for(broker: Mapping[str, Any]) -> str:
     return _age(broker["down_ms"])
 
@@ -238,7 +255,21 @@ def _share(share: float | None) -> str:
 _NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
 
 #: The columns whose texts may be shortened.
-_FLEXIBLE: Final = frozenset({"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER", "REASON"})
+_FLEXIBLE: Final = frozenset(
+    {"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER", "REASON", "DOWN"}
+)
+
+#: The columns of sites.
+_SITES: Final[Mapping[str, _Column]] = {
+    "SITE": "site",
+    "STATE": "state",
+    "FOR": _since,
+    "HOST": "host",
+    "LINES UP": "lines",
+    "DOWN": _lines_down,
+    "UNITS": "units",
+    "VERSION": "version",
+}
 
 #: The tables: heading, section of the status, and columns.
 _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
@@ -316,6 +347,20 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
             "COMMANDS": "commands",
             "POLLS": "polls",
             "FAILED": "failed_polls",
+        },
+    ),
+    (
+        "Fleet",
+        "fleets",
+        {
+            "NATS": "server",
+            "SITE": "site",
+            "STATE": "state",
+            "DOWN FOR": _down_for,
+            "REASON": "reason",
+            "REQUESTS": "requests",
+            "RESPONSES": "responses",
+            "EXPIRED": "expired",
         },
     ),
     (

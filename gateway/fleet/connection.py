@@ -40,6 +40,8 @@ MOST_WAITING: Final = 4096
 _LARGEST_BUFFER: Final = 256 * 1024
 #: The most messages of one subscription that wait to be delivered. What comes beyond that is lost.
 _MOST_UNDELIVERED: Final = 4096
+#: How many questions about a bucket are asked at once.
+_QUESTIONS: Final = 32
 #: The largest value in a bucket, in bytes.
 LARGEST_VALUE: Final = 64 * 1024
 
@@ -98,7 +100,6 @@ class Connection:
         self._has_more = asyncio.Event()
         self._sending: asyncio.Task[None] | None = None
         self._buckets: dict[str, Bucket] = {}
-        self._following: set[asyncio.Task[None]] = set()
 
     async def open(self) -> None:
         """Connect and log in.
@@ -156,8 +157,8 @@ class Connection:
         """
         await _answered(self._client.flush(int(ANSWER_TIME)))
 
-    async def bucket(self, name: str, lifetime: float | None = None) -> "Bucket":
-        """A bucket of the key-value store, which is made if it is not there: its entries last `lifetime` seconds.
+    async def bucket(self, name: str) -> "Bucket":
+        """A bucket of the key-value store, which is made if it is not there.
 
         Raises:
             FleetError: the server has no JetStream, or this site may not use or make the bucket.
@@ -165,8 +166,8 @@ class Connection:
         known = self._buckets.get(name)
         if known is None:
             stream = self._client.jetstream(timeout=ANSWER_TIME)
-            store = await _answered(_open_store(stream, name, lifetime))
-            known = self._buckets[name] = Bucket(store, self._following)
+            store = await _open_store(stream, name)
+            known = self._buckets[name] = Bucket(name, stream, store)
         return known
 
     async def close(self) -> None:
@@ -176,8 +177,6 @@ class Connection:
         if self._sending is not None:
             await asyncio.wait((self._sending,), timeout=ANSWER_TIME)
             self._sending.cancel()
-        for following in self._following:
-            following.cancel()
         with suppress(TimeoutError, NatsError, OSError, RuntimeError):
             async with asyncio.timeout(ANSWER_TIME):
                 await self._client.close()
@@ -261,10 +260,10 @@ class Bucket:
     All of them raise FleetError if the server does not answer, or refuses.
     """
 
-    def __init__(self, store: KeyValue, following: set[asyncio.Task[None]]) -> None:
-        """`following` are the tasks to cancel when the connection is closed."""
+    def __init__(self, name: str, stream: JetStreamContext, store: KeyValue) -> None:
+        self.name = name
+        self._stream = stream
         self._store = store
-        self._following = following
 
     async def get(self, key: str) -> Entry | None:
         """What it holds for `key`; None if nothing, or not any more."""
@@ -272,7 +271,7 @@ class Bucket:
             entry = await _answered(self._store.get(key))
         except _NotThereError:
             return None
-        return _entry(entry)
+        return Entry(entry.key, entry.value or b"", entry.revision or 0)
 
     async def create(self, key: str, value: bytes) -> int | None:
         """Put a value where none is. Its revision; None if there is one already."""
@@ -294,22 +293,24 @@ class Bucket:
             return False
         return True
 
-    async def watch(self, keys: str, changed: Callable[[Entry], None]) -> Callable[[], Awaitable[None]]:
-        """Have `changed` called with what there is for `keys`, in which `>` stands for all, and with what changes.
+    async def entries(self) -> list[Entry]:
+        """All that it holds, with times. A few questions at once, one for each key."""
+        prefix, stream = f"$KV.{self.name}.", f"KV_{self.name}"
+        info = await _answered(self._stream.stream_info(stream, f"{prefix}>"))
+        turn = asyncio.Semaphore(_QUESTIONS)
 
-        Returns what ends that.
-        """
-        watcher = await _answered(self._store.watch(keys))
-        following = asyncio.create_task(_follow(watcher, changed), name=f"fleet: watch {keys}")
-        self._following.add(following)
+        async def entry(subject: str) -> Entry | None:
+            async with turn:
+                try:
+                    found = await _answered(self._stream.get_msg(stream, subject=subject))
+                except FleetError:
+                    return None
+            is_there = not (found.headers or {}).get("KV-Operation")
+            created = None if found.time is None else found.time.timestamp()
+            return Entry(subject.removeprefix(prefix), found.data or b"", found.seq or 0, created) if is_there else None
 
-        async def end() -> None:
-            following.cancel()
-            self._following.discard(following)
-            with suppress(FleetError):
-                await _answered(watcher.stop())  # type: ignore[no-untyped-call]
-
-        return end
+        found = await asyncio.gather(*map(entry, info.state.subjects or ()))
+        return [each for each in found if each is not None]
 
     async def _unless_changed(self, change: Awaitable[int]) -> int | None:
         try:
@@ -319,7 +320,7 @@ class Bucket:
 
 
 class _NotThereError(FleetError):
-    """The bucket has nothing for the key."""
+    """There is no such bucket, or it has nothing for the key."""
 
 
 class _ChangedError(FleetError):
@@ -335,7 +336,7 @@ async def _answered(call: Awaitable[T]) -> T:
     try:
         async with asyncio.timeout(2 * ANSWER_TIME):
             return await call
-    except KeyNotFoundError as error:
+    except (KeyNotFoundError, NotFoundError) as error:
         raise _NotThereError(str(error)) from error
     except KeyWrongLastSequenceError as error:
         raise _ChangedError(str(error)) from error
@@ -354,26 +355,16 @@ async def _answered(call: Awaitable[T]) -> T:
 _CHANGED: Final = (10071, 10164)
 
 
-async def _open_store(stream: JetStreamContext, name: str, lifetime: float | None) -> KeyValue:
+async def _open_store(stream: JetStreamContext, name: str) -> KeyValue:
     try:
-        return await stream.key_value(name)
-    except NotFoundError:
-        config = KeyValueConfig(
-            bucket=name, ttl=lifetime, history=1, storage=StorageType.FILE, max_value_size=LARGEST_VALUE
-        )
-        return await stream.create_key_value(config)
-
-
-async def _follow(watcher: KeyValue.KeyWatcher, changed: Callable[[Entry], None]) -> None:
-    async for entry in watcher:
-        if entry is not None:
-            changed(_entry(entry))
-
-
-def _entry(found: KeyValue.Entry) -> Entry:
-    created: Any = found.created
-    at = None if created is None else created.timestamp()
-    return Entry(found.key, None if found.operation else found.value, found.revision or 0, at)
+        return await _answered(stream.key_value(name))
+    except _NotThereError:
+        pass
+    config = KeyValueConfig(bucket=name, history=1, storage=StorageType.FILE, max_value_size=LARGEST_VALUE)
+    try:
+        return await _answered(stream.create_key_value(config))
+    except FleetError as error:
+        raise FleetError(f"there is no bucket {name}, and it cannot be made: {error}") from error
 
 
 async def _deliver(deliver: Callable[[Message], None], found: Msg) -> None:

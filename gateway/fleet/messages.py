@@ -20,12 +20,12 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a bucket holds for `key`, in its `revision`; None as `value` of one that was deleted.
+    """What a bucket holds for `key`, in its `revision`.
 
     `created` is when the server took it, in seconds since 1970 by the server's clock; None if that is not told.
     """
 
     key: str
-    value: bytes | None
+    value: bytes
     revision: int
     created: float | None = None

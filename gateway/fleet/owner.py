@@ -11,12 +11,12 @@ There is no I/O here. `clock` is the one that deadlines are told by: monotonic, 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 from gateway.errors import ExceptionCode, Unwanted
 from gateway.events import AccessDenied, Emit
 from gateway.fleet.clock import deadline_for
+from gateway.fleet.counts import OwnerCounts
 from gateway.fleet.headers import CLIENT, DEADLINE, HOPS, MOST_HOPS, ROLE, hops_of, text_of
 from gateway.fleet.messages import Message
 from gateway.fleet.subjects import answer_folder, asked_by
@@ -39,18 +39,6 @@ class Way(Protocol):
 
     def submit_named(self, identity: Identity, request: Request, now: float) -> None:
         """Take over a request."""
-
-
-@dataclass(slots=True)
-class OwnerCounts:
-    """What has become of requests from other sites; `dropped` are those that NATS should not have let through."""
-
-    requests: int = 0
-    responses: int = 0
-    busy: int = 0
-    expired: int = 0
-    refused: int = 0
-    dropped: int = 0
 
 
 class SiteOrigin:

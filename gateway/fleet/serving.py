@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Serving:
-    """Serves the `units` that there are at the moment. It is a Member of the link.
+    """Serves the units that there are at the moment. It is a Member of the link.
 
     There is a subscription for each unit: who asks for another one learns at once that nobody has it.
     """
@@ -26,11 +26,12 @@ class Serving:
         self._clock = clock
         self._emit = emit
         self._loop = asyncio.get_running_loop()
-        self._units: frozenset[int] = frozenset()
+        self._units: Callable[[], Iterable[int]] = tuple
         self._connection: Connection | None = None
         self._subscribed: dict[int, Callable[[], Awaitable[None]]] = {}
         self._turn = asyncio.Lock()
         self._timer: asyncio.TimerHandle | None = None
+        self._task: asyncio.Task[None] | None = None
 
     async def connected(self, connection: "Connection") -> None:
         """See Member."""
@@ -45,18 +46,18 @@ class Serving:
         if self._timer is not None:
             self._timer.cancel()
 
-    async def serve(self, units: Iterable[int]) -> None:
-        """Serve these units from now on, and no others."""
-        self._units = frozenset(units)
+    async def serve(self, units: Callable[[], Iterable[int]]) -> None:
+        """Serve the `units` that there are at the moment, and no others."""
+        self._units = units
         await self._subscribe()
 
     async def _subscribe(self) -> None:
         """Have the subscriptions that are needed, and no others. A connection that is lost meanwhile has none."""
         async with self._turn:
-            connection = self._connection
-            for unit in set(self._subscribed).difference(self._units):
+            connection, units = self._connection, frozenset(self._units())
+            for unit in set(self._subscribed).difference(units):
                 await self._subscribed.pop(unit)()
-            for unit in sorted(self._units.difference(self._subscribed)):
+            for unit in sorted(units.difference(self._subscribed)):
                 if connection is None or connection is not self._connection:
                     return
                 subject = request_subject(self.owner.site, unit, "*")
@@ -78,4 +79,6 @@ class Serving:
     def _beat(self) -> None:
         body = heartbeat(self.owner.instance, self._clock())
         self._publish(Message(clock_subject(self.owner.site), body))
+        if not self._turn.locked() and self._subscribed.keys() != frozenset(self._units()):
+            self._task = asyncio.create_task(self._subscribe(), name="fleet: units")
         self._timer = self._loop.call_later(INTERVAL, self._beat)

@@ -13,6 +13,7 @@ from gateway.diagnosis.broker import BrokerEvidence, about_broker
 from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import PortInUse, Search, UnitEvidence
 from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.fleet import FleetEvidence, about_fleet
 from gateway.diagnosis.lines import about_line
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings
@@ -70,7 +71,8 @@ async def examined(
     groups += [(server.name, _about_server(server)) for server in servers]
     if wanted is None:
         groups += [(upstream.name, _about_upstream(upstream)) for upstream in gateway.upstreams]
-        groups.append(("", [*about_certificates(gateway.contexts, time.time()), *_about_publishing(gateway)]))
+        outwards = (*_about_publishing(gateway), *_about_fleet(gateway))
+        groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.line in ("", wanted)]
     clients = [client for listener in listeners for client in client_evidence(listener, gateway)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))
@@ -85,6 +87,12 @@ def _about_publishing(gateway: Gateway) -> Iterator[Finding]:
         yield from about_broker(
             BrokerEvidence(told.broker, told.source, told.reason, told.devices, told.available, refused)
         )
+
+
+def _about_fleet(gateway: Gateway) -> Iterator[Finding]:
+    told = gateway.fleet.status()
+    if told is not None:
+        yield from about_fleet(FleetEvidence(told.server, told.source, told.reason, told.unseen, told.dropped))
 
 
 async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks: bool) -> list[Finding]:

@@ -3,13 +3,15 @@
 import asyncio
 import secrets
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from gateway import events
 from gateway.config.plan import FleetPlan
 from gateway.errors import FleetError, PortError
+from gateway.fleet.counts import OwnerCounts
 from gateway.ports.port import OpenPort, Port, PortUser
 from gateway.routing.router import Router
 from gateway.service.libraries import not_installed
@@ -21,10 +23,36 @@ if TYPE_CHECKING:
     from gateway.fleet.connection import Bucket
     from gateway.fleet.exchange import Exchange
     from gateway.fleet.link import Link, Member
+    from gateway.fleet.presence import Presence, SiteStatus
     from gateway.fleet.serving import Serving
 
 #: The name of this process for deadlines.
 _INSTANCE: Final = secrets.token_hex(6)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetStatus:
+    """The connection to NATS. `reason` says why there is none, `unseen` why others do not see this site.
+
+    It has been down for `down_ms`; None if it is up. Of `requests` from other sites, so many got `responses`; `busy`
+    ones were too many at once, `expired` ones too late to be sent, `refused` ones for no gateway, or in a circle.
+    `dropped` ones came with a subject that NATS should not have let through.
+    """
+
+    server: str
+    source: str
+    site: str
+    state: Literal["up", "down"]
+    reason: str
+    unseen: str
+    down_ms: float | None
+    attempts: int
+    requests: int
+    responses: int
+    busy: int
+    expired: int
+    refused: int
+    dropped: int
 
 
 class Fleet:
@@ -43,6 +71,7 @@ class Fleet:
         self._contexts = contexts
         self._members: list[Member] = []
         self._units: Callable[[], Iterable[int]] = tuple
+        self._tell: Callable[[], Mapping[str, Any]] = dict
         self._task: asyncio.Task[None] | None = None
         self.plan: FleetPlan | None = None
         #: Why no other site can be reached, if that is for longer.
@@ -51,6 +80,7 @@ class Fleet:
         self.link: Link | None = None
         self.exchange: Exchange | None = None
         self.serving: Serving | None = None
+        self.presence: Presence | None = None
 
     def join(self, member: "Member") -> None:
         """Tell `member` of this connection, and of all later ones, until it leaves."""
@@ -108,24 +138,68 @@ class Fleet:
         self.serving = import_module("gateway.fleet.serving").Serving(
             plan.site, _INSTANCE, self._sites, self.clock, self._emit
         )
-        for member in (self.exchange, self.serving, *self._members):
+        self.presence = import_module("gateway.fleet.presence").Presence(plan.site, self._told, self._emit, time.time)
+        for member in (self.exchange, self.serving, self.presence, *self._members):
             link.join(member)
         self._task = asyncio.create_task(link.run(), name="fleet")
         await self.refresh()
 
-    async def serve(self, units: Callable[[], Iterable[int]]) -> None:
-        """From now on other sites reach the `units` that there are at the moment."""
+    async def serve(
+        self, units: Callable[[], Iterable[int]], tell: Callable[[], Mapping[str, Any]] | None = None
+    ) -> None:
+        """From now on other sites reach the `units` that there are at the moment, and know what there is to `tell`."""
         self._units = units
+        self._tell = tell or self._tell
         await self.refresh()
 
     async def refresh(self) -> None:
         """The units that other sites reach may be others now."""
         if self.serving is not None:
-            await self.serving.serve(self._units())
+            await self.serving.serve(self._units)
 
     async def finish(self) -> None:
         """Take no more requests from other sites; those under way may be answered."""
         await self.serve(tuple)
+        if self.presence is not None:
+            await self.presence.leave()
+
+    def _told(self) -> Mapping[str, Any]:
+        return self._tell()
+
+    async def sites(self) -> "list[SiteStatus]":
+        """All sites, by name.
+
+        Raises:
+            FleetError: NATS cannot be reached, or has no list of them.
+        """
+        if self.presence is None or self.link is None or self.link.connection is None:
+            raise FleetError(self.reason if self.link is None else f"NATS cannot be reached: {self.link.reason}")
+        return await self.presence.sites()
+
+    def status(self) -> FleetStatus | None:
+        """How it stands; None without [fleet]."""
+        plan, link = self.plan, self.link
+        if plan is None:
+            return None
+        counts = OwnerCounts() if self.serving is None else self.serving.owner.counts
+        down_since = None if link is None else link.down_since
+        reason = self.reason if link is None else link.reason
+        return FleetStatus(
+            server=str(plan.servers[0] if link is None else link.server),
+            source=plan.source,
+            site=plan.site,
+            state="down" if reason else "up",
+            reason=reason,
+            unseen="" if self.presence is None else self.presence.reason,
+            down_ms=None if down_since is None else 1000 * (asyncio.get_running_loop().time() - down_since),
+            attempts=0 if link is None else link.attempts,
+            requests=counts.requests,
+            responses=counts.responses,
+            busy=counts.busy,
+            expired=counts.expired,
+            refused=counts.refused,
+            dropped=counts.dropped,
+        )
 
     @property
     def is_busy(self) -> bool:
@@ -135,7 +209,7 @@ class Fleet:
     async def stop(self) -> None:
         """Send what waits, and leave."""
         task, self._task = self._task, None
-        self.plan = self.link = self.exchange = self.serving = None
+        self.plan = self.link = self.exchange = self.serving = self.presence = None
         self.reason = "there is no [fleet]"
         if task is not None:
             task.cancel()

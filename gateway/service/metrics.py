@@ -13,6 +13,7 @@ from gateway import __version__
 from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.metrics import Family, Spread
+from gateway.service.fleet import FleetStatus
 from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.plant import BrokerStatus
 from gateway.service.running import Running
@@ -50,6 +51,7 @@ async def read(running: Running) -> list[Family]:
         _upstreams(gateway.upstreams),
         _certificates(gateway.contexts),
         *_broker(gateway.publishing.status()),
+        *_fleet(gateway.fleet.status()),
         *_process(running),
     ]
 
@@ -198,6 +200,18 @@ def _certificates(contexts: TlsStore) -> Family:
     for place, at in first.items():
         ends.add(at, *place)
     return ends
+
+
+def _fleet(fleet: FleetStatus | None) -> Iterable[Family]:
+    """What other sites ask; nothing without [fleet]."""
+    if fleet is None:
+        return
+    up = Family("gauge", "fleet_up", "Whether the gateway is connected to NATS, and other sites can reach it.")
+    up.add(fleet.state == "up")
+    requests = Family("counter", "fleet_requests", "Requests from other sites by what became of them.", ("result",))
+    for result in ("responses", "busy", "expired", "refused", "dropped"):
+        requests.add(getattr(fleet, result), {"responses": "ok"}.get(result, result))
+    yield from (up, requests)
 
 
 def _broker(mqtt: BrokerStatus | None) -> Iterable[Family]:

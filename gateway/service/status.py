@@ -19,6 +19,7 @@ from gateway.ports.reconnector import Reconnector
 from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
 from gateway.service.expiry import CertificateStatus, certificates
+from gateway.service.fleet import FleetStatus
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.plant import BrokerStatus
 from gateway.service.recent import LineUser, Recent
@@ -268,6 +269,7 @@ class Status:
     mirrors: tuple[MirrorStatus, ...]
     certificates: tuple[CertificateStatus, ...] = ()
     brokers: tuple[BrokerStatus, ...] = ()
+    fleets: tuple[FleetStatus, ...] = ()
 
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
@@ -285,7 +287,7 @@ async def status_in_slices(gateway: Gateway, recent: Recent | None = None) -> St
 
 
 def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
-    broker = gateway.publishing.status()
+    broker, fleet = gateway.publishing.status(), gateway.fleet.status()
     return Status(
         at=now,
         listeners=tuple(_listener(each) for each in gateway.listeners),
@@ -299,6 +301,7 @@ def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: It
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
         certificates=tuple(certificates(gateway.contexts, time.time())),
         brokers=() if broker is None else (broker,),
+        fleets=() if fleet is None else (fleet,),
     )
 
 

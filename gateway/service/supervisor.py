@@ -3,10 +3,12 @@
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
+from functools import partial
 
 from gateway import events
 from gateway.service import expiry
 from gateway.service.build import Gateway
+from gateway.service.presence import served_units, tell
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.systemd import Notifier
@@ -81,7 +83,7 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     systemd.ready(summary(running.gateway))
     running.ready.set()
     await running.gateway.publishing.adopt(running.gateway)
-    await running.gateway.fleet.serve(lambda: running.gateway.sites.routes)
+    await running.gateway.fleet.serve(lambda: served_units(running.gateway), partial(tell, running))
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
     looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")

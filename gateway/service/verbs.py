@@ -7,6 +7,7 @@ from contextlib import aclosing
 from dataclasses import asdict
 from typing import Any
 
+from gateway.errors import FleetError, WrongQuestion
 from gateway.service.bench import bench
 from gateway.service.calibration import measured
 from gateway.service.control import IsThere, Verbs
@@ -24,6 +25,7 @@ def verbs(running: Running, reloader: Reloader) -> Verbs:
     each = _Verbs(running, reloader)
     return {
         "status": each.status,
+        "fleet": each.fleet,
         "reload": each.reload,
         "unit": each.unit,
         "request": each.request,
@@ -46,6 +48,13 @@ class _Verbs:
     async def status(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         running = self._running
         return {"status": await status_in_slices(running.gateway, running.recent)}
+
+    async def fleet(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        try:
+            sites = await self._running.gateway.fleet.sites()
+        except FleetError as error:
+            raise WrongQuestion(f"the other sites are not known: {error}") from error
+        return {"sites": [asdict(each) for each in sites]}
 
     async def reload(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         outcome = await asyncio.shield(self._reloader.order())

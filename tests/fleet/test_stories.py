@@ -381,8 +381,12 @@ async def test_a_full_connection_is_0a(nats):
 async def test_units_that_are_not_served_any_more_have_no_responders(nats):
     async with sites(ASKER, OWNER) as (a, b):
         on_line(b)
-        await b.gateway.fleet.serve(lambda: (42, 200))
+        served = [41, 42, 200]
+        await b.gateway.fleet.serve(lambda: served)
         client = a.client()
+        assert await client.asks(41, READ) == "03 02 00 00"
+        served.remove(41)
+        await asyncio.sleep(1.5)
         assert await client.asks(41, READ) == "83 0A"
         assert await client.asks(42, READ) == "03 02 00 00"
 

@@ -107,7 +107,7 @@ class FakeConnection:
 
         return end
 
-    async def bucket(self, name, lifetime=None):
+    async def bucket(self, name):
         raise FleetError("it has no JetStream, or not for this account")
 
     def lose(self, reason: str) -> None:

@@ -1,0 +1,15 @@
+"""What has become of requests from other sites."""
+
+from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class OwnerCounts:
+    """Requests from other sites; `dropped` are those that NATS should not have let through."""
+
+    requests: int = 0
+    responses: int = 0
+    busy: int = 0
+    expired: int = 0
+    refused: int = 0
+    dropped: int = 0

@@ -1,0 +1,138 @@
+"""What all sites of a fleet say of themselves, in a bucket: this one's own entry, and those of the others."""
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from gateway.errors import FleetError
+from gateway.events import Emit, PartFailed
+from gateway.fleet.messages import Entry
+
+if TYPE_CHECKING:
+    from gateway.fleet.connection import Bucket, Connection
+
+BUCKET: Final = "mbgw-status"
+#: How often a site renews its entry, in seconds, and after how long one that is not renewed is lost.
+PERIOD: Final = 10.0
+LOST_AFTER: Final = 35.0
+#: How often a site that has nothing to tell yet tries again.
+_START: Final = 0.5
+#: The most names of lines in an entry.
+_MOST_NAMES: Final = 100
+
+#: What a gateway says of itself: values that JSON has.
+Told = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class SiteStatus:
+    """A site, as it said itself. Times are in seconds.
+
+    It is `up`, has `left`, or is `lost`: it has not renewed its entry. That has been so `for_s` seconds. `lines` are
+    those that are up, `lines_down` the names of the others; it serves so many `units`.
+    """
+
+    site: str
+    state: Literal["up", "left", "lost"]
+    for_s: float
+    host: str
+    version: str
+    lines: int
+    lines_down: tuple[str, ...]
+    units: int
+
+
+class Presence:
+    """Keeps the entry of `site` up to date with what `tell` says. It is a Member of the link."""
+
+    def __init__(self, site: str, tell: Callable[[], Told], emit: Emit, unix: Callable[[], float]) -> None:
+        self.site = site
+        #: Why the others do not see this site; empty if they do.
+        self.reason = "not tried yet"
+        self._tell = tell
+        self._emit = emit
+        self._unix = unix
+        self._connection: Connection | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    async def connected(self, connection: "Connection") -> None:
+        """See Member."""
+        self._connection = connection
+        self._task = asyncio.create_task(self._renew(), name="fleet: presence")
+
+    def disconnected(self) -> None:
+        """See Member."""
+        self._connection = None
+        self.reason = "NATS cannot be reached"
+        if self._task is not None:
+            self._task.cancel()
+
+    async def leave(self) -> None:
+        """Say that this site has left."""
+        if self._task is not None:
+            self._task.cancel()
+        with suppress(FleetError):
+            await self._put("left")
+
+    async def sites(self) -> list[SiteStatus]:
+        """All sites, by name.
+
+        Raises:
+            FleetError: the bucket cannot be read.
+        """
+        with suppress(FleetError):
+            await self._put("up")
+        entries = await (await self._bucket()).entries()
+        # The time is that of the server, which has just taken our own entry: no two clocks are compared.
+        mine = next((each.created for each in entries if each.key == self.site and not self.reason), None)
+        now = mine or self._unix()
+        found = (status_of(each, now) for each in sorted(entries, key=lambda entry: entry.key))
+        return [each for each in found if each is not None]
+
+    async def _renew(self) -> None:
+        while True:
+            try:
+                await self._put("up")
+            except FleetError as error:
+                self.reason = str(error)
+            except Exception as error:  # noqa: BLE001 - an error boundary: requests do not need this
+                self._emit(PartFailed.of("fleet", error))
+            await asyncio.sleep(PERIOD if self._tell() else _START)
+
+    async def _put(self, state: str) -> None:
+        told = self._tell()
+        if not told:
+            raise FleetError("it has just started")
+        body = json.dumps({**told, "state": state}).encode()
+        await (await self._bucket()).put(self.site, body)
+        self.reason = ""
+
+    async def _bucket(self) -> "Bucket":
+        if self._connection is None:
+            raise FleetError("NATS cannot be reached")
+        return await self._connection.bucket(BUCKET)
+
+
+def status_of(entry: Entry, now: float) -> SiteStatus | None:
+    """What an entry says at `now` by the server's clock; None if it says nothing, or what no site would say."""
+    try:
+        told = json.loads(entry.value)
+        age = max(0.0, now - (entry.created or now))
+        state: Literal["up", "left", "lost"] = "left" if told["state"] == "left" else "up"
+        if state == "up" and age > LOST_AFTER:
+            state = "lost"
+        return SiteStatus(
+            site=entry.key,
+            state=state,
+            for_s=round(float(told["up_s"]) + age if state == "up" else age, 1),
+            host=str(told["host"])[:64],
+            version=str(told["version"])[:64],
+            lines=int(told["lines"]),
+            lines_down=tuple(str(each)[:64] for each in told["lines_down"][:_MOST_NAMES]),
+            units=int(told["units"]),
+        )
+    except (ValueError, TypeError, LookupError):
+        return None

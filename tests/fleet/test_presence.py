@@ -1,0 +1,96 @@
+"""What sites say of themselves, and what is made of it."""
+
+import asyncio
+import json
+
+import pytest
+
+from gateway.errors import FleetError
+from gateway.fleet.messages import Entry
+from gateway.fleet.presence import LOST_AFTER, PERIOD, Presence, status_of
+
+TOLD = {"host": "box", "version": "1", "up_s": 5.0, "lines": 2, "lines_down": ["hall"], "units": 7}
+
+
+class FakeBucket:
+    def __init__(self) -> None:
+        self.held: dict[str, Entry] = {}
+        self.refuses = False
+        self.offset = 1e6
+
+    async def put(self, key, value):
+        if self.refuses:
+            raise FleetError("no right")
+        self.held[key] = Entry(key, value, 1, asyncio.get_running_loop().time() + self.offset)
+        return 1
+
+    async def entries(self):
+        return list(self.held.values())
+
+    async def bucket(self, name):
+        assert name == "mbgw-status"
+        return self
+
+
+def presence(site="a", told=TOLD):
+    return Presence(site, lambda: told, lambda _: None, lambda: 123.0)
+
+
+async def test_a_site_is_seen_until_it_is_lost():
+    bucket, a, b = FakeBucket(), presence("a"), presence("b")
+    await a.connected(bucket)
+    await b.connected(bucket)
+    await asyncio.sleep(3 * PERIOD)
+    assert [(each.site, each.state) for each in await a.sites()] == [("a", "up"), ("b", "up")]
+    b.disconnected()
+    await asyncio.sleep(LOST_AFTER + PERIOD)
+    here, lost = await a.sites()
+    assert (here.state, lost.state, lost.for_s) == ("up", "lost", pytest.approx(LOST_AFTER + PERIOD, abs=PERIOD))
+    a.disconnected()
+
+
+async def test_a_site_that_says_so_has_left_and_since_when():
+    bucket, a, b = FakeBucket(), presence("a"), presence("b")
+    await a.connected(bucket)
+    await b.connected(bucket)
+    await asyncio.sleep(1)
+    await b.leave()
+    await asyncio.sleep(500)
+    _, left = await a.sites()
+    assert (left.state, left.for_s) == ("left", 500.0)
+    a.disconnected()
+
+
+async def test_who_may_not_tell_still_sees():
+    bucket, a, b = FakeBucket(), presence("a"), presence("b")
+    await b.connected(bucket)
+    await asyncio.sleep(1)
+    bucket.refuses = True
+    await a.connected(bucket)
+    await asyncio.sleep(1)
+    assert [each.site for each in await a.sites()] == ["b"]
+    assert a.reason == "no right"
+    a.disconnected()
+    b.disconnected()
+
+
+async def test_nothing_is_told_before_the_gateway_serves():
+    bucket, told = FakeBucket(), {}
+    a = presence("a", told)
+    await a.connected(bucket)
+    await asyncio.sleep(5)
+    assert bucket.held == {}
+    told.update(TOLD)
+    await asyncio.sleep(1)
+    assert json.loads(bucket.held["a"].value)["state"] == "up"
+    a.disconnected()
+
+
+async def test_without_nats_nobody_is_seen():
+    with pytest.raises(FleetError):
+        await presence().sites()
+
+
+@pytest.mark.parametrize("value", [b"", b"[]", b"{", b"1", b'{"state": "up"}', b"\xff", json.dumps(TOLD).encode()])
+def test_an_entry_that_says_nothing_is_left_out(value):
+    assert status_of(Entry("a", value, 1, 5.0), 5.0) is None
