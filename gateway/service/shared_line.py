@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping
 from functools import partial
 from math import inf
 from socket import gethostname
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from gateway.config.forecast import guard, longest_late_window
 from gateway.config.plan import LinePlan
@@ -21,6 +21,9 @@ from gateway.service.state import Memory
 
 if TYPE_CHECKING:
     from gateway.service.parts import GatewayLine
+
+#: Stands for the rate among names of devices, none of which can be empty.
+_RATE: Final = ""
 
 #: The bucket of a name. Raises FleetError if NATS cannot be reached.
 Buckets = Callable[[str], Awaitable[Bucket]]
@@ -41,6 +44,8 @@ class SharedPort:
     def __init__(self, line: "GatewayLine", memory: Memory) -> None:
         self._line = line
         self._memory = memory
+        #: What has changed once: that it is as the config says again is told too. Who knows nothing tells nothing.
+        self._changed: set[str] = set()
 
     @property
     def is_usable(self) -> bool:
@@ -60,10 +65,12 @@ class SharedPort:
         """Which devices have moved, and the rate if it was changed, each with what the config says."""
         plan = self._line.plan
         moved = remembered.addresses(plan, self._memory)
-        rate, configured = remembered.rate(plan, self._memory), plan.line.timing.baud
-        addresses = {each.name: [each.unit, moved[each.name]] for each in plan.devices if moved[each.name] != each.unit}
+        self._changed |= {each.name for each in plan.devices if moved[each.name] != each.unit}
+        addresses = {each.name: [each.unit, moved[each.name]] for each in plan.devices if each.name in self._changed}
         state: dict[str, Any] = {"addresses": addresses} if addresses else {}
-        return state | ({"rate": [configured, rate]} if rate != configured else {})
+        rate, configured = remembered.rate(plan, self._memory), plan.line.timing.baud
+        self._changed |= {_RATE} if rate != configured else set()
+        return state | ({"rate": [configured, rate]} if _RATE in self._changed else {})
 
     def leave(self) -> dict[str, Any]:
         """With the late answers, whose times count from now on."""
@@ -72,9 +79,11 @@ class SharedPort:
         return self.state() | ({"late": as_entry(late, 0.0)} if late else {})
 
     def adopt(self, state: Mapping[str, Any]) -> None:
-        """What does not fit this gateway's config is not taken."""
+        """What does not fit this gateway's config is not taken, and what is not told stays as it is known here."""
         self._adopt_addresses(dict(_changes(state.get("addresses"))))
-        self._adopt_rate(_change(state.get("rate")))
+        rate = _change(state.get("rate"))
+        if rate is not None:
+            self._adopt_rate(*rate)
         late = state.get("late")
         if late is not None and is_entry(late):
             self._line.driver.line.await_overdue(read_entry(late, -inf, self._line.now()))
@@ -82,8 +91,9 @@ class SharedPort:
     def _adopt_addresses(self, moved: Mapping[str, tuple[int, int]]) -> None:
         line, plan = self._line, self._line.plan
         for each in plan.devices:
-            configured, unit = moved.get(each.name, (each.unit, each.unit))
+            configured, unit = moved.get(each.name, (0, 0))
             if configured == each.unit and FIRST_UNIT <= unit <= LAST_UNIT:
+                self._changed.add(each.name)
                 self._memory.remember(remembered.address_key(plan, each), each.unit, unit)
         addresses = remembered.addresses(plan, self._memory)
         for each in plan.devices:
@@ -91,11 +101,12 @@ class SharedPort:
             if isinstance(device, MovableDevice):
                 device.begin_at(addresses[each.name])
 
-    def _adopt_rate(self, change: tuple[int, int] | None) -> None:
+    def _adopt_rate(self, configured: int, rate: int) -> None:
         plan = self._line.plan
-        configured = plan.line.timing.baud
-        rate = change[1] if change is not None and change[0] == configured and change[1] in BAUD_RATES else configured
-        if not isinstance(plan.port, TcpSettings) and rate != remembered.rate(plan, self._memory):
+        if configured != plan.line.timing.baud or rate not in BAUD_RATES or isinstance(plan.port, TcpSettings):
+            return
+        self._changed.add(_RATE)
+        if rate != remembered.rate(plan, self._memory):
             self._line.driver.change_rate(rate)
 
 

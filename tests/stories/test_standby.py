@@ -10,6 +10,7 @@ from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
 from gateway.service.fleet import Fleet
 from gateway.service.metrics import read
 from gateway.service.running import Running
+from gateway.service.state import Memory
 from gateway.service.status import status
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -27,6 +28,7 @@ devices = [{{ unit = 1, as = 41, name = "silo-1", profile = "weigher" }}]
 """
 READ_7 = "03 0007 0001"
 MOVE_TO_5 = ("01 10 01 00 00 01 02 00 05 76 93", "05 10 01 00 00 01 01 B1")
+MOVE_TO_1 = ("05 10 01 00 00 01 02 00 01 45 90", "01 10 01 00 00 01 00 35")
 TO_19200 = ("01 10 02 00 00 02 04 46 96 00 00 1F AB", "01 10 02 00 00 02 40 70")
 #: Of somebody else on the line: a read of register 1 of unit 9.
 STRANGER = bytes.fromhex("09 03 00 01 00 01 D4 82")
@@ -137,6 +139,36 @@ async def test_after_a_stop_the_other_one_goes_on_with_moved_devices_and_without
             other.client().ask(41, READ_7)
             await asyncio.sleep(0.1)
             assert other.lines["hall-a"].take_written()[0] == 5
+
+
+async def test_who_knows_nothing_of_a_device_that_has_moved_does_not_let_others_forget_it(store: KeyValues) -> None:
+    memory = Memory()
+    memory.remember("/dev/hall-a silo-1", 1, 5)
+    async with gateway_bench(config("b")) as other:
+        await asyncio.sleep(LONG)
+        async with gateway_bench(config("a"), memory) as one:
+            await asyncio.sleep(1.0)
+            await other.running._end([other.gateway.lines[0]])
+            await asyncio.sleep(0.6)
+            one.client().ask(41, READ_7)
+            await asyncio.sleep(0.1)
+            assert one.lines["hall-a"].take_written()[0] == 5
+
+
+async def test_a_device_that_has_moved_back_is_asked_there_by_the_other_one(store: KeyValues) -> None:
+    memory = Memory()
+    memory.remember("/dev/hall-a silo-1", 1, 5)
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        await exchange(one, *MOVE_TO_5)
+        await exchange(one, *MOVE_TO_1)
+        async with gateway_bench(config("b"), memory) as other:
+            await asyncio.sleep(1.0)
+            await one.running._end([one.gateway.lines[0]])
+            await asyncio.sleep(0.6)
+            other.client().ask(41, READ_7)
+            await asyncio.sleep(0.1)
+            assert other.lines["hall-a"].take_written()[0] == 1
 
 
 async def test_a_rate_that_was_changed_moves_too(store: KeyValues) -> None:
