@@ -248,3 +248,27 @@ def test_who_was_stopped_for_long_knows_it_by_its_clock():
     assert not one.permits(now + 60.0)
     one.tick(now + 60.0)
     assert not one.is_held
+
+
+def test_a_share_counts_from_the_sending_of_a_renewal_not_from_its_answer():
+    store = Store()
+    one, now = held(store)
+    asked = None
+    while asked is None:
+        now += 0.1
+        asked = one.next(now)
+    one.written(store.revision + 1, now + 1.5)
+    assert one.until == pytest.approx(now + WRITES_FOR)
+
+
+def test_who_could_not_see_an_empty_store_for_a_moment_waits_anew():
+    store = Store()
+    other = lease("b")
+    now = store.run(0.0, 8.5, other)
+    store.is_away = True  # meanwhile a has taken the lease, and the store has lost that
+    now = store.run(now, 10.0, other)
+    store.is_away = False
+    now = store.run(now, 18.5, other)
+    assert not other.is_held
+    store.run(now, 20.5, other)
+    assert other.is_held

@@ -296,3 +296,62 @@ async def test_when_it_is_closed_it_sends_nothing_more() -> None:
     driven.driver.close()
     await asyncio.sleep(1.0)
     assert driven.port.written == []
+
+
+class Leave:
+    """The Permission of a line that others ask on too: what it says each time, and how many others it heard."""
+
+    def __init__(self, *says: bool) -> None:
+        self.says = [*says]
+        self.heard = 0
+
+    def permits(self) -> bool:
+        return self.says.pop(0)
+
+    def silence(self) -> float:
+        return 3.0
+
+    def heard_asker(self) -> None:
+        self.heard += 1
+
+
+def shared(leave: Leave) -> Driven:
+    driven = Driven()
+    driven.driver = LineDriver(driven.line, driven.loop, driven.events.append, driven.rates.append, leave)
+    driven.device = Device(Bench().device().settings, driven.driver)
+    driven.driver.port_up(driven.port)
+    return driven
+
+
+async def test_on_a_shared_line_it_is_silent_at_first_and_looks_twice_before_each_write():
+    driven = shared(leave := Leave(True, True))
+    driven.loop.call_later(2.0, driven.ask)
+    await asyncio.sleep(2.9)
+    assert driven.port.written == []
+    await asyncio.sleep(0.2)
+    assert driven.port.written == [READ_FRAME]
+    assert leave.says == []
+
+
+async def test_without_leave_nothing_is_written_and_the_client_is_told_so():
+    driven = shared(Leave(False))
+    await asyncio.sleep(3.1)
+    driven.ask()
+    assert driven.client.answers == ["83 0A"]
+    assert (driven.port.written, driven.port.closed) == ([], False)
+
+
+async def test_when_the_leave_ends_between_both_looks_nothing_is_written_and_the_port_is_closed():
+    driven = shared(Leave(True, False))
+    await asyncio.sleep(3.1)
+    driven.ask()
+    assert (driven.port.written, driven.port.closed) == ([], True)
+    driven.driver.port_down(PortError("closed"))
+    assert driven.client.answers == ["83 0B"]
+
+
+async def test_the_request_of_somebody_else_is_told():
+    driven = shared(leave := Leave())
+    driven.driver.received(bytes.fromhex("09 03 00 01 00 01 D4 82"))
+    await asyncio.sleep(0.1)
+    assert leave.heard == 1
