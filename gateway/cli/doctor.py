@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.hardware_report import add_report_arguments, make_report
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding
@@ -27,6 +28,8 @@ examples:
   modbus-gateway doctor --passive        send nothing on any line
   modbus-gateway doctor --config gateway.toml
                                          no gateway is running: what can be seen without one
+  modbus-gateway doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600
+                                         what an adapter does, for a report
 
 Each row is ok, note or fix; behind a fix stands what mends it, and the exit
 status is 1 then. Without --passive the running gateway may send reads of one
@@ -46,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", help=f"the config, when no gateway runs (default {DEFAULT_CONFIG})")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
+    add_report_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,7 +57,10 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         DaemonError: the daemon refuses the question, or there is no such line.
+        ReportError: the port to report on cannot be opened.
     """
+    if args.hardware_report:
+        return make_report(args)
     findings = _findings(args)
     if args.json:
         print(json.dumps({"findings": [asdict(finding) for finding in findings]}, indent=2, ensure_ascii=False))

@@ -44,7 +44,7 @@ def _has_hardware(terminal: Path) -> bool:
     """Virtual terminals have no device; an absent UART has one of type 0."""
     if not (terminal / "device").exists():
         return False
-    return _line(terminal / "type") != "0"
+    return line_of(terminal / "type") != "0"
 
 
 def stable_links(within: Path | None = None) -> dict[Path, Path]:
@@ -58,7 +58,9 @@ def stable_links(within: Path | None = None) -> dict[Path, Path]:
 
 def _listed(device: Path, path: Path) -> ListedPort:
     state, remark = _state(device)
-    return ListedPort(str(path), str(device), _description(device), _driver(device), state, remark)
+    return ListedPort(
+        str(path), str(device), _description(device), driver_of(TERMINALS / device.name / "device"), state, remark
+    )
 
 
 def _state(device: Path) -> tuple[State, str]:
@@ -77,15 +79,17 @@ def _description(device: Path) -> str:
     return " ".join(part for part in (found.manufacturer, found.product) if part)
 
 
-def _driver(device: Path) -> str:
-    place = (TERMINALS / device.name / "device").resolve()
+def driver_of(hardware: Path) -> str:
+    """The name of the driver of a terminal's `device`; empty if it has none."""
+    place = hardware.resolve()
     while (place / "subsystem").resolve().name == "serial-base":  # the kernel's own layer above a UART's driver
         place = place.parent
     driver = place / "driver"
     return driver.resolve().name if driver.exists() else ""
 
 
-def _line(file: Path) -> str | None:
+def line_of(file: Path) -> str | None:
+    """What stands in a file of one line; None if it cannot be read."""
     try:
         return file.read_text().strip()
     except OSError:

@@ -37,6 +37,9 @@ def debian_python(version: str) -> Path:
     python = tree / f"usr/bin/python{version}"
     loader = next(tree.glob("usr/lib*/ld-linux*"))
     libraries = next(tree.glob("usr/lib/*-linux-gnu*"))
+    own = tree / f"usr/include/python{version}" / libraries.name  # where a compiler is not told to look
+    own.unlink(missing_ok=True)
+    own.symlink_to(f"../{libraries.name}")
     _patchelf("--set-interpreter", loader, "--force-rpath", "--set-rpath", libraries, python)
     return python
 

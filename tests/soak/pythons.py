@@ -93,11 +93,11 @@ class Environment:
 
     def take_newest(self) -> None:
         """Install the newest libraries that pyproject.toml allows."""
-        self._pip("--upgrade", *declared())
+        self._pip("--only-binary", ":all:", "--upgrade", *declared())
 
     def take_lowest(self) -> None:
         """Install the oldest ones."""
-        self._pip(*map(lowest, declared()))
+        self._pip("--only-binary", ":all:", *map(lowest, declared()))
 
     def compile(self) -> None:
         """Install the gateway, and compile it there."""
@@ -118,7 +118,7 @@ class Environment:
         return last, running.returncode == 0
 
     def _pip(self, *words: str | Path) -> None:
-        self._run("uv", "pip", "install", "--quiet", "--python", self.python, "--only-binary", ":all:", *words)
+        self._run("uv", "pip", "install", "--quiet", "--python", self.python, *words)
 
     def _run(self, *words: str | Path) -> None:
         done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
