@@ -4,8 +4,8 @@
         process = preparation.start(["run", "gateway.toml"], stderr=subprocess.PIPE)
 
 A start takes a tenth of the time that Python needs otherwise. What a process does at its start is the same from
-`gateway.cli.main.main` on; tests of what comes before start one anew. The process in which a gateway reads its config at
-the start is forked off too; that of a reload, when the gateway has threads, is a new one.
+`gateway.cli.main.main` on; tests of what comes before start one anew. The process in which a gateway reads its config
+at the start is forked off too; that of a reload, when the gateway has threads, is a new one.
 """
 
 import gc
@@ -193,7 +193,8 @@ def _start_reader(words: Sequence[str], **how: Any) -> subprocess.Popen[bytes]:
     if threading.active_count() > 1:  # whoever forks then may hang
         return subprocess.Popen(words, **how)
     *_, file, kind, limit, gateway, _ = words
-    return subprocess.Popen(words, preexec_fn=partial(_read_config, file, kind, limit, gateway), **how)
+    read = partial(_read_config, file, kind, limit, gateway)
+    return subprocess.Popen(words, preexec_fn=read, **how)  # noqa: PLW1509 - there are no threads
 
 
 def _read_config(*words: str) -> None:

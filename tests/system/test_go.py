@@ -46,7 +46,9 @@ echo "tested $*"
 case " $* " in *" {failing} "*) echo "FAILED $*"; exit 1 ;; esac
 """
 #: Words that only one of the passes of `test` has.
-PASSES = ["tests/system tests", "--no-loadscope-reorder tests/system", "tests/stories", "tests/system/test_udp.py"]
+PASSES = ["tests/system tests", "--no-loadscope-reorder tests/system"]
+#: CI runs these too, with compiled modules.
+COMPILED_PASSES = ["tests/stories", "tests/system/test_udp.py"]
 SET_UP = ["venv .venv", "pip requirements.txt"]
 TOOLS = ["pip requirements-dev.txt"]
 
@@ -271,16 +273,27 @@ def with_tools(checkout: Checkout, failing: str = "nothing") -> Checkout:
     return checkout
 
 
-def test_everything_is_tested_as_it_is_and_compiled(checkout: Checkout) -> None:
-    status, shown, _ = with_tools(checkout).go("test")
+@pytest.mark.parametrize(
+    ("own", "passes"), [({}, PASSES), ({"CI": "true"}, PASSES + COMPILED_PASSES)], ids=["own", "CI"]
+)
+def test_everything_is_tested_as_it_is_and_by_ci_compiled(checkout: Checkout, own, passes: list[str]) -> None:
+    checkout.own |= own
+    status, shown, said = with_tools(checkout).go("test")
     assert status == 0
     tested = [f"{line} " for line in shown.splitlines()]
-    assert all(any(f" {words} " in line for line in tested) for words in PASSES)
-    assert len(tested) == len(PASSES)
+    assert all(any(f" {words} " in line for line in tested) for words in passes)
+    assert len(tested) == len(passes)
+    assert ("left out" in said) == (passes == PASSES)
+    assert checkout.is_compiled() == (passes != PASSES)
 
 
-@pytest.mark.parametrize("words", PASSES)
-def test_a_pass_that_fails_fails_the_whole_and_is_shown(checkout: Checkout, words: str) -> None:
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [*(({}, words) for words in PASSES), *(({"CI": "true"}, words) for words in PASSES + COMPILED_PASSES)],
+    ids=str,
+)
+def test_a_pass_that_fails_fails_the_whole_and_is_shown(checkout: Checkout, own, words: str) -> None:
+    checkout.own |= own
     status, shown, _ = with_tools(checkout, failing=words).go("test")
     assert status == 1
     assert shown.count("FAILED") == 1
@@ -292,11 +305,10 @@ def test_a_check_that_fails_is_a_failure(checkout: Checkout, tool: str) -> None:
     assert checkout.go("test")[0] == 3
 
 
-@pytest.mark.parametrize(("own", "status"), [({}, 0), ({"CI": "true"}, 1)])
-def test_without_a_compiler_the_rest_is_tested_which_ci_does_not_accept(checkout: Checkout, own, status: int) -> None:
+def test_ci_needs_a_compiler(checkout: Checkout) -> None:
     with_tools(checkout).write("deploy/compile", "import sys\nsys.exit('no compiler')\n")
-    checkout.own |= own
-    assert checkout.go("test")[0] == status
+    checkout.own["CI"] = "true"
+    assert checkout.go("test")[0] == 1
 
 
 def test_what_it_names_is_there() -> None:
