@@ -34,6 +34,7 @@ complete -c modbus-gateway -n '__fish_seen_subcommand_from reload' -l json -d "p
 complete -c modbus-gateway -n '__fish_seen_subcommand_from status' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from status' -l control -r -d "the daemon's control socket (default: as /etc/modbus-gateway/gateway.toml says)"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from status' -s w -l watch -d "show it again every second, until Ctrl-C"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from status' -l fleet -d "show all sites of the fleet instead of this gateway"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from status' -l json -d "print JSON instead of tables"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l unit -r -d "only this unit: the number that clients use, or a name"
