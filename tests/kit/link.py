@@ -9,19 +9,20 @@ from typing import Self
 
 
 class Link:
-    """Passes bytes between `port`, which is its own, and the server's port. In its context it listens.
+    """Passes bytes between `port`, which is its own (0: any), and the server's port. In its context it listens.
 
     `cut` closes all connections and new ones at once; `hold` leaves them open and passes nothing on, as a lost route
     does; `mend` ends both, and what was held is passed on then.
     """
 
-    def __init__(self, server: int) -> None:
+    def __init__(self, server: int, port: int = 0) -> None:
+        self.port = port
         self._server = server
         self._held = self._cut = False
         self._pairs: dict[socket.socket, socket.socket] = {}
 
     def __enter__(self) -> Self:
-        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener = socket.create_server(("127.0.0.1", self.port))
         self.port = self._listener.getsockname()[1]
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)

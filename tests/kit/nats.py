@@ -6,7 +6,8 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 from urllib.request import urlopen
@@ -14,6 +15,7 @@ from urllib.request import urlopen
 import pytest
 
 from kit.free_port import free_port
+from kit.link import Link
 from kit.process import PATIENCE
 
 #: Servers stand in /usr/sbin, which is not in everybody's path.
@@ -21,6 +23,8 @@ PROGRAM = shutil.which("nats-server") or shutil.which("nats-server", path="/usr/
 needs_nats = pytest.mark.skipif(PROGRAM is None, reason="nats-server is not installed (Debian package nats-server)")
 
 
+#: Where the configs are that users get.
+CONFIGS = Path(__file__).resolve().parents[2] / "deploy" / "nats"
 #: Ports and folder in the configs of deploy/nats, and the address of the hub there.
 _IN_CONFIG = ("127.0.0.1:4222", "127.0.0.1:7422", "127.0.0.1:8222", "/var/lib/nats", "hub.plant.example:7422")
 
@@ -140,3 +144,18 @@ class NatsServer:
                 pass
             time.sleep(0.02)
         raise AssertionError(f"not {what}: {self.log}")
+
+
+@contextmanager
+def hub_and_leaf(folder: Path) -> Iterator[tuple[NatsServer, Link, NatsServer]]:
+    """The servers of deploy/nats, with a link on the way from the leaf node to the hub."""
+    way = free_port()
+    configs = ((CONFIGS / name).read_text() for name in ("hub.conf", "leaf.conf"))
+    hub, leaf = (text.replace("hub.plant.example:7422", f"127.0.0.1:{way}") for text in configs)
+    with (
+        NatsServer(folder, config=hub) as server,
+        Link(server.leaf_port, way) as link,
+        NatsServer(folder, config=leaf) as node,
+    ):
+        node.wait_for_leaves()
+        yield server, link, node

@@ -13,14 +13,12 @@ from typing import NamedTuple, Self
 import pytest
 
 from gateway.modbus.mbap import encode
-from kit.link import Link
-from kit.nats import NatsServer, needs_nats
+from kit.nats import hub_and_leaf, needs_nats
 from kit.process import PATIENCE, GatewayProcess, command
 from kit.slow_device import SlowDevice
 
 pytestmark = needs_nats
 
-DEPLOY = Path(__file__).resolve().parents[2] / "deploy" / "nats"
 READ = bytes.fromhex("03 00 00 00 01")
 
 
@@ -110,18 +108,13 @@ class Fleet:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._stack = ExitStack()
-        self.hub = NatsServer(folder, config=(DEPLOY / "hub.conf").read_text())
         self.device = SlowDevice()
         self.gateways: dict[str, GatewayProcess] = {}
 
     def __enter__(self) -> Self:
         enter = self._stack.enter_context
         enter(self.device)
-        enter(self.hub)
-        self.wan = enter(Link(self.hub.leaf_port))
-        text = (DEPLOY / "leaf.conf").read_text().replace("hub.plant.example:7422", f"127.0.0.1:{self.wan.port}")
-        self.leaf = enter(NatsServer(self._folder, config=text, leaf_of=self.hub))
-        self.hub.wait_for_leaves()
+        self.hub, self.wan, self.leaf = enter(hub_and_leaf(self._folder))
         self.start("control", self.hub.port, "control", upstream("plant-1", "41-43") + upstream("plant-3", "31"))
         self.start("plant-1", self.hub.port, "plant-1", line(self.device))
         asks = upstream("control", "201") + IMAGE.format(31, 33)

@@ -7,7 +7,6 @@ import re
 import socket
 import ssl
 from contextlib import AsyncExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
@@ -18,7 +17,7 @@ from nats.js.api import KeyValueConfig
 from nats.js.errors import KeyWrongLastSequenceError, NoStreamResponseError
 
 from kit.link import Link
-from kit.nats import NatsServer, needs_nats
+from kit.nats import CONFIGS, NatsServer, hub_and_leaf, needs_nats
 from kit.pki import pki
 from kit.process import PATIENCE
 
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 
 pytestmark = needs_nats
 
-FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "nats"
 #: How long nothing must come, in seconds, where what must not come would come in a millisecond.
 QUIET = 0.3
 
@@ -104,21 +102,18 @@ class Fleet(NamedTuple):
 
 @pytest.fixture
 async def fleet(tmp_path):
-    with NatsServer(tmp_path, config=(FOLDER / "hub.conf").read_text()) as hub, Link(hub.leaf_port) as link:
-        config = (FOLDER / "leaf.conf").read_text().replace("hub.plant.example:7422", f"127.0.0.1:{link.port}")
-        with NatsServer(tmp_path, config=config) as leaf:
-            leaf.wait_for_leaves()
-            found = Fleet(hub, leaf, link, Site("control"), Site("plant-1"), Site("plant-3"))
-            async with AsyncExitStack() as stack:
-                for site, server, password in (
-                    (found.control, hub, "control"),
-                    (found.plant1, hub, "plant-1"),
-                    (found.plant3, leaf, "gateway"),
-                ):
-                    await site.connect(server.port, password)
-                    stack.push_async_callback(site.client.close)
-                    await site.listen()
-                yield found
+    with hub_and_leaf(tmp_path) as (hub, link, leaf):
+        found = Fleet(hub, leaf, link, Site("control"), Site("plant-1"), Site("plant-3"))
+        async with AsyncExitStack() as stack:
+            for site, server, password in (
+                (found.control, hub, "control"),
+                (found.plant1, hub, "plant-1"),
+                (found.plant3, leaf, "gateway"),
+            ):
+                await site.connect(server.port, password)
+                stack.push_async_callback(site.client.close)
+                await site.listen()
+            yield found
 
 
 async def asks_and_answers(asker: Site, other: Site) -> bytes:
@@ -325,7 +320,7 @@ async def test_nobody_gets_in_without_a_password(fleet):
 
 async def test_with_the_lines_for_tls_nothing_is_said_in_the_clear(tmp_path):
     files = {"/etc/nats/server.crt": "server.crt", "/etc/nats/server.key": "server.key", "/etc/nats/ca.crt": "ca.crt"}
-    hub, leaf = ((FOLDER / name).read_text() for name in ("hub.conf", "leaf.conf"))
+    hub, leaf = ((CONFIGS / name).read_text() for name in ("hub.conf", "leaf.conf"))
     hub = hub.replace("# tls {", "tls {")
     leaf = leaf.replace('7422" }', '7422", tls { ca_file: "/etc/nats/ca.crt" } }').replace("nats-leaf://", "tls://")
     for path, name in files.items():
@@ -343,7 +338,7 @@ async def test_with_the_lines_for_tls_nothing_is_said_in_the_clear(tmp_path):
 
 def rights(site: str) -> tuple[list[str], list[str]]:
     """What this site may publish and hear, by the config of the hub."""
-    told = (FOLDER / "hub.conf").read_text().partition(f"\n{site}: {{")[2]
+    told = (CONFIGS / "hub.conf").read_text().partition(f"\n{site}: {{")[2]
     publish, _, subscribe = told.partition("subscribe:")
     return re.findall(r'"([^"]+\.[^"]+)"', publish), re.findall(r'"([^"]+)"', subscribe.partition("]")[0])
 
