@@ -135,25 +135,12 @@ class Lease:
         self.reason = "not asked for yet"
         #: Why the store has not answered last; empty if it has.
         self.trouble = ""
-        self._holder = holder
-        self._instance = instance
-        #: The latest entry, its revision, and since when it is known; None: nothing was read yet.
-        self._entry: Entry | None = None
-        self._revision = 0
-        self._known_since: float | None = None
-        #: The longest time to live that was seen, for the case that the store loses the entry.
-        self._longest_ttl = settings.ttl
+        self._store = _Store(settings.ttl)
+        self._writes = _Writes(holder, instance, settings.ttl)
         #: When a renewal was sent by which our share is counted.
         self._counts_from = -inf
-        self._beat = 0
-        self._written: State = {}
-        #: When writes were sent whose result is not known, by beat; the one under way, with what it says.
-        self._sent: dict[int, float] = {}
-        self._asked: Entry | None = None
         self._must_read = True
         self._asks_at = -inf
-        #: When the store answered last, if no question has failed since.
-        self._looked_at = -inf
         self._claims_from = -inf
         #: Whether what is claimed was somebody else's since we held it.
         self._inherits = False
@@ -165,7 +152,7 @@ class Lease:
     @property
     def holder(self) -> str:
         """Who holds it as far as is known; empty if nobody does."""
-        entry = self._entry
+        entry = self._store.entry
         return "" if entry is None or entry.is_released else entry.holder
 
     def permits(self, now: float) -> bool:
@@ -180,9 +167,9 @@ class Lease:
         if self._must_read:
             return Read()
         if self.is_held:
-            is_due = now >= self._asks_at or (self.state != self._written and not self._sent)
-            return self._write(now, self.state) if is_due else None
-        if self._may_claim(now):
+            is_due = now >= self._asks_at or self._writes.is_news(self.state)
+            return self._write(self.state, now) if is_due else None
+        if self._store.is_fresh(now) and now >= max(self._claims_at, self._claims_from):
             return self._claim(now)
         return Read() if now >= self._asks_at else None
 
@@ -192,8 +179,8 @@ class Lease:
             return -inf
         if self.is_held:
             return min(self._asks_at, self._ends_at)
-        claims_at = max(self._claims_at, self._claims_from, self._looked_at)
-        return min(self._asks_at, claims_at) if self._is_fresh(claims_at) else self._asks_at
+        claims_at = max(self._claims_at, self._claims_from, self._store.looked_at)
+        return min(self._asks_at, claims_at) if self._store.is_fresh(claims_at) else self._asks_at
 
     def tick(self, now: float) -> None:
         """Let time pass: our share may have ended."""
@@ -205,42 +192,33 @@ class Lease:
         self.tick(now)
         self._must_read = False
         self._asks_at = now + LOOKS * self.settings.ttl
-        self._looked_at = now
         self.trouble = ""
         entry = None if value is None else Entry.decode(value, self.settings.ttl)
-        if self._known_since is None or revision != self._revision or entry != self._entry:
-            self._know(entry, revision, now)
+        if self._store.found(entry, revision, now):
+            self._owe_silence(entry)
         if entry is None:
-            if not self.is_held:
-                self.reason = "nobody holds it; it may be taken soon"
-            else:
-                self._asks_at = now  # the store has lost it; nobody else can have it before our share ends
-        elif self._is_ours(entry):
-            sent_at = self._sent.get(entry.beat)
+            self._miss(now)
+        elif self._writes.is_ours(entry):
+            sent_at = self._writes.sent.get(entry.beat)
             if sent_at is not None and not entry.is_released:
-                self._accepted(sent_at, entry, now)
+                self._accept(sent_at, entry, now)
         else:
-            self._sent = {}  # what was written before cannot take effect any more
-            if self.is_held:
-                self._drop(f"{entry.holder} has taken it")
-            elif not entry.is_released:
-                self.reason = f"{entry.holder} holds it"
+            self._yield_to(entry)
 
     def written(self, revision: int, now: float) -> None:
         """What was written is the entry now."""
         self.tick(now)
-        entry = self._asked
+        entry = self._writes.asked
         if entry is None:
             return
-        self._know(entry, revision, now)
+        self._store.know(entry, revision, now)
         if not entry.is_released:
-            self._accepted(self._sent[entry.beat], entry, now)
+            self._accept(self._writes.sent[entry.beat], entry, now)
 
     def refused(self, now: float) -> None:
         """Somebody has changed the entry, or an earlier write of ours was carried out after all."""
         self.tick(now)
-        if self._asked is not None:
-            self._sent.pop(self._asked.beat, None)
+        self._writes.refused()
         self._must_read = True
 
     def failed(self, reason: str, now: float) -> None:
@@ -251,9 +229,7 @@ class Lease:
             self.reason = reason
         self._asks_at = now + (self.settings.step if self.is_held else LOOKS * self.settings.ttl)
         self._must_read = False
-        self._looked_at = -inf
-        if self._entry is None:
-            self._known_since = None  # a store that has lost an entry was away: nobody knows since when there is none
+        self._store.failed()
         if self.is_held and self.settings.fallback == "hold":
             self.until = self._counts_from = inf
 
@@ -286,75 +262,59 @@ class Lease:
     @property
     def _claims_at(self) -> float:
         """From when on the lease may be claimed, as far as is known."""
-        entry, since = self._entry, self._known_since
-        if since is None:
-            return inf
-        if entry is None:
-            return since + WAITS * self._longest_ttl
-        if entry.is_released or self._is_ours(entry):
+        entry = self._store.entry
+        if entry is not None and (entry.is_released or self._writes.is_ours(entry)):
             return -inf
-        return since + WAITS * entry.ttl
+        return self._store.is_abandoned_at
 
-    def _may_claim(self, now: float) -> bool:
-        """What is known must be fresh: the store may have lost the entry and counted up to the same revision again."""
-        return self._is_fresh(now) and now >= max(self._claims_at, self._claims_from)
+    def _miss(self, now: float) -> None:
+        """There is no entry. Nobody else can take the lease before our share ends, so it is written again at once."""
+        if self.is_held:
+            self._asks_at = now
+        else:
+            self.reason = "nobody holds it; it may be taken soon"
 
-    def _is_fresh(self, now: float) -> bool:
-        return now < self._looked_at + 2 * LOOKS * self.settings.ttl
+    def _yield_to(self, entry: Entry) -> None:
+        """Another one's entry: what we wrote before cannot take effect any more."""
+        self._writes.sent = {}
+        if self.is_held:
+            self._drop(f"{entry.holder} has taken it")
+        elif not entry.is_released:
+            self.reason = f"{entry.holder} holds it"
 
-    def _is_ours(self, entry: Entry) -> bool:
-        return entry.instance == self._instance
-
-    def _know(self, entry: Entry | None, revision: int, now: float) -> None:
-        self._entry, self._revision, self._known_since = entry, revision, now
+    def _owe_silence(self, entry: Entry | None) -> None:
+        """The line must be silent if somebody else has asked there."""
         if entry is None:
             self._silence = self.settings.late
-        else:
-            self._longest_ttl = max(self._longest_ttl, entry.ttl)
-            if not self._is_ours(entry):
-                self._silence = entry.silent if entry.is_released else self.settings.late
+        elif not self._writes.is_ours(entry):
+            self._silence = entry.silent if entry.is_released else self.settings.late
 
     def _claim(self, now: float) -> Write:
         """What others have left is kept for whoever takes it after us."""
-        entry = self._entry
-        self._inherits |= entry is not None and not self._is_ours(entry)
-        return self._write(now, entry.state if self._inherits and entry is not None else self.state)
+        entry = self._store.entry
+        self._inherits |= entry is not None and not self._writes.is_ours(entry)
+        return self._write(entry.state if self._inherits and entry is not None else self.state, now)
 
-    def _write(self, now: float, state: State) -> Write:
-        self._beat += 1
-        entry = Entry(self._holder, self._instance, self._beat, self.settings.ttl, state=dict(state))
-        if len(self._sent) >= _UNKNOWN:
-            del self._sent[min(self._sent)]
-        self._sent[self._beat] = now
-        self._asked = entry
-        return Write(entry.encode(), self._revision)
+    def _write(self, state: State, now: float) -> Write:
+        return Write(self._writes.claim(state, now), self._store.revision)
 
     def _give_back(self, silent: float) -> None:
         self._releases = True
         self._silence = max(self._silence, silent)
 
     def _release(self, now: float) -> Write | None:
-        """Write that it is free, once: if that fails the others wait."""
+        """Write that it is free, once: if that fails the others wait. What we were to be silent for they are too."""
         self._releases = False
         self._asks_at = now + LOOKS * self.settings.ttl
-        if self._entry is None or not self._is_ours(self._entry):
+        entry = self._store.entry
+        if entry is None or not self._writes.is_ours(entry):
             return None
-        self._beat += 1
-        self._asked = Entry(
-            self._holder,
-            self._instance,
-            self._beat,
-            self.settings.ttl,
-            is_released=True,
-            silent=self._silence,
-            state=self.state,
-        )
-        return Write(self._asked.encode(), self._revision)
+        silent = max(self._silence, self.silent_until - now)
+        return Write(self._writes.release(self.state, silent), self._store.revision)
 
-    def _accepted(self, sent_at: float, entry: Entry, now: float) -> None:
+    def _accept(self, sent_at: float, entry: Entry, now: float) -> None:
         """The entry is ours since it was sent."""
-        self._sent = {}
-        self._written = entry.state
+        self._writes.accepted(entry)
         self._asks_at = sent_at + self.settings.step
         if not self.is_held:
             if now < self._claims_from:
@@ -384,3 +344,97 @@ class Lease:
     def __repr__(self) -> str:
         state = "held" if self.is_held else f"standby: {self.reason}"
         return f"<Lease {self.settings.name} {state}>"
+
+
+class _Store:
+    """What is known of the store: the latest entry and its revision, since when, and when it was looked at last."""
+
+    def __init__(self, ttl: float) -> None:
+        self.entry: Entry | None = None
+        self.revision = 0
+        self.looked_at = -inf
+        self._ttl = ttl
+        #: None: nothing is known.
+        self._since: float | None = None
+        #: The longest time to live that was seen, for the case that an entry is lost.
+        self._longest = ttl
+
+    @property
+    def is_abandoned_at(self) -> float:
+        """From when on nobody can hold the lease by this entry, or by one that was lost."""
+        if self._since is None:
+            return inf
+        return self._since + WAITS * (self._longest if self.entry is None else self.entry.ttl)
+
+    def is_fresh(self, now: float) -> bool:
+        """Whether it has answered lately: else it may have lost the entry, and counted up to this revision again."""
+        return now < self.looked_at + 2 * LOOKS * self._ttl
+
+    def found(self, entry: Entry | None, revision: int, now: float) -> bool:
+        """This was read. Whether it is news."""
+        self.looked_at = now
+        if self._since is not None and (entry, revision) == (self.entry, self.revision):
+            return False
+        self.know(entry, revision, now)
+        return True
+
+    def know(self, entry: Entry | None, revision: int, now: float) -> None:
+        """This is there since now at the latest."""
+        self.entry, self.revision, self._since = entry, revision, now
+        self._longest = max(self._longest, 0.0 if entry is None else entry.ttl)
+
+    def failed(self) -> None:
+        """It has not answered. One that has lost an entry was away: nobody knows since when there is none."""
+        self.looked_at = -inf
+        if self.entry is None:
+            self._since = None
+
+
+class _Writes:
+    """What this process writes: `asked` last, and `sent` when if the result is not known, by beat."""
+
+    def __init__(self, holder: str, instance: str, ttl: float) -> None:
+        self.asked: Entry | None = None
+        self.sent: dict[int, float] = {}
+        self._holder = holder
+        self._instance = instance
+        self._ttl = ttl
+        self._beat = 0
+        #: What the store has of us.
+        self._state: State = {}
+
+    def is_ours(self, entry: Entry) -> bool:
+        """Whether this process has written it."""
+        return entry.instance == self._instance
+
+    def is_news(self, state: State) -> bool:
+        """Whether the store has something else, and nothing is under way to it."""
+        return state != self._state and not self.sent
+
+    def claim(self, state: State, now: float) -> bytes:
+        """We hold the lease from now on."""
+        entry = self._next(state)
+        if len(self.sent) >= _UNKNOWN:
+            del self.sent[min(self.sent)]
+        self.sent[entry.beat] = now
+        return entry.encode()
+
+    def release(self, state: State, silent: float) -> bytes:
+        """We do not hold it any more."""
+        self.asked = self._next(state)._replace(is_released=True, silent=silent)
+        return self.asked.encode()
+
+    def accepted(self, entry: Entry) -> None:
+        """The store has this."""
+        self.sent = {}
+        self._state = entry.state
+
+    def refused(self) -> None:
+        """The store does not take what was asked last."""
+        if self.asked is not None:
+            self.sent.pop(self.asked.beat, None)
+
+    def _next(self, state: State) -> Entry:
+        self._beat += 1
+        self.asked = Entry(self._holder, self._instance, self._beat, self._ttl, state=dict(state))
+        return self.asked

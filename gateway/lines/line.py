@@ -41,7 +41,7 @@ from gateway.lines.overheard import Overheard
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.recorder import Recorder
 from gateway.lines.report import Report
-from gateway.lines.scheduler import Scheduler, earliest
+from gateway.lines.scheduler import Permits, Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
@@ -57,8 +57,6 @@ RENEWAL: Final = 1.0
 
 #: Sends bytes.
 Write = Callable[[bytes], None]
-#: Whether bytes may be sent now.
-Permits = Callable[[], bool]
 #: Called with each transaction that was on the line, its response or None, and the time.
 Observer = Callable[[Transaction, Frame | None, float], None]
 #: See the table above.
@@ -81,7 +79,6 @@ class Line:
         self._receiver = Receiver(settings, self._windows, echo, self._report, recorder)
         self._scheduler = Scheduler(settings, self._windows, echo, self._report, recorder)
         self._write: Write | None = None
-        self._permits: Permits | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
         self._state: State = "down"
@@ -120,7 +117,7 @@ class Line:
 
     def share(self, permits: Permits, heard_asker: Callable[[], None]) -> None:
         """Others ask here in turn: nothing is sent without a look at `permits`. `heard_asker` is called if one asks."""
-        self._permits = permits
+        self._scheduler.permits = permits
         self._receiver.attribution.heard_asker = heard_asker
 
     def be_silent(self, until: float) -> None:
@@ -330,7 +327,8 @@ class Line:
         return self._scheduler.rejection(transaction, now) if transaction.is_wanted else errors.Unwanted()
 
     def _send(self, transaction: Transaction, write: Write, now: float) -> None:
-        if self._permits is not None and not self._permits():
+        permits = self._scheduler.permits
+        if permits is not None and not permits():
             self._withhold(transaction, now)
             return
         self._current, self._state = transaction, "awaiting"

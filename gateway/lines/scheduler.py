@@ -5,6 +5,8 @@ its connection may hold back earlier requests (`stall`), or if its response woul
 (`echo`). The scheduler sees no bytes.
 """
 
+from collections.abc import Callable
+
 from gateway import errors
 from gateway.errors import RequestError
 from gateway.lines.echo import EchoDetector
@@ -19,11 +21,14 @@ from gateway.lines.transaction import Destination, ScanTransaction, Transaction
 from gateway.modbus.scan import Expected
 from gateway.request import Request
 
+#: Whether a request may be written now.
+Permits = Callable[[], bool]
+
 
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `recorder` is the line's.
+    `recorder` is the line's. `permits` is for a line on which others ask too.
     """
 
     def __init__(
@@ -33,6 +38,7 @@ class Scheduler:
         self._echo = echo
         self._report = report
         self.recorder = recorder
+        self.permits: Permits | None = None
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._idle = IdleTime(self._queue, windows)
         self._stall = Stall(None)

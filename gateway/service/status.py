@@ -87,11 +87,12 @@ class LineUserStatus:
 
 @dataclass(frozen=True, slots=True)
 class LeaseStatus:
-    """The lease of a line. `holder` is who holds it, empty if nobody is known; this gateway has it if it `is_held`.
+    """The lease of a `line`. `holder` is who holds it, empty if nobody is known; this gateway has it if it `is_held`.
 
     It was `taken` so often. `trouble` is why NATS was not reached last, empty if it was.
     """
 
+    line: str
     name: str
     is_held: bool
     holder: str
@@ -131,7 +132,6 @@ class LineStatus:
     unasked_bytes: int
     counts: Counts
     users: tuple[LineUserStatus, ...]
-    lease: LeaseStatus | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +270,7 @@ class Status:
     certificates: tuple[CertificateStatus, ...] = ()
     brokers: tuple[BrokerStatus, ...] = ()
     fleets: tuple[FleetStatus, ...] = ()
+    leases: tuple[LeaseStatus, ...] = ()
 
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
@@ -302,6 +303,7 @@ def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: It
         certificates=tuple(certificates(gateway.contexts, time.time())),
         brokers=() if broker is None else (broker,),
         fleets=() if fleet is None else (fleet,),
+        leases=tuple(_leases(gateway.lines)),
     )
 
 
@@ -358,16 +360,14 @@ def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
         unasked_bytes=line.unasked_bytes,
         counts=_sum(parts.counts),
         users=tuple(_users(parts, users)),
-        lease=_lease(parts),
     )
 
 
-def _lease(parts: GatewayLine) -> LeaseStatus | None:
-    standby = parts.standby
-    if standby is None:
-        return None
-    lease = standby.lease
-    return LeaseStatus(standby.name, lease.is_held, lease.holder, standby.taken, lease.trouble)
+def _leases(lines: Iterable[GatewayLine]) -> Iterator[LeaseStatus]:
+    for line in lines:
+        if line.standby is not None:
+            lease, name = line.standby.lease, line.standby.name
+            yield LeaseStatus(line.name, name, lease.is_held, lease.holder, line.standby.taken, lease.trouble)
 
 
 def _users(parts: GatewayLine, users: Iterable[LineUser]) -> Iterator[LineUserStatus]:

@@ -23,6 +23,9 @@ STEPS = (1.0, 4.0, 15.0)
 _FASTEST = 1.1
 #: Questions that nobody waits for any more, of one gateway.
 _STRAY = 1
+#: What a picture of a lease leaves out, and what is no point in time there.
+_LEFT_OUT = frozenset({"settings", "reason", "_holder", "_instance", "sent", "_store", "_writes"})
+_PERIODS = frozenset({"_silence", "_ttl", "_longest"})
 
 
 @dataclass
@@ -98,13 +101,14 @@ class World:
         )
 
     def _picture_of(self, one: Gateway) -> tuple[Any, ...]:
-        clock = one.offset + one.rate * self.now
+        clock = self._clock(one)
         lease = tuple(
-            (name, max(value - clock, -2 * SETTINGS.ttl) if isinstance(value, float) and name != "_silence" else value)
-            for name, value in vars(one.lease).items()
-            if name not in {"settings", "reason", "_holder", "_instance", "_sent", "_longest_ttl"}
+            max(value - clock, -2 * SETTINGS.ttl) if isinstance(value, float) and name not in _PERIODS else value
+            for part in (one.lease, one.lease._store, one.lease._writes)
+            for name, value in vars(part).items()
+            if name not in _LEFT_OUT
         )
-        sent = tuple((beat, at - clock) for beat, at in one.lease._sent.items())
+        sent = tuple((beat, at - clock) for beat, at in one.lease._writes.sent.items())
         owed = (max(one.wrote - self.now, -2 * SETTINGS.ttl), one.owes)
         return (str(lease), sent, one.is_stopped, one.asked, one.answer, one.stray, one.is_cut, owed)
 
@@ -241,5 +245,7 @@ def _happenings(one: Gateway) -> Iterator[str]:
 def _copied(one: Gateway) -> Gateway:
     there = replace(one)
     there.lease = copy(one.lease)
-    there.lease._sent = dict(one.lease._sent)
+    there.lease._store = copy(one.lease._store)
+    there.lease._writes = copy(one.lease._writes)
+    there.lease._writes.sent = dict(one.lease._writes.sent)
     return there

@@ -272,3 +272,14 @@ def test_who_could_not_see_an_empty_store_for_a_moment_waits_anew():
     assert not other.is_held
     store.run(now, 20.5, other)
     assert other.is_held
+
+
+def test_who_gives_it_back_while_it_is_silent_tells_for_how_long_still():
+    store = Store()
+    store.value, store.revision = Entry("a", "process of a", 1, 10.0).encode(), 7
+    other = lease("b")
+    now = store.run(0.0, 9.5, other)
+    assert other.silent_until > now
+    other.release(0.0, {})
+    store.serve(other, now)
+    assert store.entry.silent == pytest.approx(other.silent_until - now)

@@ -111,17 +111,13 @@ async def test_one_asks_and_the_other_one_answers_0a_with_its_port_closed(store:
 async def test_status_and_metrics_say_who_holds_it(store: KeyValues) -> None:
     async with gateway_bench(config("a")) as one, gateway_bench(config("b")) as other:
         await asyncio.sleep(LONG)
-        first, second = sorted(
-            (status(bench.gateway, 0.0).lines[0] for bench in (one, other)),
-            key=lambda line: line.state,
-            reverse=True,
-        )
-        assert (first.state, second.state) == ("up", "standby")
-        assert first.lease is not None
-        assert second.lease is not None
-        assert (first.lease.is_held, second.lease.is_held) == (True, False)
-        assert first.lease.holder == second.lease.holder
-        assert second.reason.startswith("standby for the lease hall-a: ")
+        holder, standby = (one, other) if is_open(one) else (other, one)
+        first, second = status(holder.gateway, 0.0), status(standby.gateway, 0.0)
+        assert (first.lines[0].state, second.lines[0].state) == ("up", "standby")
+        assert second.lines[0].reason.startswith("standby for the lease hall-a: ")
+        (held,), (waits) = first.leases, second.leases[0]
+        assert (held.line, held.name, held.is_held, waits.is_held) == ("hall-a", "hall-a", True, False)
+        assert (held.holder, held.taken, waits.taken) == (waits.holder, 1, 0)
         values = [family.values for family in await read(other.running) if family.name == "lease_held"]
         assert values == [[(("hall-a", "hall-a"), is_open(other))]]
 
