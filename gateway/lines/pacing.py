@@ -74,9 +74,12 @@ class Pace:
         count, because the device may have taken its time before.
         """
         came, character = self._came - self._first, self._character
-        if now - self._first_at < (came - _ROUGHLY) * character:
+        late = now - self._first_at - came * character
+        if late < -_ROUGHLY * character:
             return None
-        pause = (missing - AS_THEY_COME) * character - self._held_back
+        # What comes in bundles is seen late by as much, and the rest is under way already.
+        held_back = max(self._held_back, min(late, HELD_BACK))
+        pause = (missing - AS_THEY_COME) * character - held_back
         pause = min(pause, LONGEST if came else LONGEST_UNPROVEN)
         return None if pause < WORTH * character else now + pause
 

@@ -56,6 +56,16 @@ def test_an_adapter_may_have_held_back_what_it_handed_over() -> None:
     assert read_at(21, 0.001, proven=True, virtual=False) == pytest.approx(5.020 - HELD_BACK)
 
 
+@pytest.mark.parametrize(("late", "held_back"), [(0.0009, 0.0009), (0.5, HELD_BACK)])
+def test_what_comes_late_in_a_bundle_is_followed_by_the_rest_so_much_sooner(late: float, held_back: float) -> None:
+    pace = Pace(MAX_RTU_ADU)
+    pace.tune(0.0001, 0.00035, virtual=True)
+    pace.begin()
+    pace.add(10, 5.0)
+    pace.add(10, 5.001 + late)
+    assert pace.read_at(31, 5.001 + late) == pytest.approx(5.001 + late + 30 * 0.0001 - held_back)
+
+
 @pytest.mark.parametrize("missing", [0, 1, 2])
 def test_it_is_not_worth_it_for_two_bytes(missing: int) -> None:
     assert read_at(missing, 0.001, proven=True) is None

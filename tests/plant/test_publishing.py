@@ -307,18 +307,49 @@ async def test_no_number_is_null():
         assert await settled(broker) == {}, "and no change"
 
 
-async def test_the_share_of_the_line_is_that_of_the_forecast():
-    async with gateway_bench(CONFIG + MQTT) as bench:
-        attach_paced(bench.lines["hall"], "rtu", 115200, Generic(1), Generic(2))
-        FakeBroker.of(bench)
-        await asyncio.sleep(10.0)
-        [line] = bench.gateway.lines
-        before = line.driver.line.phases(asyncio.get_running_loop().time()).busy
-        await asyncio.sleep(60.0)
-        share = (line.driver.line.phases(asyncio.get_running_loop().time()).busy - before) / 60.0
-        # its profile says nothing of the 5 ms after which these devices answer, five times a second
-        foretold = total_share(load_of(line.plan, bench.gateway.plan)) + 5 * 0.005
-        assert share == pytest.approx(foretold, rel=0.02)
+LINES, METERS = 8, 5
+
+
+def thousand_points():
+    """1000 points: 25 of each of 5 devices on each of 8 lines, every second."""
+    lines = ""
+    for line in range(LINES):
+        units = f'unit = "1-{METERS}", as = "{line * METERS + 1}-{line * METERS + METERS}"'
+        devices = f'[{{ {units}, name = "meter-*", profile = "m" }}]'
+        lines += f'[[line]]\nname = "{line}"\nport = "/dev/{line}"\nbaud = 115200\ndevices = {devices}\n'
+    profile = '[profile.m]\npoints = [{ name = "value-*", holding = "0-24" }]\n'
+    row = '{ device = "*", every = "1 s", at_least = "1 s" }'
+    return f'site = "plant"\n{lines}{profile}[mqtt]\nbroker = "mqtt://broker"\npublish = [{row}]\n'
+
+
+async def test_a_thousand_points_take_of_each_line_what_is_foretold_with_a_broker_and_without():
+    async with gateway_bench(thousand_points()) as bench:
+        for line in bench.lines.values():
+            attach_paced(line, "rtu", 115200, *(Generic(unit) for unit in range(1, METERS + 1)))
+        broker, lines = FakeBroker.of(bench), bench.gateway.lines
+        # Their profile says nothing of the 5 ms after which these devices answer.
+        foretold = [total_share(load_of(line.plan, bench.gateway.plan)) + METERS * 0.005 for line in lines]
+        assert foretold == pytest.approx([0.0726] * LINES, abs=0.0001)
+
+        async def shares(seconds=10):
+            before = [line.driver.line.phases(broker.driver.now()).busy for line in lines]
+            messages = 0
+            for _ in range(seconds):
+                await asyncio.sleep(1.0)
+                messages += len(broker.take())
+            after = [line.driver.line.phases(broker.driver.now()).busy for line in lines]
+            return [(late - early) / seconds for early, late in zip(before, after, strict=True)], messages
+
+        await asyncio.sleep(3.5)
+        broker.connect()
+        for is_there in (True, False, True):
+            found, messages = await shares()
+            assert found == pytest.approx(foretold, rel=0.01)
+            assert messages == (10 * LINES * METERS if is_there else 0)
+            if is_there:
+                broker.lose()
+            else:
+                broker.connect()
 
 
 # Commands
