@@ -161,11 +161,11 @@ def _patience(gateway: GatewayProcess, other: GatewayProcess, flood: str) -> int
     percentiles: list[tuple[float, float, float]] = []
     rates: list[float] = []
     for _ in range(ROUNDS):
-        quiet = _percentile(gateway.ports["tcp"])
+        quiet = _percentile(gateway)
         with _flood(other.ports["tls"], FLOODS[flood]):
-            elsewhere = _percentile(gateway.ports["tcp"])
+            elsewhere = _percentile(gateway)
         with _flood(gateway.ports["tls"], FLOODS[flood]) as rate:
-            here = _percentile(gateway.ports["tcp"])
+            here = _percentile(gateway)
         percentiles.append((quiet, elsewhere, here))
         rates += rate
     ratios = sorted(here / elsewhere for _, elsewhere, here in percentiles)
@@ -193,14 +193,16 @@ def _flood(port: int, kinds: str) -> Iterator[list[float]]:
     time.sleep(0.3)
 
 
-def _percentile(port: int) -> float:
+def _percentile(gateway: GatewayProcess) -> float:
     """The 99th percentile of a plain client's response times."""
     times = []
-    with socket.create_connection(("127.0.0.1", port)) as client:
+    with socket.create_connection(("127.0.0.1", gateway.ports["tcp"])) as client:
+        own = f"127.0.0.1:{client.getsockname()[1]}"
         end = time.monotonic() + ROUND
         while (began := time.monotonic()) < end:
             client.sendall(READ)
-            client.recv(260)
+            if len(client.recv(260)) != ANSWER:
+                raise RuntimeError(f"{own} was closed: {[each for each in gateway.log if each.get('client') == own]}")
             times.append(time.monotonic() - began)
             time.sleep(PACE)
     return statistics.quantiles(times, n=100)[98]
