@@ -21,8 +21,7 @@ T = TypeVar("T")
 #: The private names of Python's library that are used here.
 _NAMES: Final = (
     (selectors.EpollSelector, "_selector_cls"),  # which makes its `_selector`
-    (asyncio.Handle, "_run"),
-    (asyncio.Handle, "_cancelled"),
+    *((asyncio.Handle, name) for name in ("_context", "_callback", "_args", "_cancelled")),
 )
 #: The kernel may let a thread sleep so many nanoseconds longer, by default 50 000 (proc(5)).
 _SLACK: Final = Path("/proc/self/timerslack_ns")
@@ -60,7 +59,7 @@ class ExactSelector(selectors.EpollSelector):
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
         """See selectors.BaseSelector."""
         key = super().register(fileobj, events, data)
-        self.poller.callbacks[key.fd] = data
+        self.poller.register(key.fd, data)
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
@@ -72,7 +71,7 @@ class ExactSelector(selectors.EpollSelector):
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
         """See selectors.BaseSelector."""
         key = super().modify(fileobj, events, data)
-        self.poller.callbacks[key.fd] = data
+        self.poller.register(key.fd, data)
         return key
 
 

@@ -9,6 +9,7 @@ import asyncio
 import select
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from heapq import heappop, heappush
 from math import inf
 from time import monotonic
@@ -22,8 +23,17 @@ SELECTABLE: Final = 1024
 _AT_ONCE: Final = 64
 _NOBODY: Final = (None, None)
 
-#: What waits to read from a descriptor and to write to it.
-Callbacks = tuple[asyncio.Handle | None, asyncio.Handle | None]
+
+class Waiting:
+    """A callback that waits for a descriptor: what a handle of asyncio calls, without the handle."""
+
+    def __init__(self, handle: asyncio.Handle) -> None:
+        self.handle = handle
+        self.call: Callable[[], object] = partial(handle._context.run, handle._callback, *handle._args)  # type: ignore[attr-defined]  # noqa: SLF001
+
+
+#: Who waits to read from a descriptor, and who to write to it.
+Callbacks = tuple[Waiting | None, Waiting | None]
 
 
 class Poller:
@@ -67,6 +77,14 @@ class Poller:
         """The wait ends at `when` at the latest: the loop has a new timer."""
         self._ends_at = min(self._ends_at, when)
 
+    def register(self, descriptor: int, handles: tuple[asyncio.Handle | None, asyncio.Handle | None]) -> None:
+        """These handles wait for the descriptor: one to read, one to write."""
+        reader, writer = handles
+        self.callbacks[descriptor] = (
+            None if reader is None else Waiting(reader),
+            None if writer is None else Waiting(writer),
+        )
+
     def mask(self, descriptor: int, *, is_masked: bool) -> None:
         """Read nothing from a descriptor for a while, but notice when what is behind it is lost; or read again.
 
@@ -91,18 +109,18 @@ class Poller:
 
     def _call_ready(self, wait: float) -> None:
         """Call those that are ready within `wait` seconds, unless another one of them has just cancelled it."""
-        handles = []
+        ready = []
         for descriptor, events in self._epoll.poll(wait, _AT_ONCE):
             reader, writer = self.callbacks.get(descriptor, _NOBODY)
             if reader is not None and events & ~select.EPOLLOUT:  # the end of a connection is for both
-                handles.append(reader)
+                ready.append(reader)
             if writer is not None and events & ~select.EPOLLIN:
-                handles.append(writer)
-        for handle in handles:
-            if not handle._cancelled:  # noqa: SLF001 - `cancelled()` is a call more for each
-                handle._run()  # noqa: SLF001 - as the loop does
+                ready.append(writer)
+        for waiting in ready:
+            if not waiting.handle._cancelled:  # noqa: SLF001 - `cancelled()` is a call more for each
+                self._call(waiting.call)
 
-    def _call(self, callback: Callable[[], None]) -> None:
+    def _call(self, callback: Callable[[], object]) -> None:
         try:
             callback()
         except Exception as error:  # noqa: BLE001 - an event loop reports the errors of callbacks and goes on

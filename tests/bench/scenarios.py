@@ -142,6 +142,18 @@ SCENARIOS: dict[str, Scenario] = {
         seconds=4,
         goals=(Goal(figure="of_relay", least=0.95),),
     ),
+    "lines64": Scenario(
+        what="2000 clients, 64 lines of 19200 baud",
+        clients=2000,
+        lines=64,
+        baud=19200,
+        units="1-3",
+        seconds=6,
+        warmup=4,
+    ),
+    "ports64": Scenario(
+        what="2000 clients, 64 lines, unpaced", clients=2000, lines=64, units="1-3", seconds=6, warmup=4
+    ),
     "same16": Scenario(
         what="16 clients read the same of one unit, shared",
         clients=16,

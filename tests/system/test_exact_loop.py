@@ -289,7 +289,9 @@ async def test_its_clock_is_that_of_the_timers() -> None:
     [
         (selectors.EpollSelector, "_selector"),
         (asyncio.SelectorEventLoop, "_ready"),
-        (asyncio.Handle, "_run"),
+        (asyncio.Handle, "_context"),
+        (asyncio.Handle, "_callback"),
+        (asyncio.Handle, "_args"),
         (asyncio.Handle, "_cancelled"),
     ],
 )
