@@ -1,13 +1,17 @@
 """Cross-checks of the servers that the gateway itself connects to."""
 
 from collections.abc import Iterator
+from typing import Final
 
 from gateway.config.address import Address
 from gateway.config.fleet import Site
 from gateway.config.plan import DEFAULT_LISTENER
-from gateway.config.problem import Path, Problem, error
+from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema import Config, Upstream
 from gateway.config.unitset import show_units
+
+#: What a request to another site should have, in seconds.
+_SHORTEST_TO_SITE: Final = 0.25
 
 
 def check_upstreams(config: Config) -> Iterator[Problem]:
@@ -16,6 +20,9 @@ def check_upstreams(config: Config) -> Iterator[Problem]:
         path = (*upstream.path, "to")
         if isinstance(upstream.to, Site):
             yield from _check_site(path, upstream.to, config)
+            if upstream.timeout < _SHORTEST_TO_SITE:
+                what = "is short for another site: heartbeat, request and response take their way, and 50 ms are kept"
+                yield warning((*upstream.path, "timeout"), what, 'write "250 ms" or more')
         else:
             yield from _check_server(path, upstream.to, config)
         yield from _check_units(upstream)

@@ -38,8 +38,9 @@ MISSED_PINGS: Final = 2
 #: The most messages that wait to be sent, and the most bytes that the library holds after that.
 MOST_WAITING: Final = 4096
 _LARGEST_BUFFER: Final = 256 * 1024
-#: The most messages of one subscription that wait to be delivered. What comes beyond that is lost.
+#: The most messages of one subscription that wait to be delivered, and their bytes. What comes beyond that is lost.
 _MOST_UNDELIVERED: Final = 4096
+_LARGEST_UNDELIVERED: Final = 4 * 1024 * 1024
 #: How many questions about a bucket are asked at once.
 _QUESTIONS: Final = 32
 #: The largest value in a bucket, in bytes.
@@ -95,7 +96,7 @@ class Connection:
         #: Done when the connection is lost, with the reason.
         self.lost: asyncio.Future[str] = self._loop.create_future()
         self._client = Client()
-        self._is_open = False
+        self._has_begun = self._is_open = False
         self._outbox: deque[Message] = deque()
         self._has_more = asyncio.Event()
         self._sending: asyncio.Task[None] | None = None
@@ -144,7 +145,11 @@ class Connection:
             FleetError: the connection is lost.
         """
         subscribe = self._client.subscribe(
-            subject, queue, partial(_deliver, deliver), pending_msgs_limit=_MOST_UNDELIVERED
+            subject,
+            queue,
+            partial(_deliver, deliver),
+            pending_msgs_limit=_MOST_UNDELIVERED,
+            pending_bytes_limit=_LARGEST_UNDELIVERED,
         )
         subscription = await _answered(subscribe)
         return partial(_end, subscription)
@@ -177,9 +182,10 @@ class Connection:
         if self._sending is not None:
             await asyncio.wait((self._sending,), timeout=ANSWER_TIME)
             self._sending.cancel()
-        with suppress(TimeoutError, NatsError, OSError, RuntimeError):
-            async with asyncio.timeout(ANSWER_TIME):
-                await self._client.close()
+        if self._has_begun:
+            with suppress(TimeoutError, NatsError, OSError, RuntimeError):
+                async with asyncio.timeout(ANSWER_TIME):
+                    await self._client.close()
         self.lose("it was closed")
 
     async def _connect(self) -> None:
@@ -194,6 +200,7 @@ class Connection:
             options |= {"user_jwt_cb": lambda: self._trusted(token), "signature_cb": partial(_sign, key)}
         elif login.user is not None:
             options |= {"user": lambda: self._trusted(login.user), "password": login.password or ""}
+        self._has_begun = True
         await self._client.connect(
             str(Server(address, server.port, server.is_encrypted)),
             name=f"mbgw-{login.site}",
@@ -241,6 +248,8 @@ class Connection:
             raise error
         if "permissions violation" in str(error):
             self._refused(_in_words(error))
+        elif not isinstance(error, NatsError | OSError):  # of what messages are delivered to
+            self.lose(f"a defect in the gateway: {error!r}")
 
     async def _on_closed(self) -> None:
         error = self._client.last_error

@@ -3,7 +3,8 @@
 import asyncio
 import secrets
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from gateway.fleet.presence import Presence, SiteStatus
     from gateway.fleet.serving import Serving
 
+#: How long each step of leaving may take, in seconds.
+_FAREWELL: Final = 1.0
 #: The name of this process for deadlines.
 _INSTANCE: Final = secrets.token_hex(6)
 
@@ -157,11 +160,23 @@ class Fleet:
         if self.serving is not None:
             await self.serving.serve(self._units)
 
-    async def finish(self) -> None:
-        """Take no more requests from other sites; those under way may be answered."""
-        await self.serve(tuple)
-        if self.presence is not None:
-            await self.presence.leave()
+    @asynccontextmanager
+    async def stopping(self) -> AsyncIterator[None]:
+        """Leave beside what is done in the context: take no more requests; those under way may be answered."""
+        if self.serving is None:  # as in Publishing
+            yield
+            return
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._finish(), name="fleet: good-bye")
+            yield
+
+    async def _finish(self) -> None:
+        """NATS may not take what is said any more."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_FAREWELL):
+                await self.serve(tuple)
+                if self.presence is not None:
+                    await self.presence.leave()
 
     def _told(self) -> Mapping[str, Any]:
         return self._tell()
@@ -213,7 +228,7 @@ class Fleet:
         self.reason = "there is no [fleet]"
         if task is not None:
             task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            await asyncio.wait((task,), timeout=_FAREWELL)
 
 
 def _clock() -> float:

@@ -57,8 +57,7 @@ async def serve(
                 await reloader.close()
             running.emit(events.Stopping(stop.reason))
             systemd.stopping()
-            await running.gateway.fleet.finish()
-            async with running.gateway.publishing.stopping():
+            async with running.gateway.publishing.stopping(), running.gateway.fleet.stopping():
                 await running.drain(lambda: stop.at_once)
             running.stop_listening()
     finally:

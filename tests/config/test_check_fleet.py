@@ -104,6 +104,11 @@ def test_a_site_that_cannot_be_asked_is_an_error(to, fleet, said):
     assert any(each.startswith(said) for each in problems(SITE + UPSTREAM.format(to) + fleet))
 
 
+def test_a_time_out_that_leaves_nothing_to_the_owner_is_a_warning():
+    said = of_fleet(SERVERS, SITE + UPSTREAM.format("fleet://plant-1") + 'timeout = "200 ms"\n')
+    assert [each.partition(" is ")[0] for each in said] == ["warning: upstream[0].timeout:"]
+
+
 ACCESS = '[[access]]\n{}\nallow = ["read", "write"]\n'
 
 

@@ -253,3 +253,11 @@ def test_a_site_that_claims_the_name_of_another_gets_nothing(fleet: Fleet) -> No
             assert ask(fleet.control, 41, READ).pdu == "03 02 00 00"
     assert not fleet.device.writes(66)
     assert len(fleet.device.heard) == heard + 2
+
+
+def test_a_gateway_stops_in_time_while_nats_says_nothing(fleet: Fleet) -> None:
+    fleet.hub.halt()
+    began = time.monotonic()
+    assert fleet.control.stop() == 0
+    assert time.monotonic() - began < 15
+    fleet.hub.resume()

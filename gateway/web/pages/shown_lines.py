@@ -37,7 +37,8 @@ def shown_lines(status: Status) -> Iterator[ShownLine]:
         is_asked = serves is not None
         yield ShownLine(each.name, each.mode, each.baud, each.format, each.port, settings, busy, units, each, is_asked)
     for each in status.upstreams:
-        yield ShownLine(each.name, "tcp", 0, "", each.to, "Modbus TCP", None, _units_on(status, each.name), each)
+        spoken = "NATS" if each.to.startswith("fleet://") else "Modbus TCP"
+        yield ShownLine(each.name, "tcp", 0, "", each.to, spoken, None, _units_on(status, each.name), each)
 
 
 def _units_on(status: Status, name: str) -> tuple[tuple[int, str], ...]:

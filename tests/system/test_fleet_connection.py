@@ -1,0 +1,136 @@
+"""The connection to a real NATS server: logins, buckets, what is refused, and what is lost."""
+
+import asyncio
+import ssl
+
+import pytest
+
+from gateway.errors import FleetError
+from gateway.fleet.connection import Connection, Login, Server
+from gateway.fleet.messages import Message
+from kit.free_port import free_port
+from kit.nats import NatsServer, needs_nats
+from kit.process import PATIENCE
+
+pytestmark = needs_nats
+
+
+def server_of(nats: NatsServer, *, is_encrypted: bool = False) -> Server:
+    return Server("127.0.0.1", nats.port, is_encrypted)
+
+
+async def test_a_message_that_nobody_wants_says_so(tmp_path):
+    with NatsServer(tmp_path) as nats:
+        connection = Connection(server_of(nats), Login("a"))
+        await connection.open()
+        heard: asyncio.Queue[Message] = asyncio.Queue()
+        await connection.subscribe("mbgw.a.answer.>", heard.put_nowait)
+        connection.publish(Message("mbgw.b.unit.1.from.a", b"\x03", "mbgw.a.answer.b.1", {"Hops": "1"}))
+        answer = await asyncio.wait_for(heard.get(), PATIENCE)
+        assert (answer.subject, answer.has_no_responders) == ("mbgw.a.answer.b.1", True)
+        await connection.close()
+
+
+async def test_what_is_subscribed_comes_with_its_headers_until_it_is_ended(tmp_path):
+    with NatsServer(tmp_path) as nats:
+        connection = Connection(server_of(nats), Login("a"))
+        await connection.open()
+        heard: asyncio.Queue[Message] = asyncio.Queue()
+        end = await connection.subscribe("mbgw.a.unit.1.from.*", heard.put_nowait, "mbgw")
+        message = Message("mbgw.a.unit.1.from.b", b"\x03\x00", "mbgw.b.answer.a.1", {"Client": "x:1"})
+        connection.publish(message)
+        found = await asyncio.wait_for(heard.get(), PATIENCE)
+        assert (found.subject, found.body, found.reply) == (message.subject, message.body, message.reply)
+        assert dict(found.headers or {}) == {"Client": "x:1"}
+        await end()
+        connection.publish(message)
+        await connection.settle()
+        assert heard.empty()
+        await connection.close()
+
+
+async def test_a_bucket_changes_only_for_who_knows_what_is_there(tmp_path):
+    with NatsServer(tmp_path) as nats:
+        connection = Connection(server_of(nats), Login("a"))
+        await connection.open()
+        bucket = await connection.bucket("mbgw-status")
+        assert await bucket.entries() == []
+        assert await bucket.get("a") is None
+        first = await bucket.create("a", b"1")
+        assert await bucket.create("a", b"2") is None
+        second = await bucket.update("a", b"3", first)
+        assert await bucket.update("a", b"4", first) is None
+        assert (await bucket.get("a")).value == b"3"
+        await bucket.put("b", b"5")
+        assert {each.key: each.value for each in await bucket.entries()} == {"a": b"3", "b": b"5"}
+        assert all(each.created for each in await bucket.entries())
+        assert not await bucket.delete("a", first)
+        assert await bucket.delete("a", second)
+        assert await bucket.get("a") is None
+        assert [each.key for each in await bucket.entries()] == ["b"]
+        assert await bucket.create("a", b"6")
+        await connection.close()
+
+
+async def _opened(nats: NatsServer, login: Login, *, is_encrypted: bool = False) -> None:
+    connection = Connection(server_of(nats, is_encrypted=is_encrypted), login)
+    try:
+        await connection.open()
+    finally:
+        await connection.close()
+
+
+async def test_a_wrong_login_is_told_in_words(tmp_path):
+    with NatsServer(tmp_path, "authorization { user: a, password: right }") as nats:
+        await _opened(nats, Login("a", "a", "right"))
+        with pytest.raises(FleetError, match="it refuses this user"):
+            await _opened(nats, Login("a", "a", "wrong"))
+
+
+async def test_a_credentials_file_logs_in(tmp_path):
+    operators = pytest.importorskip("kit.nats_tokens", reason="it needs cryptography")
+    operator = operators.Operator(["mbgw.>"], ["mbgw.>"])
+    with NatsServer(tmp_path, operator.settings) as nats:
+        await _opened(nats, Login("a", credentials=operator.credentials("a")))
+        other = operators.Operator(["mbgw.>"], ["mbgw.>"])
+        with pytest.raises(FleetError, match="it refuses this user"):
+            await _opened(nats, Login("a", credentials=other.credentials("a")))
+        with pytest.raises(FleetError, match="the credentials file is none"):
+            await _opened(nats, Login("a", credentials="-----BEGIN NATS USER JWT-----\nx\n"))
+
+
+async def test_no_password_goes_where_tls_was_asked_for_and_is_not_offered(tmp_path):
+    with NatsServer(tmp_path, "authorization { user: a, password: right }") as nats:
+        context = ssl.create_default_context()
+        with pytest.raises(FleetError, match="it does not offer TLS"):
+            await _opened(nats, Login("a", "a", "right", context=context), is_encrypted=True)
+
+
+async def test_nobody_at_the_address_is_told_in_words():
+    connection = Connection(Server("127.0.0.1", free_port()), Login("a"))
+    with pytest.raises(FleetError, match="Connection refused"):
+        await connection.open()
+    await connection.close()
+
+
+async def test_a_connection_that_is_lost_says_so_and_takes_nothing_more(tmp_path):
+    with NatsServer(tmp_path) as nats:
+        connection = Connection(server_of(nats), Login("a"))
+        await connection.open()
+        nats.kill()
+        assert await asyncio.wait_for(asyncio.shield(connection.lost), PATIENCE)
+        assert not connection.publish(Message("mbgw.a.clock", b"1"))
+        await connection.close()
+
+
+async def test_a_subject_that_is_refused_is_told(tmp_path):
+    rights = '{ publish: ["mbgw.a.clock"], subscribe: ["mbgw.a.>"] }'
+    with NatsServer(
+        tmp_path, f"authorization {{ users: [{{ user: a, password: a, permissions: {rights} }}] }}"
+    ) as nats:
+        refused: asyncio.Queue[str] = asyncio.Queue()
+        connection = Connection(server_of(nats), Login("a", "a", "a"), refused.put_nowait)
+        await connection.open()
+        connection.publish(Message("mbgw.b.unit.1.from.c", b"\x03"))
+        assert "mbgw.b.unit.1.from.c" in await asyncio.wait_for(refused.get(), PATIENCE)
+        await connection.close()
