@@ -223,6 +223,14 @@ def _lines_down(site: Mapping[str, Any]) -> str:
     return ", ".join(site["lines_down"]) or _NOTHING
 
 
+def _is_held(lease: Mapping[str, Any]) -> str:
+    return "yes" if lease["is_held"] else "no"
+
+
+def _reachable(lease: Mapping[str, Any]) -> str:
+    return lease["trouble"] or "answers"
+
+
 def _down_for(broker: Mapping[str, Any]) -> str:
     return _age(broker["down_ms"])
 
@@ -347,6 +355,18 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
             "COMMANDS": "commands",
             "POLLS": "polls",
             "FAILED": "failed_polls",
+        },
+    ),
+    (
+        "Leases",
+        "leases",
+        {
+            "LEASE": "name",
+            "LINE": "line",
+            "HELD HERE": _is_held,
+            "HOLDER": "holder",
+            "TAKEN": "taken",
+            "NATS": _reachable,
         },
     ),
     (
