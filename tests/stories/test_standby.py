@@ -5,8 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from gateway.config.load import parse
+from gateway.config.plan import FleetPlan
+from gateway.config.resolve import resolve
 from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
+from gateway.service.build import Gateway, build
 from gateway.service.fleet import Fleet
 from gateway.service.metrics import read
 from gateway.service.running import Running
@@ -67,7 +71,11 @@ def store(monkeypatch: pytest.MonkeyPatch) -> KeyValues:
             raise FleetError("NATS cannot be reached: it is away")
         return store
 
+    async def adopt(fleet: Fleet, plan: FleetPlan | None) -> None:
+        """There is no NATS."""
+
     monkeypatch.setattr(Fleet, "bucket", bucket)
+    monkeypatch.setattr(Fleet, "adopt", adopt)
     monkeypatch.setattr("gateway.fleet.standby.clock_gettime", lambda _: 1000.0 + asyncio.get_running_loop().time())
     return store
 
@@ -83,6 +91,15 @@ def is_open(bench: GatewayBench) -> bool:
 
 def config(site: str, more: str = "") -> str:
     return CONFIG.format(site=site) + more
+
+
+def rebuilt(bench: GatewayBench, text: str) -> Gateway:
+    """The gateway of another config, with what is the same in both."""
+    loaded = parse(text, port_trouble=lambda port: None, real_path=lambda port: port)
+    loop = asyncio.get_running_loop()
+    return build(
+        resolve(loaded.config), loop, bench._open, bench.memory, bench.events.append, running=bench.running.gateway
+    )
 
 
 async def exchange(bench: GatewayBench, request: str, response: str) -> str:
@@ -287,3 +304,26 @@ async def test_the_port_is_not_lent(store: KeyValues) -> None:
         with pytest.raises(WrongQuestion, match="others may ask there"):
             async with running.port_lent(one.gateway.lines[0], "a test"):
                 pass
+
+
+async def test_a_reload_that_gives_the_line_another_lease_gives_the_old_one_back(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            await one.running.switch(rebuilt(one, config("a").replace('lease   = "hall-a"', 'lease   = "hall-b"')))
+            await asyncio.sleep(1.0)
+            assert [event.silent_s for event in told(other, LeaseTaken)] == [0.0]
+            assert not is_open(one)
+            await asyncio.sleep(LONG)
+            assert is_open(one)
+
+
+async def test_a_reload_that_does_not_touch_the_line_leaves_its_lease_alone(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        line = one.gateway.lines[0]
+        await one.running.switch(rebuilt(one, config("a", "[[image]]\nunit = 200\nholding = 1\n")))
+        await asyncio.sleep(1.0)
+        assert one.running.gateway.lines == (line,)
+        assert len(told(one, LeaseTaken)) == 1

@@ -1,15 +1,17 @@
 """Two gateways with one lease on one bus: a short form of tests/soak/standby.py, each kind of fault once."""
 
+import json
+import os
+import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
 from kit.nats import NatsServer, needs_nats
 from kit.shared_bus import Bus, sometimes_late
 from soak.standby import TTL, Site, Stage
-
-pytestmark = needs_nats
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +31,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
         yield Stage(1, nats, bus, (sites[0], sites[1]), has_clock=False)
 
 
+@needs_nats
 @pytest.mark.parametrize(
     "fault",
     [
@@ -44,6 +47,7 @@ def test_two_never_ask_at_once_and_one_goes_on(stage: Stage, fault: str) -> None
     assert sum(site.answers["wrong"] for site in stage.sites) == 0
 
 
+@needs_nats
 def test_after_a_stop_the_other_one_goes_on_at_once(stage: Stage) -> None:
     stage.wait_for_service()
     holder, standby = stage.holder, stage.standby
@@ -52,3 +56,24 @@ def test_after_a_stop_the_other_one_goes_on_at_once(stage: Stage) -> None:
     assert stage.holder is standby
     assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
     holder.start()
+
+
+@pytest.mark.parametrize(("lease", "holds"), [("plant-1.hall-a", True), ("plant-1.hall-b", False), ("other", False)])
+def test_keepalived_is_told_whether_the_gateway_holds_the_lease(tmp_path: Path, lease: str, holds: bool) -> None:
+    leases = [{"name": "plant-1.hall-a", "is_held": True}, {"name": "plant-1.hall-b", "is_held": False}]
+    gateway = tmp_path / "modbus-gateway"
+    gateway.write_text(f"#!/bin/sh\n[ \"$*\" = 'status --json' ] && echo '{json.dumps({'leases': leases})}'\n")
+    gateway.chmod(0o755)
+    script = Path(__file__).parents[2] / "deploy" / "keepalived" / "holds-lease"
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    told = subprocess.run([script, lease], env={**os.environ, "PATH": path}, check=False)
+    assert (told.returncode == 0) is holds
+
+
+def test_without_a_running_gateway_it_holds_no_lease(tmp_path: Path) -> None:
+    gateway = tmp_path / "modbus-gateway"
+    gateway.write_text("#!/bin/sh\nexit 1\n")
+    gateway.chmod(0o755)
+    script = Path(__file__).parents[2] / "deploy" / "keepalived" / "holds-lease"
+    env = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    assert subprocess.run([script, "hall-a"], env=env, capture_output=True, check=False).returncode != 0
