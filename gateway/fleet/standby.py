@@ -94,6 +94,8 @@ class Standby:
         self._emit = emit
         self._shared = shared
         self._keeping: asyncio.Task[None] | None = None
+        #: Whether others were told that the lease is held.
+        self._is_told = False
         self._unusable_since: float | None = None
         self._wake = asyncio.Event()
 
@@ -167,23 +169,36 @@ class Standby:
         """Do with the port what the lease says."""
         lease, now = self.lease, _now()
         lease.tick(now)
-        if lease.is_held and self._keeping is None:
-            self._begin()
-        elif not lease.is_held:
-            if self._keeping is not None and await self._close():
-                self._emit(LeaseLost(self._line, self.name, lease.reason))
-            self._withhold()
+        self._look_after_port()
+        if not lease.is_held:
+            await self._leave()
             return
-        if self._keeping is not None and self._keeping.done():
-            self._keeping.result()
+        if self._keeping is None:
+            self._begin()
         lease.state = self._shared.state()
         self._watch_port(now)
+
+    def _look_after_port(self) -> None:
+        """A port that took long to close is closed at last; a defect ends the standby."""
+        if self._keeping is not None and self._keeping.done():
+            keeping, self._keeping = self._keeping, None
+            if not keeping.cancelled():
+                keeping.result()
+
+    async def _leave(self) -> None:
+        """Close the port, if it is open."""
+        if self._is_told:
+            self._is_told = False
+            self._emit(LeaseLost(self._line, self.name, self.lease.reason))
+        await self._close()
+        self._withhold()
 
     async def _close(self) -> bool:
         """Close the port; whether it is closed, for a driver may hang."""
         if self._keeping is None:
             return True
-        self._keeping.cancel()
+        if not self._keeping.cancelling():  # a second one would end the wait for the driver
+            self._keeping.cancel()
         closed, _ = await asyncio.wait((self._keeping,), timeout=CLOSING_TIME)
         if closed:
             self._keeping = None
@@ -195,6 +210,7 @@ class Standby:
         if inherited is not None:
             self._shared.adopt(inherited)
         self.taken += 1
+        self._is_told = True
         self._unusable_since = None
         self._emit(LeaseTaken(self._line, self.name, round(self.silence(), 1)))
         self._keeping = asyncio.create_task(self._shared.keep_open(), name=f"line:{self._line}")
@@ -219,6 +235,8 @@ class Standby:
         question = lease.next(_now())
         if was_held and question is not None and not isinstance(question, Read):
             await self._ask(question, FAREWELL)
+        if self._is_told:
+            self._is_told = False
             self._emit(LeaseLost(self._line, self.name, lease.reason))
 
 
