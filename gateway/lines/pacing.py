@@ -77,8 +77,8 @@ class Pace:
         late = now - self._first_at - came * character
         if late < -_ROUGHLY * character:
             return None
-        # What comes in bundles is seen late by as much, and the rest is under way already.
-        held_back = max(self._held_back, min(late, HELD_BACK))
+        # By more than a character only what comes in bundles is seen late, and then the rest is under way already.
+        held_back = max(self._held_back, min(late - character, HELD_BACK))
         pause = (missing - AS_THEY_COME) * character - held_back
         pause = min(pause, LONGEST if came else LONGEST_UNPROVEN)
         return None if pause < WORTH * character else now + pause
