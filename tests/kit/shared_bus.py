@@ -24,6 +24,8 @@ UNITS = (1, 2, 3)
 #: What a device adds to the wire's time until it answers, in seconds.
 THINKS = 0.002
 DEVICE = "device"
+#: A device whose answer the machine has held up for so long does not answer, in seconds: it may miss its window.
+HELD_UP = 0.05
 #: Frames of two askers are never nearer than this, in seconds: who takes over opens a port first.
 NEAR = 0.002
 
@@ -122,6 +124,10 @@ class Bus:
     lateness: Callable[[], float] = lambda: 0.0
     collisions: list[Collision] = field(default_factory=list)
     frames: int = 0
+    #: Answers that were not given: see HELD_UP. Who asked last, and since when.
+    held_up: int = 0
+    asker: str = ""
+    changed_at: float = 0.0
     #: When somebody asked last, by name.
     asked: dict[str, float] = field(default_factory=dict)
     _adapters: dict[str, list[Adapter]] = field(default_factory=dict)
@@ -193,6 +199,8 @@ class Bus:
     def _look(self, sent: Sent) -> None:
         """Whether somebody else is on the wire."""
         self.frames += 1
+        if sent.asker != self.asker:
+            self.asker, self.changed_at = sent.asker, sent.begins
         self.asked[sent.asker] = sent.begins
         others = [each for each in (*self._wire, *self._due, *self._pieces.values()) if each.asker != sent.asker]
         met = [each for each in others if each.begins < sent.ends + NEAR and sent.begins < each.ends + NEAR]
@@ -208,7 +216,10 @@ class Bus:
             self._answer(piece)
         for each in [each for each in self._due if each.ends <= now]:
             self._due.remove(each)
-            self._hear(each)
+            if now < each.ends + HELD_UP:
+                self._hear(each)
+            else:
+                self.held_up += 1
 
     def _hear(self, sent: Sent) -> None:
         self._wire.append(sent)

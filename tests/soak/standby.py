@@ -74,6 +74,7 @@ class Site:
         #: When it was continued, each time.
         self.continued_at: list[float] = []
         self.answered_at = 0.0
+        self.wrong: list[float] = []
         self.answers: Counter[str] = Counter()
         self._folder = folder / name
         self._folder.mkdir()
@@ -158,6 +159,7 @@ class Site:
             self.answers[f"{pdu[1]:02X}"] += 1
         else:
             self.answers["wrong"] += 1
+            self.wrong.append(time.monotonic())
             print(f"wrong: {self.name} was asked for {register} of {unit} and said {answer.hex(' ')}", flush=True)
 
 
@@ -308,7 +310,7 @@ def soak(rounds: int, seed: int, *, server: bool) -> int:
     """So many faults; how often something was wrong."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        bus = Bus(lateness=sometimes_late(seed, share=0.02, longest=0.4))
+        bus = Bus(lateness=sometimes_late(seed, share=0.04, longest=0.25))
         clock = wall_clock(folder)
         nats = stack.enter_context(NatsServer(folder))
         sites = []
@@ -325,6 +327,10 @@ def soak(rounds: int, seed: int, *, server: bool) -> int:
         stage = Stage(seed, nats, bus, (sites[0], sites[1]), has_clock=clock is not None)
         for number in range(1, rounds + 1):
             stage.round()
+            for site in sites:
+                for at in site.wrong:
+                    print(f"{site.name} was wrong {at - bus.changed_at:.2f} s after the last change of the holder")
+                site.wrong.clear()
             if number % 25 == 0 or number == rounds:
                 print(f"{number} rounds, {len(bus.collisions)} collisions", flush=True)
     return tell(stage)
@@ -342,6 +348,7 @@ def tell(stage: Stage) -> int:
     for site in stage.sites:
         print(f"{site.name}: {dict(site.answers)}")
     wrong = sum(site.answers["wrong"] for site in stage.sites)
+    print(f"{bus.held_up} answers were not given, because this machine held them up")
     print(
         f"{bus.frames} frames, {met} of two askers at once, {apart} just after a stop, {wrong} wrong answers, "
         f"longest gap {max(stage.gaps.values()):.2f} s"
