@@ -44,6 +44,8 @@ from kit.shared_bus import REGISTERS, UNITS, Bus, Collision, sometimes_late
 TTL, TTL_BEHIND_SERVER = 2.0, 3.0
 #: The longest time that a fault lasts, in leases.
 LONGEST_FAULT = 1.5
+#: After a gap of so many leases the logs are told.
+WORTH_TELLING = 2.5
 #: How soon after it was continued a gateway may write what it had decided before it was stopped, in seconds.
 JUST_CONTINUED = 0.05
 #: How long nobody may answer after a fault is over, in seconds.
@@ -134,6 +136,11 @@ class Site:
         with self._off.open("r+b") as file, mmap.mmap(file.fileno(), 8) as off:
             off[:] = seconds.to_bytes(8, sys.byteorder, signed=True)
 
+    def tell(self) -> None:
+        """Print the last that it has logged."""
+        for event in [] if self._gateway is None else self._gateway.log[-12:]:
+            print(f"  {self.name}: {event['timestamp']} {event['event']} {event.get('reason', '')}", flush=True)
+
     def _keep_asking(self) -> None:
         choose = random.Random(self.name)
         while not self._is_over:
@@ -210,6 +217,10 @@ class Stage:
             self._faults[fault](lasts)
             self.wait_for_service()
         self.gaps[fault] = max(self.gaps[fault], watching.gap)
+        if watching.gap > WORTH_TELLING * self.holder.ttl:
+            print(f"{fault} for {lasts:.2f} s: nobody was answered for {watching.gap:.2f} s", flush=True)
+            for site in self.sites:
+                site.tell()
 
     def was_just_continued(self, collision: Collision) -> bool:
         """Whether one of the two may have been stopped between its look at the clock and its write."""
@@ -362,6 +373,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--server", action="store_true", help="a device server instead of serial adapters")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that no gateway is left behind
     return 1 if soak(arguments.rounds, arguments.seed, server=arguments.server) else 0
 
 
