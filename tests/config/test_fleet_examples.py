@@ -1,5 +1,6 @@
 """The examples for fleets: what is copied from them works."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -8,7 +9,11 @@ from ruamel.yaml import YAML
 
 from gateway.config.load import parse
 
-ANSIBLE = Path(__file__).resolve().parents[2] / "deploy" / "ansible"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
+HUB = (ROOT / "deploy" / "nats" / "hub.conf").read_text(encoding="utf-8")
+ANSIBLE = ROOT / "deploy" / "ansible"
+ON_PAGE = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 CONFIGS = sorted((ANSIBLE / "configs").iterdir())
 
 
@@ -16,6 +21,19 @@ CONFIGS = sorted((ANSIBLE / "configs").iterdir())
 def test_a_config_of_the_fleet_can_be_used(file):
     loaded = parse(file.read_text(encoding="utf-8"), file.name)
     assert [str(one) for one in loaded.problems if one.severity == "error"] == []
+
+
+@pytest.mark.parametrize("text", ON_PAGE, ids=range(len(ON_PAGE)))
+def test_a_config_on_the_page_can_be_pasted(text):
+    assert [str(one) for one in parse(text, "gateway.toml").problems if one.severity == "error"] == []
+
+
+def test_the_table_of_rights_has_what_the_hub_gives_a_site():
+    block = HUB.partition("\nplant-1: {")[2].partition("\n}\n")[0]
+    subjects = {each.replace("plant-1", "X") for each in re.findall(r'"([^"]+\.[^"]+)"', block)}
+    table = PAGE.partition("| a site X may |")[2].partition("\n\n")[0]
+    told = {each for each in re.findall(r"`([^`]+)`", table) if each.startswith(("mbgw.", "_INBOX", "$KV"))}
+    assert told == {each for each in subjects if not each.startswith("$JS")}
 
 
 def test_each_host_has_a_config_for_the_site_of_its_name():
