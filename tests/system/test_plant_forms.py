@@ -84,7 +84,7 @@ def test_what_is_gone_is_taken_back_after_a_reload_and_after_a_restart(broker, t
         gateway.signal(signal.SIGKILL)
         gateway.wait()
     fewer = config(broker, "home_assistant = true", points='"valve"')
-    with GatewayProcess(tmp_path, fewer), Listener(broker, SILO) as home:
+    with Listener(broker, SILO) as home, GatewayProcess(tmp_path, fewer):
         home.wait_for(SILO, where=lambda payload: components(payload).get("weight") == {"p": "sensor"})
         home.wait_for(SILO, where=lambda payload: set(components(payload)) == {"valve"})
 
