@@ -25,8 +25,8 @@ from gateway.tls.store import TlsStore
 OUTLIVED: Final = "its session is older than the end of an authority's certificate, or of a revocation list"
 
 #: How many sessions of TLS 1.2 may be kept for clients that take no tickets. Each takes 10 KiB, and OpenSSL would keep
-#: twenty times as many.
-MOST_SESSIONS: Final = 1000
+#: forty times as many.
+MOST_SESSIONS: Final = 500
 
 
 class TlsListener(TcpListener):

@@ -99,14 +99,18 @@ class _State(NamedTuple):
     folder: Path
 
 
+def _load_certificates(plan: Plan, emit: events.Emit) -> TlsStore:
+    contexts, certificates = TlsStore(), load_all(plan.secured)
+    warn_of_certificates(certificates, emit)
+    contexts.adopt(certificates)
+    return contexts
+
+
 async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_out: FanOut) -> None:
     emit = fan_out.emit
     loop = asyncio.get_running_loop()
 
-    contexts = TlsStore()
-    certificates = load_all(plan.secured)
-    warn_of_certificates(certificates, emit)
-    contexts.adopt(certificates)
+    contexts = _load_certificates(plan, emit)
     open_port = partial(opener, store=contexts)
 
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:

@@ -1,13 +1,13 @@
 """What TLS costs: memory of a connection, handshakes a second, processor time of a transaction, and others' patience.
 
-    .venv/bin/python tests/bench/tls.py [--connections 1000] [--flood finished|half-open]
+    .venv/bin/python tests/bench/tls.py [--connections 1000] [--flood finished|half-open|byte-by-byte]
 
 `--flood`: a plain client asks every 2 ms, while another process begins handshakes as fast as it can from 4 addresses:
-all are finished, with a good certificate, or half of them are left open. The flood has the lowest priority, as it
-comes from other machines in a plant. Rounds of three kinds take turns: without it, with it at another gateway, which
-takes the same from the machine, and with it here. What counts is the 99th percentile of the third over that of the
-second, the median of all rounds; GOAL is its bound (status 1). Other work on the machine is felt: the load is printed.
-`chrt -r 5` keeps it away.
+all are finished, with a good certificate, or half of them are left open, or each byte is sent alone. The flood has the
+lowest priority, as it comes from other machines in a plant. Rounds of three kinds take turns: without it, with it at
+another gateway, which takes the same from the machine, and with it here. What counts is the 99th percentile of the
+third over that of the second, the median of all rounds; GOAL is its bound (status 1). Other work on the machine is
+felt: the load is printed. `chrt -r 5` keeps it away.
 """
 
 import argparse
@@ -35,7 +35,7 @@ READ = encode(1, 200, bytes.fromhex("03 0000 000A"))
 ANSWER = 29
 ROUNDS, ROUND, PACE = 7, 2.0, 0.002
 #: What the handshakes of a flood become.
-FLOODS = {"half-open": "finished unfinished", "finished": "finished"}
+FLOODS = {"half-open": "finished unfinished", "finished": "finished", "byte-by-byte": "dribbled"}
 TICKS = os.sysconf("SC_CLK_TCK")
 
 FLOOD = """
@@ -47,13 +47,24 @@ context = ssl.create_default_context(cafile=f"{cert}/ca.crt")
 context.check_hostname = False
 context.load_cert_chain(f"{cert}/operator.crt", f"{cert}/operator.key")
 done, began = 0, time.monotonic()
-def flood(own, finishes):
+def dribble(plain):
+    incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+    try:
+        context.wrap_bio(incoming, outgoing).do_handshake()
+    except ssl.SSLWantReadError:
+        pass
+    plain.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    for byte in outgoing.read():
+        plain.send(bytes((byte,)))
+def flood(own, kind):
     global done
     kept = []
     while True:
         try:
             plain = socket.create_connection(("127.0.0.1", port), 5, (own, 0))
-            if finishes:
+            if kind == "dribbled":
+                dribble(plain)
+            elif kind == "finished":
                 context.wrap_socket(plain).close()
                 done += 1
             else:
@@ -64,7 +75,7 @@ def flood(own, finishes):
             pass
 for own in range(2, 6):
     for kind in kinds:
-        threading.Thread(target=flood, args=(f"127.0.0.{own}", kind == "finished"), daemon=True).start()
+        threading.Thread(target=flood, args=(f"127.0.0.{own}", kind), daemon=True).start()
 sys.stdin.read()
 print(done / (time.monotonic() - began))
 """
