@@ -44,7 +44,7 @@ def test_a_port_without_parity_takes_characters_as_they_come(before):
     ],
 )
 def test_a_clock_divided_by_a_whole_number(baud, actual):
-    """tests/soak/uart.py sees the kernel's driver do the same."""
+    """tests/qemu/uart.py sees the kernel's driver do the same."""
     assert divided(115_200, baud) == actual
 
 

@@ -1,4 +1,4 @@
-"""RS-485 in a driver; a true one is in tests/soak/uart.py."""
+"""RS-485 in a driver; a true one is in tests/qemu/uart.py."""
 
 import errno
 import os

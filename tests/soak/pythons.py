@@ -39,6 +39,8 @@ COMPILED: Final = (
     *("--ignore", "tests/stories/test_accepted_configs.py", "-o", "pythonpath=tests deploy"),
     *("-m", "not search and not interpreted"),
 )
+#: Runs the pure wheel; no wheel is compiled for it yet.
+NEXT: Final = "3.15"
 PLATFORMS: Final = ("x86_64-unknown-linux-musl", "aarch64-unknown-linux-musl")
 
 
@@ -185,7 +187,7 @@ def main() -> int:
     parser.add_argument("--with", action="append", choices=RUNS, dest="libraries", help="what is run; all without any")
     args = parser.parse_args()
     outcomes, absent = [], []
-    for name in args.pythons or PYTHONS:
+    for name in args.pythons or (*PYTHONS, NEXT):
         python = find(name)
         if python:
             outcomes += [run(name, python, libraries) for libraries in args.libraries or RUNS]

@@ -1,7 +1,7 @@
 """What any transport behind `gateway.ports.port` must do on a serial port, seen from outside, on pseudo-terminals.
 
 One that is to take the place of the present one is added to TRANSPORTS, and must pass all of this; what only a UART
-shows (formats, parity, RS-485, the rate of the hardware) is seen by tests/soak/uart.py.
+shows (formats, parity, RS-485, the rate of the hardware) is seen by tests/qemu/uart.py.
 Why: docs/adr/0015-serial-transport.md.
 """
 

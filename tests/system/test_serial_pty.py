@@ -117,7 +117,7 @@ def descriptors():
 
 @pytest.mark.parametrize(("format_", "expected"), [("8E1", termios.INPCK | termios.PARMRK), ("8N1", 0)])
 async def test_a_port_with_parity_checks_it_at_every_rate(virtual, user, monkeypatch, format_, expected):
-    """As far as a pseudo-terminal shows it; tests/soak/uart.py sees a UART."""
+    """As far as a pseudo-terminal shows it; tests/qemu/uart.py sees a UART."""
     monkeypatch.setattr(opening, "VIRTUAL_MAJORS", ())
     monkeypatch.setattr(opening, "_check_format", lambda *_: None)
     with closing(Descriptor(virtual.path)) as beside:

@@ -1,4 +1,4 @@
-"""What soak/uart.py runs in the machine: prints a line for each check, `ok` or what was seen instead."""
+"""What qemu/uart.py runs in the machine: prints a line for each check, `ok` or what was seen instead."""
 
 import asyncio
 import fcntl
