@@ -19,11 +19,12 @@ pytest_plugins = ["kit.skips"]
 _TESTS = Path(__file__).parent
 #: Folders whose tests meet sockets, terminals and processes: they run in real time, after all others.
 _REAL_TIME = frozenset({"system", "bench"})
-#: Files of them that take longest, in that order: each is run by one worker, and none of these shall begin last.
+#: Files that take longest, in that order: in real time each is run by one worker, and none of these shall begin last.
 _LONGEST = (
-    *("test_pages_in_browser", "test_logins_in_browser"),
-    *("test_systemd", "test_doctor", "test_web_api", "test_trace", "test_scan", "test_read_write", "test_demo"),
-    *("test_web", "test_store", "test_go", "test_device_server", "test_calibrate"),
+    *("test_accepted_configs", "test_pages_in_browser", "test_systemd", "test_logins_in_browser"),
+    *("test_tls", "test_mqtt", "test_doctor", "test_kiosk", "test_web_api", "test_traffic_page", "test_history"),
+    *("test_read_write", "test_moving_listeners", "test_demo", "test_trace", "test_scan", "test_web", "test_store"),
+    *("test_go", "test_device_server", "test_calibrate"),
 )
 
 #: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.

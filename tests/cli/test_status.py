@@ -175,7 +175,7 @@ def _places(value: Any) -> Iterator[tuple[Any, Any]]:
 
 
 @pytest.mark.parametrize("instead", [None, 7, "text", [], {}, "nothing at all"])
-def test_no_key_is_missed_and_no_kind_of_value_is_relied_on(monkeypatch, capsys, instead) -> None:
+def test_no_key_is_missed_and_no_kind_of_value_is_relied_on(instead) -> None:
     count = len(list(_places(as_told(STATUS))))
     for number in range(count):
         status = as_told(STATUS)
@@ -184,7 +184,7 @@ def test_no_key_is_missed_and_no_kind_of_value_is_relied_on(monkeypatch, capsys,
             del table[key]
         else:
             table[key] = instead
-        assert shown(status, monkeypatch, capsys)
+        assert show_status(status, 80)
 
 
 @pytest.mark.parametrize("answer", [{"ok": True}, {"ok": True, "status": []}])

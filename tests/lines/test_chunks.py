@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gateway.events import UnitRecovered
+from gateway.events import UnitRecovered, UnitResting
 from gateway.lines.breaker import FAILURES
 from gateway.timing.characters import LineTiming
 from kit.line_bench import ASCII, READ, RESPONSE, TIMING, Bench
@@ -20,6 +20,8 @@ FRAMES = st.sampled_from(
         *((2, pdu) for pdu in (RESPONSE, READ, "83 06")),
     ]
 )
+#: Only silence ends it.
+OF_UNKNOWN_SIZE = ((1, "41 01 02"), 0, 99)
 PIECES = st.tuples(FRAMES, st.sampled_from([0, 0, 0, 2, 5]), st.sampled_from([99, 99, 99, 3, 5, 7]))
 #: What is asked or comes at one time, and how much time passes then.
 STEPS = st.tuples(
@@ -86,6 +88,8 @@ def test_the_same_comes_of_them(
         line = bench.line
         heard = line.overheard, line.unasked_bytes
         events = sorted(type(event).__name__ for event in bench.events)
+        # From a unit that rests it counts while nothing is behind it: a cut there may end the rest, and nothing else.
+        assume(not (bench.told(UnitResting) and any(OF_UNKNOWN_SIZE in pieces[:-1] for _, pieces, _ in steps)))
         outcomes.append((bench.client.answers, repr(bench.counts), repr(heard), events, bench.written))
     assert outcomes[0] == outcomes[1]
 

@@ -10,19 +10,28 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import ConfigError
-from gateway.service.config_process import ANSWER, ConfigProcess, ConfigRead, read_config
+from gateway.service.config_process import ANSWER, ConfigProcess, ConfigRead, _handed_over, read_config
 from gateway.service.config_reader import packed, read_here
 
 NOTHING = ConfigRead(None, ())
 EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
 
 
+@pytest.fixture(autouse=True)
+def _busy_machines_are_slow(monkeypatch):
+    monkeypatch.setattr("gateway.service.config_process.READING_TIME", 120.0)
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_a_plan_is_packed_as_it_is(file):
+    read = read_here(file)
+    assert read.plan is not None
+    assert _handed_over(ANSWER + packed(read)) == read
+
+
 def test_a_plan_is_handed_over_as_it_is():
-    processes = [ConfigProcess(file, 60.0) for file in EXAMPLES]
-    for file, process in zip(EXAMPLES, processes, strict=True):
-        read = process.result()
-        assert read.plan is not None
-        assert read == read_here(file)
+    file = max(EXAMPLES, key=lambda file: file.stat().st_size)
+    assert read_config(file) == read_here(file)
 
 
 def test_problems_come_with_their_words(tmp_path):
@@ -55,7 +64,7 @@ def test_a_file_that_is_none_is_given_up_and_so_is_the_process(tmp_path):
 def test_a_hang_up_that_is_meant_for_the_gateway_does_not_end_it(tmp_path):
     file = tmp_path / "gateway.toml"
     file.write_text("[[image]]\nunit = 1\nholding = 8\n")
-    process = ConfigProcess(file, 60.0)
+    process = ConfigProcess(file, 120.0)
     os.kill(process._process.pid, signal.SIGHUP)
     assert process.result().plan is not None
     assert signal.SIGHUP not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
@@ -120,13 +129,13 @@ def test_it_ends_with_the_gateway_that_it_reads_for(tmp_path):
         "import sys, time\n"
         "from pathlib import Path\n"
         "from gateway.service.config_process import ConfigProcess\n"
-        "print(ConfigProcess(Path(sys.argv[1]), 50.0)._process.pid, flush=True)\n"
+        "print(ConfigProcess(Path(sys.argv[1]), 150.0)._process.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
     with subprocess.Popen([sys.executable, "-c", program, pipe], stdout=subprocess.PIPE, text=True) as gateway:
         reader = os.pidfd_open(int(gateway.stdout.readline()))
         gateway.kill()
     try:
-        assert select.select([reader], [], [], 30.0)[0]
+        assert select.select([reader], [], [], 120.0)[0]
     finally:
         os.close(reader)
