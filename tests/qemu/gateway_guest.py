@@ -213,7 +213,7 @@ def main(kind, *words):
     if kind == "usb":
         subprocess.run(["depmod", "-a"], check=True)
         subprocess.run(["/usr/lib/systemd/systemd-udevd", "--daemon"], check=True)
-        subprocess.run(["udevadm", "trigger"], check=True)
+        subprocess.run(["udevadm", "trigger", "--action=add"], check=True)
         ftdi()
         cdc_acm()
     else:

@@ -119,7 +119,7 @@ class Booted:
         self._command = (
             *machine.program, *words, "-m", "1024", "-nographic", "-no-reboot", "-nodefaults",
             "-kernel", next((debian / "boot").glob("vmlinuz-*")), "-initrd", initrd,
-            "-append", "console=ttyS0 quiet panic=-1",
+            "-append", "console=ttyS0 quiet panic=-1 no_timer_check",
             "-chardev", f"socket,id=console,path={folder}/console,server=on,wait=on",
             "-chardev", f"socket,id=line,path={folder}/line,server=on,wait=on{mux}",
             "-qmp", f"unix:{folder}/qmp,server=on,wait=off",
