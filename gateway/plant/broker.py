@@ -25,10 +25,7 @@ _SLICE: Final = 10
 
 
 class Broker:
-    """The broker with this `name`. `settings` reads how to reach it, and may block.
-
-    `leaves_with_will`: the broker publishes the will also when the gateway leaves in an orderly way.
-    """
+    """The broker with this `name`. `settings` reads how to reach it, and may block."""
 
     def __init__(
         self,
@@ -37,8 +34,6 @@ class Broker:
         driver: PublisherDriver,
         emit: Emit,
         unix: Callable[[], float],
-        *,
-        leaves_with_will: bool = False,
     ) -> None:
         self.name = name
         #: Why nothing is published; empty if it is.
@@ -55,16 +50,19 @@ class Broker:
         self._driver = driver
         self._emit = emit
         self._unix = unix
-        self._leaves_with_will = leaves_with_will
         self._pause = FIRST_PAUSE
-        self._is_stopping = False
-        self._last: Sequence[Message] = ()
+        #: What is published before it is left for good; None until then.
+        self._last: Sequence[Message] | None = None
         #: Whether everything was published at the stop, the last messages too.
         self.has_left = False
         self._told = ""
         self._has_told_refusal = False
         #: The topic that tells whether the gateway is there, and why the broker does not take that.
         self._status = self._refusal = ""
+
+    @property
+    def _is_stopping(self) -> bool:
+        return self._last is not None
 
     async def run(self) -> None:
         """Connect, publish, connect again, until `stop`."""
@@ -85,7 +83,6 @@ class Broker:
 
     def stop(self, last: Sequence[Message] = ()) -> None:
         """Publish the `last` messages, say good-bye and end."""
-        self._is_stopping = True
         self._last = last
         self._driver.wake.set()
 
@@ -123,7 +120,7 @@ class Broker:
             while not (self._is_stopping or publisher.must_leave):
                 await self._publish(connection, lambda: True)
                 await self._wait(connection)
-            await self._leave(connection, (*self._last, *publisher.ended(driver.now())))
+            await self._leave(connection, (*(self._last or ()), *publisher.ended(driver.now())))
         finally:
             publisher.disconnected()
             connection.close()
@@ -188,7 +185,7 @@ class Broker:
                     connection.publish(message)
                 await self._until(connection, lambda: connection.in_flight == 0)
                 self.has_left = True
-                connection.end(with_will=self._leaves_with_will)
+                connection.end(with_will=self._driver.publisher.form.leaves_with_will)
                 await asyncio.shield(connection.lost)
         except TimeoutError:
             pass

@@ -85,7 +85,6 @@ class Publication:
             self.driver,
             emit,
             unix,
-            leaves_with_will=self.driver.publisher.form.leaves_with_will,
         )
         self._task = asyncio.create_task(self.broker.run(), name="broker")
 
