@@ -144,7 +144,7 @@ def test_a_listener_that_changes_keeps_its_address(tmp_path: Path, config: str) 
             assert asked(again) == RIGHT
 
 
-VERBS = '"verb" must be one of status, reload, unit, request, doctor, trace, why, bench, times, scan'
+VERBS = '"verb" must be one of status, fleet, reload, unit, request, doctor, trace, why, bench, times, scan'
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,8 @@ def test_nonsense_gets_an_answer(tmp_path: Path, config: str, line: bytes, answe
         client.connect(str(tmp_path / "control.sock"))
         client.sendall(line)
         refusal = {"version": __version__, "ok": False, "error": answer}
-        assert json.loads(client.makefile().readline()) == refusal
+        with client.makefile() as answers:
+            assert json.loads(answers.readline()) == refusal
         with suppress(ConnectionError):  # it closes without having read all of it
             client.sendall(b"x" * 100_000)
             assert client.recv(100) == b""
