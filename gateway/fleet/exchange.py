@@ -1,7 +1,7 @@
 """Requests to other sites, their answers, and what is heard of the other sites' clocks."""
 
 import asyncio
-import secrets
+import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
@@ -39,7 +39,7 @@ class Exchange:
         """`why_down` says why there is no connection."""
         self.site = site
         #: Nobody who is not asked knows it, and no other process of this site has the same.
-        self._token = secrets.token_hex(8)
+        self._token = os.urandom(8).hex()
         self._why_down = why_down
         self._connection: Connection | None = None
         self._clocks: dict[str, Clocks] = {}

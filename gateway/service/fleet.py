@@ -1,7 +1,7 @@
 """`[fleet]`: the other sites, as long as the config names NATS servers. What knows them is loaded only then."""
 
 import asyncio
-import secrets
+import os
 import time
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 #: How long each step of leaving may take, in seconds.
 _FAREWELL: Final = 1.0
 #: The name of this process for deadlines.
-_INSTANCE: Final = secrets.token_hex(6)
+_INSTANCE: Final = os.urandom(6).hex()
 
 
 @dataclass(frozen=True, slots=True)
