@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.cli.daemon import Conversation, add_control_argument
-from gateway.cli.hardware_report import add_report_arguments, make_report
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.cli.report_arguments import add_report_arguments
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.errors import DaemonError
@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
         ReportError: the port to report on cannot be opened.
     """
     if args.hardware_report:
+        from gateway.cli.hardware_report import make_report  # noqa: PLC0415 - opens a port in an event loop
+
         return make_report(args)
     findings = _findings(args)
     if args.json:

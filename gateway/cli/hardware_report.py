@@ -4,14 +4,10 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from gateway.cli.main import FINE
-from gateway.cli.usage import baud, parsed_by
-from gateway.config.character_format import parse_format
-from gateway.config.problem import WrongValue
 from gateway.errors import GatewayError, PortError
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.ports.port import SerialSettings
@@ -24,7 +20,6 @@ from gateway.service.hardware_report import (
     wait_for_loss,
     wait_for_return,
 )
-from gateway.timing.characters import CharacterFormat
 
 _BY_HAND: Final = "By hand"
 _UNPLUG: Final = "unplug the adapter, and plug it into the same socket again"
@@ -38,17 +33,6 @@ _PROMISE: Final = "It holds no name of this machine or its users, no address and
 
 class ReportError(GatewayError):
     """The report cannot be made."""
-
-
-def unit_number(text: str) -> int:
-    """A `type` for argparse: a unit on a serial line.
-
-    Raises:
-        argparse.ArgumentTypeError: it is none.
-    """
-    if not text.isdecimal() or not FIRST_UNIT <= int(text) <= LAST_UNIT:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a unit; units are {FIRST_UNIT} to {LAST_UNIT}')
-    return int(text)
 
 
 def make_report(args: argparse.Namespace) -> int:
@@ -109,21 +93,3 @@ def as_json(sections: list[Section]) -> str:
     """The report for programs."""
     picture = [{"title": title, "rows": [row._asdict() for row in rows]} for title, rows in sections]
     return json.dumps({"sections": picture}, indent=2, ensure_ascii=False)
-
-
-def add_report_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the report."""
-    group: Any = parser.add_argument_group("a report of an adapter")
-    add = group.add_argument
-    add("--hardware-report", metavar="PORT", help="say what the adapter of this serial port does, for a report")
-    add("--unit", type=unit_number, metavar="N", help="read this unit for it (default: nothing is sent)")
-    add("--baud", type=baud, default=19200, metavar="N", help="the rate of the unit (default 19200)")
-    usual = CharacterFormat(8, "E", 1)
-    add("--format", type=parsed_by(_format), default=usual, metavar="F", help=f"its format (default {usual})")
-
-
-def _format(text: object) -> CharacterFormat:
-    format_ = parse_format(text)
-    if format_.data_bits != 8:
-        raise WrongValue(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}")
-    return format_

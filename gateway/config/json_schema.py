@@ -9,7 +9,6 @@ from enum import Enum
 from types import NoneType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin
 
-from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from gateway.config.schema import Config, Table
@@ -19,12 +18,8 @@ from gateway.config.wording import keys_of
 Schema = dict[str, Any]
 
 _DRAFT: Final = "http://json-schema.org/draft-07/schema#"
-_BOUNDS: Final = {
-    Ge: ("ge", "minimum"),
-    Gt: ("gt", "exclusiveMinimum"),
-    Le: ("le", "maximum"),
-    Lt: ("lt", "exclusiveMaximum"),
-}
+#: What bounds a number, as pydantic and as JSON Schema say it.
+_BOUNDS: Final = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
 _PLAIN: Final[Mapping[Any, str]] = {int: "integer", float: "number", str: "string", bool: "boolean"}
 
 
@@ -139,5 +134,6 @@ def _compound(origin: Any, parts: tuple[Any, ...], tables: dict[str, Schema]) ->
 
 
 def _bounds(metadata: Sequence[Any]) -> Schema:
-    found = ((_BOUNDS[type(one)], one) for one in metadata if type(one) in _BOUNDS)
-    return {keyword: getattr(one, attribute) for (attribute, keyword), one in found}
+    return {
+        keyword: getattr(one, bound) for one in metadata for bound, keyword in _BOUNDS.items() if hasattr(one, bound)
+    }

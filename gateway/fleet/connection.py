@@ -11,7 +11,6 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from typing import Any, Final, TypeVar
 
 from nats.aio.client import Client
@@ -433,8 +432,9 @@ def _line_behind(marker: str, text: str) -> str:
 
 def _sign(key: bytes, nonce: str) -> bytes:
     """The signature of what the server asks to be signed."""
-    signed = import_module("nacl.signing").SigningKey(key).sign(nonce.encode())
-    return base64.b64encode(signed.signature)
+    from nacl.signing import SigningKey  # noqa: PLC0415 - only with `credentials`, and not everywhere there is one
+
+    return base64.b64encode(SigningKey(key).sign(nonce.encode()).signature)
 
 
 # The library logs what it also reports.
