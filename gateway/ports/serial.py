@@ -1,7 +1,6 @@
 """Opens serial ports with pyserial.
 
-The only module that uses a serial library's ports. A module for another library must pass
-tests/system/test_serial_contract.py. See docs/adr/0015-serial-transport.md.
+A module for another library must pass tests/system/test_serial_contract.py. See docs/adr/0015-serial-transport.md.
 """
 
 import asyncio
@@ -25,8 +24,8 @@ _being_opened: set[str] = set()
 class ConfiguredOnce(Serial):
     """pyserial's port, which is configured only when it is opened.
 
-    pyserial configures a port whenever a setting is assigned, time-outs included. It also leaves parity unchecked; this
-    corrects it.
+    pyserial configures a port whenever a setting is assigned, and pyserial-asyncio assigns two in the event loop, where
+    a USB adapter that hangs would stop everything for seconds. It also leaves parity unchecked; this corrects it.
     """
 
     def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature

@@ -24,7 +24,7 @@ from gateway.timing.characters import CharacterFormat
 from kit.process import PATIENCE
 from kit.pty import VirtualPort
 
-TRANSPORTS = {"pyserial": open_serial}
+TRANSPORTS = {"pyserial-asyncio": open_serial}
 #: What happens by itself takes less, in seconds, on a busy machine too.
 AT_ONCE = 2.0
 #: What a port that is closed takes at most when its driver takes nothing any more, in seconds.

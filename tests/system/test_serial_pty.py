@@ -22,7 +22,7 @@ from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
 from gateway.ports import opening
 from gateway.ports import serial as serial_module
-from gateway.ports import serial_port as serial_port_module
+from gateway.ports import serial_transport as serial_transport_module
 from gateway.ports.holders import _by_lock, holder
 from gateway.ports.ioctls import divided
 from gateway.ports.port import SerialSettings
@@ -313,12 +313,13 @@ async def test_a_driver_that_closes_slowly_does_not_block_the_loop(virtual, user
         time.sleep(2 * AT_ONCE)
         opening.close_device(device, lost=lost)
 
-    monkeypatch.setattr(serial_port_module, "close_device", close_slowly)
+    monkeypatch.setattr(serial_transport_module, "close_device", close_slowly)
     loop = asyncio.get_running_loop()
     port = await open_serial(settings(virtual.path), user)
     port.close()
     longest, turn = 0.0, loop.time()
-    while not port._closed.is_set():
+    closed = asyncio.create_task(port.wait_closed(), name="wait_closed")
+    while not closed.done():
         await asyncio.sleep(0.001)
         longest, turn = max(longest, loop.time() - turn), loop.time()
     assert longest < AT_ONCE
