@@ -1,5 +1,6 @@
 """A real gateway and a real broker: losses of either, commands that must not be carried out, TLS, passwords."""
 
+import re
 import signal
 import ssl
 import subprocess
@@ -18,6 +19,7 @@ from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
 pytestmark = needs_mosquitto
+DEPLOY = Path(__file__).parents[2] / "deploy" / "mosquitto"
 
 PROFILE = """
 [profile.scale]
@@ -220,6 +222,32 @@ def test_a_wrong_password_is_told_and_the_right_one_taken_without_a_restart(tmp_
         assert lost["reason"] == "user or password is wrong, or this user may not connect"
         password.write_text("right\n")
         gateway.wait_for("broker_up")
+
+
+def test_our_config_of_the_broker_works_beside_that_of_debian(tmp_path):
+    ours = (DEPLOY / "mosquitto.conf").read_text(encoding="utf-8").replace("listener 1883", f"listener {free_port()}")
+    files = {"password_file": tmp_path / "passwords", "acl_file": DEPLOY / "acl"}
+    for key, file in files.items():
+        ours = re.sub(rf"^{key} .*", f"{key} {file}", ours, flags=re.MULTILINE)
+    added = tmp_path / "conf.d" / "modbus-gateway.conf"
+    added.parent.mkdir()
+    added.write_text(ours)
+    login = ("-u", "plant-2", "-P", "right")
+    subprocess.run(
+        ["mosquitto_passwd", "-b", "-c", str(files["password_file"]), login[1], login[3]],
+        check=True,
+        capture_output=True,
+    )
+    debian = (
+        f"pid_file {tmp_path}/mosquitto.pid",
+        "persistence true",
+        f"persistence_location {tmp_path}/",
+        f"include_dir {added.parent}",
+    )
+    with Mosquitto(tmp_path, *debian) as broker:
+        broker.publish(STATUS, "online", *login)
+        with pytest.raises(subprocess.CalledProcessError):
+            broker.publish(STATUS, "online")
 
 
 @pytest.mark.parametrize(("keys", "who"), [(('user = "gw"',), 'user "gw"'), ((), "a client without a user")])
