@@ -33,10 +33,10 @@ examples:
 
 Each row is ok, note or fix; behind a fix stands what mends it, and the exit
 status is 1 then. Without --passive the running gateway may send reads of one
-item: to configured units that were asked less than four times; when a unit is
-silent, to at most 16 addresses that are not configured; when no unit of a
-line answers, also at other rates and formats, for at most 30 s. It never
-writes. A note tells what was sent.
+item: to configured units that were asked less than four times, or whose last
+request failed; when a unit is silent, to at most 16 addresses that are not
+configured; when no unit of a line answers, also at other rates and formats,
+for at most 30 s. It never writes. A note tells what was sent.
 """
 
 

@@ -55,7 +55,8 @@ class UnitEvidence:
 
     `answered` includes `exceptions`; `late` answers came after the limit, the slowest one after `latest`. `limit` is
     the last one, 0 before the first request, and `limit_share` what 99 of 100 answers took of theirs. `twice` are
-    answers that came a second time. `instead` is what was received lately in place of answers.
+    answers that came a second time. `instead` is what was received lately in place of answers. The last `in_a_row`
+    requests failed.
     """
 
     unit: int
@@ -74,6 +75,7 @@ class UnitEvidence:
     limit_share: float | None = None
     twice: int = 0
     instead: tuple[bytes, ...] = ()
+    in_a_row: int = 0
 
     @property
     def asked(self) -> int:

@@ -116,9 +116,21 @@ def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         yield _Found(unit.asked, _row("fix", unit, what, _CHECK_DEVICE))
 
 
+def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
+    """However many requests were answered before."""
+    if not unit.in_a_row or unit.is_silent or _others_tell(unit, line):
+        return
+    if unit.in_a_row < ENOUGH:
+        what = "its last request was not answered" if unit.in_a_row == 1 else "its last 2 requests were not answered"
+        yield _Found(unit.in_a_row, _row("note", unit, what, "modbus-gateway status shows if it goes on"))
+    else:
+        what = f"does not answer at the moment: its last {unit.in_a_row} requests failed, of {unit.asked} in all"
+        yield _Found(unit.asked, _row("fix", unit, what, _CHECK_DEVICE))
+
+
 def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    if unit.is_silent or unit.ambiguous > WRONG * unit.asked or _hears_others_only(unit, line):
-        return  # the row of the line says it, or another one of the unit
+    if unit.is_silent or _others_tell(unit, line):
+        return
     damaged = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else 0
     failed = unit.failed - min(damaged + unit.late, unit.failed)  # the others have rows of their own
     if failed > WRONG * unit.asked and (failed >= ENOUGH or not unit.answered):
@@ -146,6 +158,11 @@ def _is_close_to_limit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Foun
     if _is_near_limit(unit):
         what = f"its responses take up to {unit.limit_share:.0%} of their limit"
         yield _Found(0, _row("note", unit, what, _longer(unit, line)))
+
+
+def _others_tell(unit: UnitEvidence, line: LineEvidence) -> bool:
+    """Whether the row of the line says why it fails, or another one of the unit."""
+    return unit.ambiguous > WRONG * unit.asked or _hears_others_only(unit, line)
 
 
 def _hears_others_only(unit: UnitEvidence, line: LineEvidence) -> bool:
@@ -190,6 +207,6 @@ _CHECK_DEVICE: Final = "check power, wiring and address of the device"
 _RULES: Final[Sequence[Sequence[_Rule]]] = (
     (_answers_late, _is_close_to_limit),
     (_never_answers, _shares_its_address, _is_damaged, _is_damaged_at_times),
-    (_is_silent, _fails),
+    (_is_silent, _answers_no_more, _fails),
     (_is_refusing,),
 )

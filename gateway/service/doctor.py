@@ -15,6 +15,7 @@ from gateway.diagnosis.evidence import PortInUse, Search, UnitEvidence
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.fleet import FleetEvidence, about_fleet
 from gateway.diagnosis.lines import about_line
+from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings
 from gateway.service.build import Gateway
@@ -124,7 +125,8 @@ async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> 
         async with asyncio.timeout(LONGEST_ASKING):
             for settings in () if line.plan.passes_through else line.plan.shared:
                 device, pdu = line.devices[settings.known_as], harmless_read(settings.profile)
-                while pdu is not None and is_wanted() and _needs_more(unit_evidence(line, device)):
+                before = asked
+                while pdu is not None and is_wanted() and _needs_more(unit_evidence(line, device), asked - before):
                     error, _ = await outcome_of(running.gateway.control, settings.known_as, pdu, is_there)
                     if error is not None and not _was_sent(error.result):
                         break  # it rests, or the operator may not read
@@ -167,7 +169,9 @@ def _told(found: Search) -> list[str]:
     return told
 
 
-def _needs_more(unit: UnitEvidence) -> bool:
+def _needs_more(unit: UnitEvidence, asked_here: int) -> bool:
+    if unit.answered and unit.in_a_row:  # did it lose a few requests, does it answer again?
+        return not asked_here or unit.in_a_row < ENOUGH_IN_A_ROW
     return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
 
 

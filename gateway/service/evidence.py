@@ -73,6 +73,7 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         limit_share=merged(SHARES, (each.share for each in times)).quantile(0.99),
         twice=overheard.second_responses.get(device.unit, 0),
         instead=tuple(counts.received_instead),
+        in_a_row=device.breaker.failures,
     )
 
 

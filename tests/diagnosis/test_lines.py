@@ -110,6 +110,20 @@ def test_a_silent_unit_among_others_is_named():
     ]
 
 
+def test_a_unit_that_has_stopped_answering_is_named_whatever_its_share_was():
+    line = replace(LINE, units=(replace(SILO, answered=500, timeouts=5, in_a_row=5), PRESS))
+    assert fixes(line) == [
+        (
+            "unit 41, silo-1",
+            "does not answer at the moment: its last 5 requests failed, of 505 in all",
+            "check power, wiring and address of the device",
+        )
+    ]
+    once = replace(SILO, answered=500, timeouts=5, in_a_row=1)
+    assert rows_about_silo(once) == [("note", "its last request was not answered")]
+    assert rows_about_silo(replace(once, in_a_row=0)) == []
+
+
 @pytest.mark.parametrize(
     ("unit", "others", "words"),
     [

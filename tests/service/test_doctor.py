@@ -86,6 +86,35 @@ async def test_what_clients_have_asked_enough_is_not_asked_again():
         assert frames(bench) == []
 
 
+@pytest.mark.parametrize(("failures", "ask"), [(1, True), (3, True), (3, False)])
+async def test_a_unit_that_has_stopped_answering_is_named(failures, ask):
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        client = bench.client()
+        for unit in (41, 6) * 100:
+            await client.asks(unit, "03 00 00 00 01")
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(6)))
+        for _ in range(failures):
+            await client.asks(41, "03 00 00 00 01")
+            await asyncio.sleep(5.0)
+        (what,) = fixes(await found(bench, ask=ask))
+        assert what.startswith("does not answer at the moment: its last ")
+
+
+async def test_a_unit_that_answers_again_is_asked_and_is_ok():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        client = bench.client()
+        for unit in (41, 6) * 100:
+            await client.asks(unit, "03 00 00 00 01")
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(6)))
+        for _ in range(3):
+            await client.asks(41, "03 00 00 00 01")
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        await asyncio.sleep(60.0)
+        assert fixes(await found(bench)) == []
+
+
 async def test_nothing_is_sent_when_that_is_not_wanted():
     async with gateway_bench(CONFIG) as bench:
         assert await found(bench, ask=False) == [("note", "hall", "not asked yet: 2 of 2 units")]
