@@ -144,7 +144,7 @@ class _Writer:
 def _audit(command: Command) -> WriteAudit:
     """The audit event of a command that becomes no request."""
     point = command.point.point
-    function = WRITERS[point.area][0] if point.area in WRITERS else 0
+    function = _function(command) if point.area in WRITERS else 0
     return WriteAudit(
         client=CLIENT,
         listener=CLIENT,
@@ -164,7 +164,7 @@ def _write_request(command: Command) -> bytes:
     Raises:
         ValueError: the point cannot hold it.
     """
-    point, functions = command.point.point, command.device.functions
+    point = command.point.point
     if point.area not in WRITERS:
         raise ValueError(f"{point.area} cannot be written")
     items = point.items(command.text)
@@ -174,8 +174,15 @@ def _write_request(command: Command) -> bytes:
     single, several, most = WRITERS[point.area]
     if point.count > min(most, command.device.limits.get(several, most)):
         raise ValueError("it does not fit into one request")
-    multiple = functions is not None and single not in functions and several in functions
-    return write_request(point.area, point.address, items, multiple=multiple)
+    return write_request(point.area, point.address, items, multiple=_function(command) == several)
+
+
+def _function(command: Command) -> int:
+    """Which function writes its point."""
+    point, functions = command.point.point, command.device.functions
+    single, several, _ = WRITERS[point.area]
+    lacks_single = functions is not None and single not in functions and several in functions
+    return int(several if point.count > 1 or lacks_single else single)
 
 
 def _key(topic: str, correlation: bytes) -> bytes:

@@ -420,6 +420,16 @@ async def test_what_must_not_be_written_is_refused_with_a_result(payload, option
         assert not any(frame.pdu[0] in (5, 6, 15, 16) for frame in silo.heard)
 
 
+async def test_the_audit_of_a_refused_command_names_the_function_that_would_have_written_it():
+    config = CONFIG.replace('unit = "kg"', 'unit = "kg", write = true')
+    async with gateway_bench(config + WRITE) as bench:
+        _, broker, _ = await commanded(bench)
+        broker.send(f"{STATE}/set", "on", is_retained=True)
+        broker.send(f"{SILO}/weight/set", "2.5", is_retained=True)
+        audits = [event.fields() for event in bench.events if isinstance(event, WriteAudit)]
+        assert [(repr(each["function"]), each["count"]) for each in audits] == [("6", 1), ("16", 2)]
+
+
 @pytest.mark.parametrize(
     ("target", "reason"),
     [
