@@ -135,7 +135,20 @@ def test_a_device_that_may_not_know_06_is_worth_another_try(daemon, capsys, monk
     assert main(["write", "41", "holding", "3", "1", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["area"] == "holding"
     assert main(["write", "41", "holding", "3", "1"]) == 1
-    assert "\n  help: if it does not know function 06: --multiple writes with 16\n" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "\n  help: if it does not know function 06: --multiple writes with 16" in said
+    assert "; or this client may not write there: modbus-gateway check" in said
+
+
+def test_a_write_that_the_rights_forbid_is_not_to_be_sent_in_another_way(daemon, capsys, monkeypatch):
+    refusal = {"unit": 41, "pdu": "86 01", "elapsed_ms": 1.0, "result": "denied", "reason": "write"}
+    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: refusal)
+    assert main(["write", "41", "holding", "3", "1"]) == 1
+    said = capsys.readouterr().err
+    assert (
+        "[[access]] does not allow it for the control socket\n  help: modbus-gateway check shows the rights\n" in said
+    )
+    assert "--multiple" not in said
 
 
 def test_which_unit_must_be_said(capsys):
