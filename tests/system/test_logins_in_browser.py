@@ -60,7 +60,21 @@ def log_in(page: Any, address: str, password: str = PASSWORD) -> None:
     page.goto(f"{address}/login?next=/lines/hall")
     page.get_by_label("User").fill("anna")
     page.get_by_label("Password").fill(password)
-    page.get_by_role("button", name="Log in").click()
+    press(page, page.get_by_role("button", name="Log in"))
+
+
+def press(page: Any, button: Any) -> None:
+    """Press a button that leads to a page, and wait until that is there."""
+    with page.expect_navigation():
+        button.click()
+
+
+def change(users: Path, text: str) -> None:
+    """Replace the file at once: the gateway may read it at any moment."""
+    new = users.with_suffix(".new")
+    new.write_text(text)
+    new.chmod(0o600)
+    new.replace(users)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -80,7 +94,7 @@ def test_who_is_not_at_this_machine_logs_in_and_gets_to_the_page_that_was_asked_
         assert urlsplit(page.url).path == "/login"
         log_in(page, address)
         assert urlsplit(page.url).path == "/lines/hall"
-        page.get_by_role("button", name="Log out").click()
+        press(page, page.get_by_role("button", name="Log out"))
         assert urlsplit(page.url).path == "/login"
         page.goto(address)
         assert urlsplit(page.url).path == "/login"
@@ -95,7 +109,7 @@ def test_a_wrong_password_is_told_and_lets_nobody_in(browser, address, language)
     page.goto(f"{address}/login?lang={language}")
     page.locator("#user").fill("anna")
     page.locator("#password").fill("wrong horse")
-    page.locator("main button").click()
+    press(page, page.locator("main button"))
     assert page.get_by_role("alert").inner_text() == why
     assert axe_findings(page) == []
     page.goto(address)
@@ -107,7 +121,7 @@ def test_a_forged_token_changes_nothing(browser, address):
     page = browser.new_page()
     log_in(page, address)
     page.evaluate("document.querySelector('header [name=csrf]').value = 'forged'")
-    page.get_by_role("button", name="Log out").click()
+    press(page, page.get_by_role("button", name="Log out"))
     assert "X-CSRF-Token must be that of the session" in page.locator("body").inner_text()
     page.goto(address)
     assert "anna (operator)" in page.locator("header").inner_text()
@@ -149,7 +163,7 @@ def test_a_form_of_another_site_changes_nothing_even_with_the_right_token(browse
         [address, token],
     )
     with page.expect_request(f"{address}/logout") as sent:
-        page.get_by_role("button").click()
+        press(page, page.get_by_role("button"))
     assert "mbgw=" in sent.value.all_headers()["cookie"]
     assert "the Origin of a POST or PUT must be that of this page" in page.locator("body").inner_text()
     page.goto(address)
@@ -160,9 +174,9 @@ def test_a_form_of_another_site_changes_nothing_even_with_the_right_token(browse
 def test_a_page_whose_session_has_ended_leads_to_the_login_and_back(browser, address, folder):
     page = browser.new_page(extra_http_headers=REMOTE)
     log_in(page, address)
-    (folder / "users").write_text(USERS.replace("anna:operator", "anna:viewer"))
+    change(folder / "users", USERS.replace("anna:operator", "anna:viewer"))
     until(page, lambda: page.reload() and urlsplit(page.url).path == "/login")
     log_in(page, address)
     assert "anna (viewer)" in page.locator("header").inner_text()
-    (folder / "users").write_text(USERS)
+    change(folder / "users", USERS)
     page.context.close()
