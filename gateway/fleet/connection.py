@@ -20,7 +20,14 @@ from nats.errors import Error as NatsError
 from nats.errors import NoRespondersError
 from nats.js import JetStreamContext
 from nats.js.api import KeyValueConfig, StorageType
-from nats.js.errors import APIError, KeyNotFoundError, KeyWrongLastSequenceError, NoStreamResponseError, NotFoundError
+from nats.js.errors import (
+    APIError,
+    KeyNotFoundError,
+    KeyWrongLastSequenceError,
+    NoStreamResponseError,
+    NotFoundError,
+    ServiceUnavailableError,
+)
 from nats.js.kv import KeyValue
 
 from gateway.errors import FleetError
@@ -45,6 +52,7 @@ _QUESTIONS: Final = 32
 #: The largest value in a bucket, in bytes.
 LARGEST_VALUE: Final = 64 * 1024
 
+_NO_JETSTREAM: Final = "this NATS server has no JetStream, or not for this account: start it with --jetstream"
 _SEED_LINE: Final = "BEGIN USER NKEY SEED"
 _JWT_LINE: Final = "BEGIN NATS USER JWT"
 #: A seed is two bytes of what it is for, 32 of key and two of check sum.
@@ -348,6 +356,8 @@ async def _answered(call: Awaitable[T]) -> T:
         raise _NotThereError(str(error)) from error
     except KeyWrongLastSequenceError as error:
         raise _ChangedError(str(error)) from error
+    except ServiceUnavailableError as error:
+        raise FleetError(error.description or _NO_JETSTREAM) from error
     except APIError as error:
         kind = _ChangedError if error.err_code in _CHANGED else FleetError
         raise kind(error.description or str(error)) from error
@@ -403,7 +413,7 @@ def _in_words(error: Exception) -> str:
     if "authorization violation" in lower or "authentication" in lower:
         return "it refuses this user: user, password or credentials are wrong"
     if isinstance(error, NoRespondersError | NoStreamResponseError):
-        return "it has no JetStream, or not for this account"
+        return _NO_JETSTREAM
     if "permissions violation" in lower:
         return f"it has no right to {text[len('permissions violation for ') :]}"
     return text or type(error).__name__
