@@ -171,7 +171,7 @@ def _write_request(command: Command) -> bytes:
     value = point.value(items)
     if isinstance(value, float) and not isfinite(value):
         raise ValueError(f"{command.text} is not a finite number")
-    single, several, most = WRITERS[point.area]
+    _, several, most = WRITERS[point.area]
     if point.count > min(most, command.device.limits.get(several, most)):
         raise ValueError("it does not fit into one request")
     return write_request(point.area, point.address, items, multiple=_function(command) == several)

@@ -32,7 +32,7 @@ def sentences(story: Story) -> str:
 
 def _sent(story: Story) -> list[str]:
     again = " once more" if story.get("retries") else ""
-    where = f"on line {story['line']} to address {story['address']}"
+    where = f"{'on' if _is_line(story) else 'through'} {_way(story)} to address {story['address']}"
     waited = _waited(story)
     sent = (
         f"{waited}and was sent{again} {where} at {clock(story['sent'])}." if waited else f"Sent{again} {where} at once."
@@ -40,13 +40,32 @@ def _sent(story: Story) -> list[str]:
     limit, elapsed = _milliseconds(story["limit_ms"]), _milliseconds(story["elapsed_ms"])
     result = story.get("result")
     if result is None:
-        return [sent, f"The unit itself answered with an exception after {elapsed}; it was passed on unchanged."]
+        return [sent, f"{_who_answered(story)} answered with an exception after {elapsed}; it was passed on unchanged."]
     if result == "bad_frame":
         return [sent, _bad_frame(story, limit), _window(story)]
     what = _AFTER_SENDING.get(result, "It failed: {reason}.").format(
         limit=limit, elapsed=elapsed, reason=story.get("reason") or result
     )
     return [sent, what, _window(story)]
+
+
+def _is_line(story: Story) -> bool:
+    """Whether the request goes to a line, and not to another server. Daemons of earlier versions do not tell."""
+    return story.get("mode") != "tcp"
+
+
+def _way(story: Story) -> str:
+    """`line hall`, or the other server or site."""
+    if story.get("site"):
+        return f"site {story['site']}"
+    return f"{'line' if _is_line(story) else 'server'} {story['line']}"
+
+
+def _who_answered(story: Story) -> str:
+    if _is_line(story):
+        return "The unit itself"
+    way = _way(story)
+    return f"{way[0].upper()}{way[1:]} (the unit there, or the rights there)"
 
 
 def _window(story: Story) -> str:
@@ -102,8 +121,9 @@ def _milliseconds(value: float) -> str:
 
 def _line_down(story: Story) -> str:
     trouble = f": {story['line_trouble']}" if story.get("line_trouble") else ", and is up now"
-    waited, line = _waited(story), f"line {story['line']}"
-    return f"{waited}and then {line} went down{trouble}." if waited else f"L{line[1:]} was down{trouble}."
+    waited, way = _waited(story), _way(story)
+    what = f"{waited}and then {way} went down{trouble}" if waited else f"{way[0].upper()}{way[1:]} was down{trouble}"
+    return what if what.endswith("?") else f"{what}."
 
 
 def _resting(story: Story) -> str:
@@ -120,11 +140,11 @@ def _overdue(story: Story) -> str:
 
 
 def _queue_full(story: Story) -> str:
-    return f"{story['count']} requests waited for line {story['line']} already: its queue was full."
+    return f"{story['count']} requests waited for {_way(story)} already: its queue was full."
 
 
 def _expired(story: Story) -> str:
-    return f"{_waited(story)}for line {story['line']}, which is longer than its max_wait."
+    return f"{_waited(story)}for {_way(story)}, which is longer than its max_wait."
 
 
 def _no_route(story: Story) -> str:

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from gateway.errors import RequestError, WrongQuestion
+from gateway.ports.port import SiteSettings
 from gateway.service.build import Gateway
 from gateway.service.operator import find_unit
-from gateway.service.parts import GatewayLine, GatewayServer
+from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.unit_names import UnitNames
 from gateway.trace.records import MOST_STORIES, Answered, Exchange, Heard, Incident, PortChanged, Record, Refused
 from gateway.trace.results import RESULTS, function_of, has_result
@@ -181,6 +182,11 @@ def lines(gateway: Gateway) -> list[dict[str, Any]]:
     return told + [{"name": each.name, "mode": "tcp", "port": each.plan.port.port} for each in gateway.upstreams]
 
 
+def _site(upstream: GatewayUpstream) -> str:
+    port = upstream.plan.port
+    return port.site if isinstance(port, SiteSettings) else ""
+
+
 def _serial(gateway: Gateway) -> tuple[GatewayLine | GatewayServer, ...]:
     return (*gateway.lines, *gateway.servers)
 
@@ -251,6 +257,7 @@ def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> 
         told["behind"] = [{"unit": unit, "name": name} for unit, name in dict.fromkeys(behind)]
         told["behind_count"] = len(behind)
     told["mode"] = next((each["mode"] for each in lines(gateway) if each["name"] == record.line), "")
+    told["site"] = next((_site(each) for each in gateway.upstreams if each.name == record.line), "")
     trouble = next((part.reconnector.error for part in gateway.parts if part.name == record.line), None)
     told["line_trouble"] = "" if trouble is None else str(trouble)
     return told

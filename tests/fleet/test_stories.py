@@ -9,6 +9,8 @@ from gateway.events import AccessDenied, WriteAudit
 from gateway.fleet import link
 from gateway.fleet.messages import Message
 from gateway.fleet.owner import MOST_OF_SENDER
+from gateway.service.stories import sentences
+from gateway.service.trace import stories
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.fake_nats import FakeConnection, FakeNats
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -98,6 +100,16 @@ async def test_another_site_only_reads_until_a_row_names_it(nats):
         assert devices[0].heard == []
         [denied] = [each for each in b.events if isinstance(each, AccessDenied)]
         assert (denied.listener, denied.client, denied.unit) == ("fleet", "a:1", 41)
+
+
+async def test_why_a_request_has_failed_names_the_site_that_refused_it(nats):
+    async with sites(ASKER + LOCAL, OWNER) as (a, b):
+        on_line(b)
+        assert await a.client("10.9.9.9:4711").asks(41, WRITE) == "86 01"
+        now = asyncio.get_running_loop().time()
+        [story] = stories(a.gateway, {"who": "10.9.9.9", "count": 1}, (now, now))["stories"]
+        assert sentences(story).startswith("Sent through site b to address 41 at once. Site b (the unit there, or the ")
+        assert "line" not in sentences(story)
 
 
 async def test_who_may_write_is_audited_with_the_client_that_its_site_names(nats):

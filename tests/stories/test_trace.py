@@ -65,6 +65,14 @@ async def test_no_route() -> None:
         ]
 
 
+async def test_a_line_that_is_down_because_of_a_question() -> None:
+    async with gateway_bench(CONFIG) as home:
+        home.lines["hall"].pull("/dev/hall does not exist: is the adapter plugged in?")
+        await asyncio.sleep(1.0)
+        assert await home.client(CLIENT).asks(41, READ) == "83 0A"
+        assert "plugged in? Nothing was sent." in why(home)[0]
+
+
 async def test_line_down() -> None:
     async with gateway_bench(CONFIG) as home:
         home.lines["hall"].pull("it was pulled")
