@@ -1,6 +1,6 @@
 """Cross-checks of images and mirrors."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from gateway.config.check_units import client_lines
@@ -8,7 +8,7 @@ from gateway.config.duration import show_duration
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
 from gateway.config.resolve import ASKED_AT_ZERO
-from gateway.config.schema import Config, Image, Polled, ProfileTable
+from gateway.config.schema import Config, Image, PointTable, Polled, ProfileTable
 from gateway.images.polls import polling_function
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.pdu import Span
@@ -17,6 +17,7 @@ from gateway.profiles.profile import Range, covers
 #: The reference number of address 0 in manuals. Not for coils, where it is 1: that may be an address as well.
 _MANUAL_BASES: Final = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
 _MANUAL_SPAN: Final = 9999
+_FROM_ZERO: Final = "addresses are those on the wire, from 0"
 
 
 def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
@@ -46,7 +47,24 @@ def check_addresses(config: Config) -> Iterator[Problem]:
                 remedy = (
                     f'{base} of a manual is address 0: "{first}-{last}" there is "{first - base}-{last - base}" here'
                 )
-                yield warning((*table.path, area), "addresses are those on the wire, from 0", remedy)
+                yield warning((*table.path, area), _FROM_ZERO, remedy)
+    yield from _first_of_manuals(point for profile in config.profile.values() for point in profile.points)
+    rows = (row for line in config.line for row in line.devices or ())
+    yield from _first_of_manuals(point for row in rows for point in row.points)
+
+
+def _first_of_manuals(points: Iterable[PointTable]) -> Iterator[Problem]:
+    """The first point with the number of a manual: where one is, there are many."""
+    found = [
+        (point, area, addresses[0], base)
+        for point in points
+        for area, addresses in point.places
+        if (base := _MANUAL_BASES.get(area)) and base <= addresses[0] < base + _MANUAL_SPAN
+    ]
+    for point, area, first, base in found[:1]:
+        others = f", and {len(found) - 1} more such points" if len(found) > 1 else ""
+        remedy = f"{first} of a manual is {area} = {first - base} here{others}"
+        yield warning((*point.path, area), _FROM_ZERO, remedy)
 
 
 def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:

@@ -534,6 +534,18 @@ def test_the_numbers_of_a_manual_are_not_the_addresses_on_the_wire(area, written
     assert problems(LINE + f'[profile.x]\n{area} = "{written}"\n') == [said.format("profile.x")]
 
 
+def test_points_with_the_numbers_of_a_manual_are_told_once_for_each_table():
+    points = 'points = [{ name = "a", holding = 40011 }, { name = "b", input = 30002 }, { name = "c", holding = 7 }]\n'
+    what, meant = "addresses are those on the wire, from 0", "40011 of a manual is holding = 10 here"
+    assert problems(LINE + f"[profile.x]\n{points}") == [
+        f"warning: profile.x.points[0].holding: {what} | {meant}, and 1 more such points"
+    ]
+    device = (
+        '[[line]]\nname = "l"\nport = "/dev/l"\ndevices = [{ unit = 1, points = [{ name = "a", holding = 40011 }] }]\n'
+    )
+    assert problems(device) == [f"warning: line[0].devices[0].points[0].holding: {what} | {meant}"]
+
+
 @pytest.mark.parametrize("area", ['holding = "0-65535"', 'holding = "40001-60000"', 'coils = "1-16"', "holding = 0"])
 def test_other_addresses_may_be_meant(area):
     assert problems(f"[[image]]\nunit = 1\ninput = 1\n{area}\n") == []
