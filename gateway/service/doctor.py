@@ -17,7 +17,7 @@ from gateway.diagnosis.fleet import FleetEvidence, about_fleet
 from gateway.diagnosis.lines import about_line
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import SerialSettings
+from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.service.build import Gateway
 from gateway.service.control import IsThere
 from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence, units_evidence
@@ -71,7 +71,9 @@ async def examined(
     groups = [(line.name, found) for line, found in zip(lines, about_lines, strict=True)]
     groups += [(server.name, _about_server(server)) for server in servers]
     if wanted is None:
-        groups += [(upstream.name, _about_upstream(upstream)) for upstream in gateway.upstreams]
+        nats = gateway.fleet.status()
+        has_nats = nats is None or not nats.reason
+        groups += [(each.name, _about_upstream(each, has_nats=has_nats)) for each in gateway.upstreams]
         outwards = (*_about_publishing(gateway), *_about_fleet(gateway))
         groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.line in ("", wanted)]
@@ -187,11 +189,16 @@ def _about_server(server: GatewayServer) -> list[Finding]:
     return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
 
 
-def _about_upstream(upstream: GatewayUpstream) -> list[Finding]:
-    if upstream.reconnector.error is None:
+def _about_upstream(upstream: GatewayUpstream, *, has_nats: bool) -> list[Finding]:
+    port, error = upstream.plan.port, upstream.reconnector.error
+    if error is None:
         return []
     remedy = f'{upstream.plan.upstream.source}: check to = "{upstream.reconnector.port_path}", and the server there'
-    return [Finding("fix", upstream.name, f"is down: {upstream.reconnector.error}", remedy)]
+    if isinstance(port, SiteSettings):
+        if not has_nats:
+            return []  # the row about NATS says it
+        remedy = f"check the gateway of {port.site}, and its connection to NATS: modbus-gateway status --fleet"
+    return [Finding("fix", upstream.name, f"is down: {error}", remedy)]
 
 
 def _port_of(part: GatewayLine | GatewayServer) -> list[PortInUse]:

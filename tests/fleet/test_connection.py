@@ -15,5 +15,5 @@ async def test_a_server_without_jetstream_is_named_with_what_mends_it(monkeypatc
             raise ServiceUnavailableError
 
     monkeypatch.setattr(Client, "jetstream", lambda self, **_: Without(self))
-    with pytest.raises(FleetError, match="this NATS server has no JetStream.*start it with --jetstream"):
+    with pytest.raises(FleetError, match=r"this NATS server has no JetStream.*start it with --jetstream"):
         await Connection(Server("127.0.0.1", 4222), Login("a")).bucket("mbgw-status")

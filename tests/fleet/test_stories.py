@@ -9,6 +9,7 @@ from gateway.events import AccessDenied, WriteAudit
 from gateway.fleet import link
 from gateway.fleet.messages import Message
 from gateway.fleet.owner import MOST_OF_SENDER
+from gateway.service.doctor import examine
 from gateway.service.stories import sentences
 from gateway.service.trace import stories
 from kit.device import SimulatedDevice, SimulatedLine
@@ -144,6 +145,27 @@ async def test_a_site_that_is_not_there_is_0a_at_once(nats):
         assert client.now() == before
         await asyncio.sleep(3.0)
         assert str(a.gateway.upstreams[0].reconnector.error) == "fleet://b: it is not heard"
+
+
+async def test_what_mends_a_site_that_is_away_is_at_that_site_and_without_nats_there_is_one_cause(nats):
+    async with sites(ASKER) as (a,):
+        await asyncio.sleep(3.0)
+        [missing] = await to_mend(a)
+        assert (missing.about, missing.remedy.split(":")[0]) == (
+            "b",
+            "check the gateway of b, and its connection to NATS",
+        )
+        nats.down = True
+        for connection in tuple(nats.connections):
+            connection.lose("it stops")
+        await asyncio.sleep(3.0)
+        [cause] = await to_mend(a)
+        assert cause.about.startswith("fleet ")
+
+
+async def to_mend(bench):
+    found = await examine(bench.running, {}, lambda: True)
+    return [each for each in found["findings"] if each.level == "fix"]
 
 
 async def test_a_site_that_leaves_is_0a_at_once(nats):
