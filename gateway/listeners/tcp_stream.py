@@ -42,7 +42,7 @@ class TcpStream:
         self._limit = 0
         self._is_blocked = False
         self._is_reading = False
-        self._has_ended = False
+        self._has_peer_ended = False
         self._is_closing = False
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -62,7 +62,7 @@ class TcpStream:
 
     def resume_reading(self) -> None:
         """Receive again."""
-        if not (self._is_reading or self._has_ended or self._is_closing):
+        if not (self._is_reading or self._has_peer_ended or self._is_closing):
             self._is_reading = True
             self._loop.add_reader(self._socket, self._receive)
 
@@ -110,8 +110,11 @@ class TcpStream:
         user = self._user
         if user is None:
             return
+        room = user.get_buffer(-1)
+        if not len(room):
+            return  # no end: what the user has is still to be processed
         try:
-            count = self._socket.recv_into(user.get_buffer(-1))
+            count = self._socket.recv_into(room)
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
@@ -120,7 +123,7 @@ class TcpStream:
         if count:
             user.buffer_updated(count)
             return
-        self._has_ended = True
+        self._has_peer_ended = True
         self.pause_reading()
         user.eof_received()
 

@@ -88,7 +88,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._is_secured = False
         self._is_blocked = False
         self._is_paused = False
-        self._has_ended = False
+        self._has_peer_ended = False
 
     # --- the handshake ---
 
@@ -227,7 +227,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     def resume_reading(self) -> None:
         """Deliver what has arrived, soon, and then more."""
         self._is_paused = False
-        if self._is_blocked or self._has_ended:
+        if self._is_blocked or self._has_peer_ended:
             return
         self._transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._deliver)
@@ -278,8 +278,10 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         application = self._application
         if application is None:
             return
-        while not (self._is_paused or self._is_blocked or self._has_ended or self.is_closing()):
+        while not (self._is_paused or self._is_blocked or self._has_peer_ended or self.is_closing()):
             room = application.get_buffer(-1)
+            if not len(room):
+                break  # no end: what the application has is still to be processed
             try:
                 count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
             except ssl.SSLWantReadError:
@@ -298,8 +300,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     def _end(self) -> None:
         """The client sends no more; it still gets its responses."""
-        if not self._has_ended and self._application is not None:
-            self._has_ended = True
+        if not self._has_peer_ended and self._application is not None:
+            self._has_peer_ended = True
             self._transport.pause_reading()  # what comes behind the end in TLS would be kept, and never be looked at
             self._application.eof_received()
 

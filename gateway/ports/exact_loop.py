@@ -84,6 +84,7 @@ class ExactLoop(asyncio.SelectorEventLoop):
         super().__init__(selector)
         self._poller = selector.poller
         self._poller.ready = self._ready  # type: ignore[attr-defined]  # private, so not in the stubs
+        self._poller.call_soon = self.call_soon
         self._poller.failed = self._callback_failed
         self.mask = self._poller.mask
         self.wake_at = self._poller.wake_at

@@ -39,12 +39,14 @@ Callbacks = tuple[Waiting | None, Waiting | None]
 class Poller:
     """Waits with `epoll`, which has this `descriptor`, and calls `callbacks`, by their descriptors, and what is due.
 
-    Of the loop that it serves, `ready` are the callbacks that the loop calls itself, and `failed` reports errors.
+    Of the loop that it serves, `ready` are the callbacks that the loop calls itself, `call_soon` adds one to them, and
+    `failed` reports errors. Those that were in `ready` before come first, as in asyncio.
     """
 
     def __init__(self, epoll: select.epoll, descriptor: int) -> None:
         self.callbacks: dict[int, Callbacks] = {}
         self.ready: deque[asyncio.Handle] = deque()
+        self.call_soon: Callable[[Callable[[], None]], object]
         self.failed: Callable[[Exception], None]
         self._epoll = epoll
         self._descriptor = descriptor
@@ -52,19 +54,21 @@ class Poller:
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._number = 0
         self._ends_at = 0.0
+        #: Whether what there is to call comes after what is in `ready`.
+        self._is_behind = False
 
     def wait(self, timeout: float | None = None) -> list[asyncio.Handle]:
         """Wait and call what there is to call until `timeout` has passed, or the loop has something to do.
 
         Nothing of it is left to the loop: the list is empty.
         """
+        self._is_behind = bool(self.ready)
         now = monotonic()
         self._ends_at = inf if timeout is None else now + timeout
         while True:
             self._poll(min(self._ends_at, self._due[0][0] if self._due else inf) - now)
             now = monotonic()
-            while self._due and self._due[0][0] <= now:
-                self._call(heappop(self._due)[2])
+            self._call_due(now)
             if self.ready or self._ends_at <= now:
                 return []
 
@@ -108,7 +112,10 @@ class Poller:
             self._call_ready(0.0)
 
     def _call_ready(self, wait: float) -> None:
-        """Call those that are ready within `wait` seconds, unless another one of them has just cancelled it."""
+        """Call those that are ready within `wait` seconds, unless another one of them has just cancelled it.
+
+        If they are behind others, the loop calls them.
+        """
         ready = []
         for descriptor, events in self._epoll.poll(wait, _AT_ONCE):
             reader, writer = self.callbacks.get(descriptor, _NOBODY)
@@ -117,8 +124,18 @@ class Poller:
             if writer is not None and events & ~select.EPOLLIN:
                 ready.append(writer)
         for waiting in ready:
-            if not waiting.handle._cancelled:  # noqa: SLF001 - `cancelled()` is a call more for each
+            if self._is_behind:
+                self.ready.append(waiting.handle)
+            elif not waiting.handle._cancelled:  # noqa: SLF001 - `cancelled()` is a call more for each
                 self._call(waiting.call)
+
+    def _call_due(self, now: float) -> None:
+        while self._due and self._due[0][0] <= now:
+            callback = heappop(self._due)[2]
+            if self._is_behind:
+                self.call_soon(callback)
+            else:
+                self._call(callback)
 
     def _call(self, callback: Callable[[], object]) -> None:
         try:

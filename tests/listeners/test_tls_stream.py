@@ -204,6 +204,26 @@ def test_a_buffer_full_of_requests_is_not_taken_for_the_end() -> None:
     asyncio.run(scenario())
 
 
+def test_a_buffer_that_is_still_full_is_not_taken_for_the_end() -> None:
+    """What arrives before the connection has gone on: the client would be cut off."""
+
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target)
+        peer.tls.write(b"".join(encode(number, 1, READ) for number in range(1000)))
+        arrive(stream, peer.outgoing.read())
+        stream._is_paused = False
+        stream.buffer_updated(0)
+        for number in range(1000):
+            assert target.waiting[0].transaction == number
+            target.answer_first()
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+        assert not network.is_over
+
+    asyncio.run(scenario())
+
+
 @pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
 def test_a_client_may_send_each_byte_in_a_record_of_its_own(version: ssl.TLSVersion) -> None:
     async def scenario() -> None:

@@ -235,6 +235,53 @@ async def test_an_error_in_a_callback_at_its_time_is_reported_and_the_next_one_i
     assert reported == [ZeroDivisionError]
 
 
+@pytest.mark.parametrize("wakes", ["descriptor", "time"])
+async def test_what_the_loop_was_asked_to_call_comes_before_what_has_become_ready_since(pair, wakes) -> None:
+    """As in asyncio: a connection that goes on processes what it has before it receives more."""
+    near, far = pair
+    loop = asyncio.get_running_loop()
+    called, over = [], loop.create_future()
+
+    def receive() -> None:
+        loop.remove_reader(near)
+        called.append("ready")
+        over.set_result(None)
+
+    def go_on() -> None:
+        loop.call_soon(called.append, "asked for")
+        if wakes == "descriptor":
+            loop.add_reader(near, receive)
+        else:
+            loop.wake_at(loop.time(), receive)
+
+    far.send(b"x")
+    loop.call_soon(go_on)
+    async with asyncio.timeout(30):
+        await over
+    assert called == ["asked for", "ready"]
+
+
+async def test_what_is_ready_is_called_though_the_loop_is_never_idle(pair) -> None:
+    near, far = pair
+    loop = asyncio.get_running_loop()
+    received, due = loop.create_future(), loop.create_future()
+
+    def receive() -> None:
+        loop.remove_reader(near)
+        received.set_result(None)
+
+    def never_idle() -> None:
+        if not (received.done() and due.done()):
+            loop.call_soon(never_idle)
+
+    never_idle()
+    loop.add_reader(near, receive)
+    loop.wake_at(loop.time(), lambda: due.set_result(None))
+    far.send(b"x")
+    async with asyncio.timeout(30):
+        await asyncio.gather(received, due)
+
+
 async def test_a_callback_that_another_one_has_removed_is_not_called() -> None:
     loop = asyncio.get_running_loop()
     pairs = [socket.socketpair() for _ in range(2)]
