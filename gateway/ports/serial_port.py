@@ -18,6 +18,10 @@ from gateway.ports.serial_transport import PortTransport
 
 #: More than a line delivers between two looks, and little enough that Python has room for it at hand.
 READ_SIZE: Final = 256
+#: So many pieces are what a terminal keeps (N_TTY_BUF_SIZE, 4096 bytes): all that had come when somebody looked.
+PIECES_OF_A_TERMINAL: Final = 16
+#: A port that never runs dry delivers so many pieces; then it is the turn of others.
+PIECES_IN_A_TURN: Final = 4
 
 
 class SerialPort:
@@ -76,7 +80,9 @@ class SerialPort:
                 self._mask(self._descriptor, is_masked=False)
             else:
                 self._transport.resume_reading()
-        self._read_ready()
+        for _ in range(PIECES_OF_A_TERMINAL):
+            if not self._deliver():
+                return
 
     def change_baud(self, baud: int) -> None:
         """See Port."""
@@ -95,14 +101,17 @@ class SerialPort:
         return f"<SerialPort {self._name} {state}, {self._transport.get_write_buffer_size()} bytes to send>"
 
     def _read_ready(self) -> None:
-        """Deliver what is there, in pieces of READ_SIZE."""
+        """Deliver what is there until the user pauses, and not so much that others wait: the loop calls again."""
+        for _ in range(PIECES_IN_A_TURN):
+            if not self._deliver() or self._is_paused:
+                return
+
+    def _deliver(self) -> bool:
+        """Deliver READ_SIZE bytes at most; whether there may be more."""
         data = self._read()
         if data:
             self._received(data)
-        while len(data) == READ_SIZE and not self._transport.is_closing():
-            data = self._read()
-            if data:
-                self._received(data)
+        return len(data) == READ_SIZE and not self._transport.is_closing()
 
     def _read(self) -> bytes:
         """What the driver has; empty if that is nothing, or if the port is lost."""

@@ -13,6 +13,7 @@ import termios
 import threading
 import time
 from contextlib import asynccontextmanager, contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,9 @@ CLOSED_WITHIN = 5.0
 #: More than a terminal takes while nobody reads it, in bytes; a port keeps that much, and much more is a loss.
 A_LOT = 20 * 1024
 FAR_TOO_MUCH = 128 * 1024
+#: What a terminal keeps at most, and how much of it a port hands over before others have their turn, in bytes.
+IN_A_TERMINAL = 4096
+MOST_IN_A_TURN = 1024
 
 
 class User:
@@ -42,10 +46,12 @@ class User:
         self.losses = []
         self.calling = ""
         self.lost_in = None
+        self.hears = lambda: None
 
     def received(self, data, *, damaged=False):
         assert not damaged
         self.heard += data
+        self.hears()
 
     def lost(self, error):
         self.losses.append(error)
@@ -309,6 +315,46 @@ async def test_an_idle_port_is_not_taken_for_one_that_hung_up(opened, virtual, u
         assert user.losses == []
         virtual.write(b"still there")
         await until(lambda: user.heard == b"still there")
+
+
+async def test_a_port_from_which_much_comes_leaves_others_their_turn(opened, virtual, user):
+    async with opened():
+        await asyncio.sleep(0)
+        virtual.write(bytes(3000))
+        arrived(virtual, 3000)
+        heard = [0]
+        while heard[-1] < 3000:
+            await asyncio.sleep(0)
+            heard.append(len(user.heard))
+        assert max(after - before for before, after in pairwise(heard)) <= MOST_IN_A_TURN
+
+
+async def test_a_user_who_pauses_a_port_hears_no_more_of_what_has_come(opened, virtual, user):
+    async with opened() as port:
+        user.hears = port.pause
+        virtual.write(bytes(3000))
+        arrived(virtual, 3000)
+        await until(lambda: user.heard)
+        await asyncio.sleep(0.02)
+        assert len(user.heard) < MOST_IN_A_TURN
+        port.read_now()
+        assert len(user.heard) == 3000
+
+
+async def test_who_looks_at_a_port_that_never_runs_dry_comes_back(opened, virtual, user):
+    def goes_on():
+        if len(user.heard) < 16 * IN_A_TERMINAL:
+            virtual.write(bytes(256))
+            arrived(virtual, 256)
+
+    async with opened() as port:
+        port.pause()
+        virtual.write(bytes(256))
+        goes_on()
+        user.hears = goes_on
+        port.read_now()
+        assert len(user.heard) <= IN_A_TERMINAL
+        user.hears = port.pause
 
 
 # --- changing the rate ---
