@@ -1,4 +1,4 @@
-"""How Sphinx makes a site of these pages: `./deploy/docs`."""
+"""How Sphinx makes a site of these pages: `./deploy/go docs`."""
 
 import re
 import tomllib
