@@ -5,7 +5,7 @@ it came. What is estimated so is never late, as long as both clocks run alike: a
 """
 
 import re
-from math import isfinite
+from math import inf, isfinite
 from typing import Final
 
 #: How often a site says what its clock shows, in seconds, and after what silence nothing is known of it any more.
@@ -42,6 +42,10 @@ class Clocks:
     def is_heard(self, now: float) -> bool:
         """Whether at least one of them was heard lately."""
         return any(now - at < SILENCE for _, at in self._heard.values())
+
+    def silence(self, now: float) -> float:
+        """How long none of them has been heard, in seconds; infinite if none ever was."""
+        return now - max((at for _, at in self._heard.values()), default=-inf)
 
     def deadline(self) -> float | None:
         """When the last of them has been silent for too long; None if none was ever heard."""

@@ -8,7 +8,7 @@ from math import inf
 from typing import TYPE_CHECKING, Final, Protocol
 
 from gateway.errors import FleetError, PortClosed, PortError
-from gateway.fleet.clock import Clocks
+from gateway.fleet.clock import SILENCE, Clocks
 from gateway.fleet.messages import Message
 from gateway.fleet.subjects import all_answers, answer_folder, clock_subject, request_subject
 from gateway.ports.port import CharacterErrors, PortUser
@@ -43,7 +43,8 @@ class Exchange:
         self._why_down = why_down
         self._connection: Connection | None = None
         self._clocks: dict[str, Clocks] = {}
-        self._followed: set[str] = set()
+        #: Since when each site is listened to over this connection.
+        self._followed: dict[str, float] = {}
         self._news = asyncio.Event()
         #: By how the reply subjects of their requests begin.
         self._ways: dict[str, SitePort] = {}
@@ -86,11 +87,19 @@ class Exchange:
         way = self._ways[folder] = SitePort(self.site, site, folder, user, clocks, self._publish)
         return way
 
+    def silence(self, site: str) -> float | None:
+        """How long a site has not been heard, in seconds; None if it is heard, or nobody listens to it for long enough."""
+        now = asyncio.get_running_loop().time()
+        if self._connection is None or now - self._followed.get(site, now) < SILENCE:
+            return None
+        silence = self._clocks[site].silence(now)
+        return min(silence, now - self._followed[site]) if silence >= SILENCE else None
+
     async def _until_heard(self, site: str, clocks: Clocks) -> None:
         time = asyncio.get_running_loop().time
         while self._connection is None or not clocks.is_heard(time()):
             if self._connection is not None and site not in self._followed:
-                self._followed.add(site)
+                self._followed[site] = time()
                 await self._connection.subscribe(clock_subject(site), partial(self._heard, clocks))
             await self._news.wait()
 

@@ -31,12 +31,13 @@ Told = Mapping[str, Any]
 class SiteStatus:
     """A site, as it said itself. Times are in seconds.
 
-    It is `up`, has `left`, or is `lost`: it has not renewed its entry. That has been so `for_s` seconds. `lines` are
-    those that are up, `lines_down` the names of the others; it serves so many `units`.
+    It is `up`, has `left`, or is `lost`: it has not renewed its entry. It is `silent` if this site asks its units and
+    does not hear it. That has been so `for_s` seconds. So many `lines` are up; `lines_down` are the names of those that
+    are not, and of other servers and sites that are not reached. It serves so many `units`.
     """
 
     site: str
-    state: Literal["up", "left", "lost"]
+    state: Literal["up", "silent", "left", "lost"]
     for_s: float
     host: str
     version: str

@@ -5,7 +5,7 @@ import os
 import time
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -189,7 +189,14 @@ class Fleet:
         """
         if self.presence is None or self.link is None or self.link.connection is None:
             raise FleetError(self.reason if self.link is None else f"NATS cannot be reached: {self.link.reason}")
-        return await self.presence.sites()
+        return [self._as_heard(each) for each in await self.presence.sites()]
+
+    def _as_heard(self, status: "SiteStatus") -> "SiteStatus":
+        """A site whose units are asked from here is known to be silent long before its entry is too old."""
+        silence = None if self.exchange is None else self.exchange.silence(status.site)
+        if silence is None or status.state != "up":
+            return status
+        return replace(status, state="silent", for_s=round(silence, 1))
 
     def status(self) -> FleetStatus | None:
         """How it stands; None without [fleet]."""

@@ -18,7 +18,7 @@ def tell(running: Running) -> Mapping[str, Any]:
         "host": gethostname(),
         "version": __version__,
         "up_s": round(asyncio.get_running_loop().time() - running.started, 1),
-        "lines": len(gateway.parts) - len(down),
+        "lines": sum(part.name not in down for part in (*gateway.lines, *gateway.servers)),
         "lines_down": down,
         "units": len(set(served_units(gateway))),
     }

@@ -8,28 +8,9 @@ import pytest
 from gateway.errors import FleetError
 from gateway.fleet.messages import Entry
 from gateway.fleet.presence import LOST_AFTER, PERIOD, Presence, status_of
+from kit.fake_nats import FakeBucket
 
 TOLD = {"host": "box", "version": "1", "up_s": 5.0, "lines": 2, "lines_down": ["hall"], "units": 7}
-
-
-class FakeBucket:
-    def __init__(self) -> None:
-        self.held: dict[str, Entry] = {}
-        self.refuses = False
-        self.offset = 1e6
-
-    async def put(self, key, value):
-        if self.refuses:
-            raise FleetError("no right")
-        self.held[key] = Entry(key, value, 1, asyncio.get_running_loop().time() + self.offset)
-        return 1
-
-    async def entries(self):
-        return list(self.held.values())
-
-    async def bucket(self, name):
-        assert name == "mbgw-status"
-        return self
 
 
 def presence(site="a", told=TOLD):

@@ -2,6 +2,7 @@
 
 import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 
 import pytest
 
@@ -10,10 +11,11 @@ from gateway.fleet import link
 from gateway.fleet.messages import Message
 from gateway.fleet.owner import MOST_OF_SENDER
 from gateway.service.doctor import examine
+from gateway.service.presence import tell
 from gateway.service.stories import sentences
 from gateway.service.trace import stories
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.fake_nats import FakeConnection, FakeNats
+from kit.fake_nats import FakeBucket, FakeConnection, FakeNats
 from kit.gateway_bench import GatewayBench, gateway_bench
 
 FLEET = '[fleet]\nservers = ["nats://127.0.0.1"]\n'
@@ -61,7 +63,7 @@ async def site(config: str, *, clock_ahead: float = 0.0):
         loop, fleet = asyncio.get_running_loop(), bench.gateway.fleet
         fleet.clock = lambda: loop.time() + clock_ahead
         await fleet.adopt(bench.gateway.plan.fleet)
-        await fleet.serve(lambda: bench.gateway.sites.routes)
+        await fleet.serve(lambda: bench.gateway.sites.routes, partial(tell, bench.running))
         try:
             yield bench
         finally:
@@ -166,6 +168,21 @@ async def test_what_mends_a_site_that_is_away_is_at_that_site_and_without_nats_t
 async def to_mend(bench):
     found = await examine(bench.running, {}, lambda: True)
     return [each for each in found["findings"] if each.level == "fix"]
+
+
+async def test_a_site_that_is_killed_is_silent_for_who_asks_its_units_long_before_it_is_lost(nats, monkeypatch):
+    monkeypatch.setattr(FakeConnection, "bucket", FakeBucket().bucket)
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        await asyncio.sleep(11.0)
+        assert [(each.site, each.state, each.lines) for each in await a.gateway.fleet.sites()] == [
+            ("a", "up", 0),
+            ("b", "up", 1),
+        ]
+        await b.gateway.fleet.stop()  # without a word
+        await asyncio.sleep(5.0)
+        _, status = await a.gateway.fleet.sites()
+        assert (status.state, 3.5 <= status.for_s <= 6.0) == ("silent", True)
 
 
 async def test_a_site_that_leaves_is_0a_at_once(nats):

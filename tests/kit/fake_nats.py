@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from gateway.errors import FleetError
-from gateway.fleet.messages import Message
+from gateway.fleet.messages import Entry, Message
 
 
 @dataclass(eq=False)
@@ -119,3 +119,25 @@ class FakeConnection:
     async def close(self) -> None:
         if self in self.nats.connections:
             self.lose("it was closed")
+
+
+class FakeBucket:
+    """A bucket of sites, and the connection to it."""
+
+    def __init__(self) -> None:
+        self.held: dict[str, Entry] = {}
+        self.refuses = False
+        self.offset = 1e6
+
+    async def put(self, key, value):
+        if self.refuses:
+            raise FleetError("no right")
+        self.held[key] = Entry(key, value, 1, asyncio.get_running_loop().time() + self.offset)
+        return 1
+
+    async def entries(self):
+        return list(self.held.values())
+
+    async def bucket(self, name):
+        assert name == "mbgw-status"
+        return self
