@@ -87,7 +87,7 @@ def _show(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(answer, indent=2))
     else:
-        print(_as_text(found, answer["asked"], several_rates=args.all_speeds))
+        print(_as_text(answer, several_rates=args.all_speeds))
     return FINE if found and all(row["result"] != "garbled" for row in found) else PROBLEM_FOUND
 
 
@@ -104,7 +104,7 @@ def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: "_Progress") -
             raise DaemonError("the daemon's answer is none to a scan")
         tell.show(answer["progress"])
         answer = daemon.next_answer()
-    return {"asked": answer["asked"], "found": answer["found"]}
+    return {key: answer[key] for key in ("asked", "found", "known", "is_answered") if key in answer}
 
 
 def _units(words: Sequence[str]) -> list[str] | None:
@@ -154,7 +154,8 @@ def _progress() -> Iterator[_Progress]:
         progress.clear()
 
 
-def _as_text(found: Sequence[_Row], asked: int, *, several_rates: bool) -> str:
+def _as_text(answer: _Row, *, several_rates: bool) -> str:
+    found, asked = answer["found"], answer["asked"]
     silent = asked - len({row["unit"] for row in found})
     parts = []
     if found:
@@ -162,10 +163,12 @@ def _as_text(found: Sequence[_Row], asked: int, *, several_rates: bool) -> str:
         parts.append(align([headings, *(_cells(row, several_rates=several_rates) for row in found)]))
     if silent:
         parts.append(f"{silent} of {asked} {'unit' if asked == 1 else 'units'} did not answer.")
+    if answer.get("known"):
+        parts.append(f"In the config or in use, so not asked: {answer['known']}.")
     garbled = [str(row["unit"]) for row in found if row["result"] == "garbled"]
     if garbled:
         parts.append(f"Garbled ({', '.join(garbled)}): two devices may have this address, or rate or format are wrong.")
-    if not found:
+    if not found and not answer.get("is_answered"):
         others = "" if several_rates else " --all-speeds tries other rates."
         parts.append(f"If no unit of this line answers: are wiring, rate, format and mode right?{others}")
     return "\n\n".join(parts)

@@ -88,7 +88,7 @@ class Exchange:
         return way
 
     def silence(self, site: str) -> float | None:
-        """How long a site has not been heard, in seconds; None if it is heard, or nobody listens to it for long enough."""
+        """How long a site has not been heard, in seconds; None if it is heard, or nobody has listened for so long."""
         now = asyncio.get_running_loop().time()
         if self._connection is None or now - self._followed.get(site, now) < SILENCE:
             return None

@@ -7,18 +7,20 @@ from typing import Any
 
 from gateway import __version__
 from gateway.service.build import Gateway
+from gateway.service.parts import GatewayLine, GatewayServer
 from gateway.service.running import Running
 
 
 def tell(running: Running) -> Mapping[str, Any]:
     """Its host, how long it is up, its lines and its units; see gateway.fleet.presence."""
     gateway = running.gateway
+    lines: list[GatewayLine | GatewayServer] = [*gateway.lines, *gateway.servers]
     down = [part.name for part in gateway.parts if not part.reconnector.is_open and not getattr(part, "is_standby", 0)]
     return {
         "host": gethostname(),
         "version": __version__,
         "up_s": round(asyncio.get_running_loop().time() - running.started, 1),
-        "lines": sum(part.name not in down for part in (*gateway.lines, *gateway.servers)),
+        "lines": sum(part.name not in down for part in lines),
         "lines_down": down,
         "units": len(set(served_units(gateway))),
     }

@@ -28,7 +28,8 @@ async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[d
         WrongQuestion: that cannot be asked, or the line cannot.
     """
     line = find_line(running.gateway, request.get("line"))
-    units = _units(line, request.get("units"))
+    units, known = _units(line, request.get("units"))
+    facts = {"asked": len(units), "known": known, "is_answered": _is_answered(line)}
     limit, all_speeds = _limit(request.get("limit_s", USUAL_LIMIT)), request.get("all_speeds") is True
     if not may_read_all(running.gateway):
         raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
@@ -46,7 +47,7 @@ async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[d
             async for step in steps:
                 if line not in running.gateway.lines:
                     raise WrongQuestion(f"a reload has changed {line.name}: scan it again")
-                yield {"progress": step} if isinstance(step, Progress) else {"found": step, "asked": len(units)}
+                yield {"progress": step} if isinstance(step, Progress) else {"found": step, **facts}
     except PortError as error:
         raise WrongQuestion(str(error)) from error
     finally:
@@ -71,18 +72,27 @@ async def _steps(running: Running, line: GatewayLine, units: list[int], limit: f
                 yield step
 
 
-def _units(line: GatewayLine, wanted: object) -> list[int]:
-    """The numbers to ask: those of the unit set that are not configured, nor in use where units pass through."""
+def _is_answered(line: GatewayLine) -> bool:
+    """Whether a configured unit has answered since the start, and has not failed since then."""
+    return any(
+        not device.breaker.failures and any(each.ok or each.exception for each in device.counts.values())
+        for device in line.devices.values()
+    )
+
+
+def _units(line: GatewayLine, wanted: object) -> tuple[list[int], str]:
+    """The numbers to ask, and the others of the unit set: they are configured, or in use where units pass through."""
     try:
         units = parse_units(f"{FIRST_UNIT}-{LAST_UNIT}" if wanted is None else wanted, first=BROADCAST_UNIT)
     except WrongValue as wrong:
         raise WrongQuestion(f"{wrong}" + (f"; {wrong.remedy}" if wrong.remedy else "")) from wrong
-    known = [device for device in line.devices.values() if device.counts or not line.plan.passes_through]
-    taken = {device.unit for device in known} | {device.settings.unit for device in known}
+    devices = [device for device in line.devices.values() if device.counts or not line.plan.passes_through]
+    taken = {device.unit for device in devices} | {device.settings.unit for device in devices}
     asked = [unit for unit in units if unit not in taken]
     if not asked:
         raise WrongQuestion(f"{show_units(units)} of {line.name}: configured or in use already; status shows how it is")
-    return asked
+    known = [] if wanted is None else [unit for unit in units if unit in taken]
+    return asked, show_units(known) if known else ""
 
 
 def _limit(value: object) -> float:

@@ -61,6 +61,16 @@ async def test_each_kind_is_found_with_its_profile_and_the_configured_are_not_as
         assert {1, 6}.isdisjoint(bench.lines["hall"].written[:1])
 
 
+async def test_who_is_configured_and_whether_one_of_them_answers_is_told():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach_at_pace("hall", Weigher(1), V80(6))
+        *_, last = await told(bench, units="5-8")
+        assert (last["asked"], last["known"], last["is_answered"]) == (3, "6", False)
+        assert await bench.client().asks(41, "03 00 20 00 02")
+        *_, last = await told(bench, units="7-8")
+        assert (last["asked"], last["known"], last["is_answered"]) == (2, "", True)
+
+
 async def test_a_mint_is_found_by_its_exception():
     async with gateway_bench(ASCII) as bench:
         bench.attach_at_pace("hall", Mint(4), V80(5), Generic(6), mode="ascii")
