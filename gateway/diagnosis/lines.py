@@ -18,7 +18,7 @@ FULL: Final = 0.9
 
 
 def about_line(line: LineEvidence) -> Iterator[Finding]:
-    """The findings about a line and its units; one `ok` if nothing is wrong."""
+    """The findings about a line and its units; `ok` if nothing is wrong, or for the units that answer beside others."""
     if line.is_standby:
         yield Finding("note", line.name, f"does not ask: {line.reason}")
         return
@@ -30,8 +30,11 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
     findings += [finding for unit in line.units for finding in about_unit(unit, line)]
     yield from findings
     asked = [unit for unit in line.units if unit.asked]
-    if asked and not any(finding.level == "fix" for finding in findings):
+    fixes = [finding for finding in findings if finding.level == "fix"]
+    if asked and not fixes:
         yield Finding("ok", line.name, _how_it_is(asked))
+    elif all(finding.unit for finding in fixes):
+        yield from _who_answers(line, asked, {finding.unit for finding in fixes})
     if len(asked) < len(line.units):
         yield Finding("note", line.name, f"not asked yet: {len(line.units) - len(asked)} of {len(line.units)} units")
 
@@ -40,6 +43,14 @@ def _how_it_is(units: list[UnitEvidence]) -> str:
     requests, answered = sum(unit.asked for unit in units), sum(unit.answered for unit in units)
     share = 100 * answered // requests
     return f"{len(units)} {'unit answers' if len(units) == 1 else 'units answer'}: {share} % of {requests} requests"
+
+
+def _who_answers(line: LineEvidence, asked: list[UnitEvidence], ill: set[str]) -> Iterator[Finding]:
+    well = [unit for unit in asked if unit.answered and not unit.in_a_row and unit.name not in ill]
+    if well:
+        numbers = ", ".join(str(unit.unit) for unit in well)
+        what = f"unit {numbers} answers" if len(well) == 1 else f"units {numbers} answer"
+        yield Finding("ok", line.name, what)
 
 
 def _echo(line: LineEvidence) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from gateway.cli.main import main
 
 
 class FakeDaemon:
-    answer = {"found": [], "asked": 17}
+    answer = None
 
     def __init__(self, _):
         pass
@@ -29,6 +29,7 @@ class FakeDaemon:
 @pytest.fixture
 def daemon(monkeypatch):
     monkeypatch.setattr(scan, "Conversation", FakeDaemon)
+    monkeypatch.setattr(FakeDaemon, "answer", {"found": [], "asked": 17})
     return FakeDaemon
 
 

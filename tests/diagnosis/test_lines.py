@@ -124,6 +124,15 @@ def test_a_unit_that_has_stopped_answering_is_named_whatever_its_share_was():
     assert rows_about_silo(replace(once, in_a_row=0)) == []
 
 
+def test_the_units_that_answer_beside_one_that_does_not_are_named():
+    third = replace(PRESS, unit=47, name="mill")
+    assert [row.what for row in about_line(replace(LINE, units=(SILENT, PRESS, third))) if row.level == "ok"] == [
+        "units 46, 47 answer"
+    ]
+    assert "ok" not in levels(replace(LINE, units=(SILENT, PRESS), others=12))
+    assert "ok" not in levels(replace(LINE, units=(SILENT, replace(PRESS, in_a_row=1))))
+
+
 @pytest.mark.parametrize(
     ("unit", "others", "words"),
     [
