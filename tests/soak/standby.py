@@ -136,6 +136,12 @@ class Site:
         with self._off.open("r+b") as file, mmap.mmap(file.fileno(), 8) as off:
             off[:] = seconds.to_bytes(8, sys.byteorder, signed=True)
 
+    @property
+    def silences(self) -> list[float]:
+        """For how long it had to be silent each time it took the lease since it was started, in seconds."""
+        log = [] if self._gateway is None else self._gateway.log
+        return [event["silent_s"] for event in log if event["event"] == "lease_taken"]
+
     def tell(self) -> None:
         """Print the last that it has logged."""
         for event in [] if self._gateway is None else self._gateway.log[-12:]:

@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from kit.nats import NatsServer, needs_nats
+from kit.process import PATIENCE
 from kit.shared_bus import Bus, sometimes_late
 from soak.standby import TTL, Site, Stage
 
@@ -47,15 +49,25 @@ def test_two_never_ask_at_once_and_one_goes_on(stage: Stage, fault: str) -> None
     assert sum(site.answers["wrong"] for site in stage.sites) == 0
 
 
-@needs_nats
-def test_after_a_stop_the_other_one_goes_on_at_once(stage: Stage) -> None:
+def hand_over(stage: Stage) -> float:
+    """Stop the holder, and wait until the other one asks: how long that one had to be silent first, in seconds."""
     stage.wait_for_service()
     holder, standby = stage.holder, stage.standby
+    before = len(standby.silences)
     assert holder.end() == 0
-    stage.wait_for_service()
-    assert stage.holder is standby
-    assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
+    deadline = time.monotonic() + PATIENCE
+    while stage.holder is not standby or len(standby.silences) == before:
+        assert time.monotonic() < deadline, "nobody goes on"
+        time.sleep(0.01)
     holder.start()
+    return standby.silences[-1]
+
+
+@needs_nats
+def test_after_a_stop_the_other_one_goes_on_at_once(stage: Stage) -> None:
+    """Only after a release it need not be silent. A busy machine may be too slow for the release, but not each time."""
+    assert any(hand_over(stage) == 0 for _ in range(5))
+    assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
 
 
 @pytest.mark.parametrize(("lease", "holds"), [("plant-1.hall-a", True), ("plant-1.hall-b", False), ("other", False)])
