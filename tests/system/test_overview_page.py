@@ -34,7 +34,7 @@ def seen(address: str, browser: Any) -> Iterator[SimpleNamespace]:
     assert seen.hosts == {urlsplit(address).netloc}
 
 
-def until(page: Any, is_so: Callable[[], bool]) -> None:
+def until(page: Any, is_so: Callable[[], object]) -> None:
     end = time.monotonic() + PATIENCE
     while not is_so():
         assert time.monotonic() < end
@@ -55,6 +55,17 @@ def point(row: Any, from_right: float) -> None:
     picture.hover(position={"x": width - from_right, "y": 5}, force=True)
 
 
+def point_until(page: Any, row: Any, from_right: float, is_told: Callable[[str], object]) -> None:
+    """Point at a place until its numbers are told: the table moves when something above it is drawn or made anew."""
+
+    def is_so() -> object:
+        page.mouse.move(0, 0)
+        point(row, from_right)
+        return is_told(reading(page))
+
+    until(page, is_so)
+
+
 def reading(page: Any) -> str:
     return page.locator("[data-reading]").inner_text()
 
@@ -64,18 +75,16 @@ def test_pointing_at_a_column_tells_its_numbers(seen: SimpleNamespace, address: 
     page.goto(address)
     row = shown_row(page)
     assert reading(page).startswith("Point at a place")
-    point(row, from_right=1)
-    until(page, lambda: NUMBERS.match(reading(page)) is not None)
+    point_until(page, row, 1, NUMBERS.match)
     assert row.locator("rect.mark").get_attribute("x") == "143"
-    point(row, from_right=row.locator("svg.map").bounding_box()["width"] - 1)
-    until(page, lambda: reading(page).endswith(": the gateway did not run"))
+    left = row.locator("svg.map").bounding_box()["width"] - 1
+    point_until(page, row, left, lambda told: told.endswith(": the gateway did not run"))
 
 
 def test_the_numbers_stay_when_the_page_is_made_anew(seen: SimpleNamespace, address: str) -> None:
     page = seen.page
     page.goto(address)
-    point(shown_row(page), from_right=1)
-    until(page, lambda: NUMBERS.match(reading(page)) is not None)
+    point_until(page, shown_row(page), 1, NUMBERS.match)
     page.locator("[data-reading]").evaluate("(each) => each.dataset.old = 1")
     until(page, lambda: page.locator("[data-reading][data-old]").count() == 0)
     until(page, lambda: NUMBERS.match(reading(page)) is not None)
