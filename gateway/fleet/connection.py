@@ -31,6 +31,7 @@ from nats.js.errors import (
 from nats.js.kv import KeyValue
 
 from gateway.errors import FleetError
+from gateway.fleet.counts import LostMessages
 from gateway.fleet.messages import Entry, Message
 from gateway.ports.lookup import look_up
 from gateway.tls.reasons import explain
@@ -47,6 +48,10 @@ _LARGEST_BUFFER: Final = 256 * 1024
 #: The most messages of one subscription that wait to be delivered, and their bytes. What comes beyond that is lost.
 _MOST_UNDELIVERED: Final = 4096
 _LARGEST_UNDELIVERED: Final = 4 * 1024 * 1024
+#: The shortest and the longest block of headers that the library may read: the first line with its end and an empty
+#: line, and several times what gateways send.
+_SHORTEST_HEADERS: Final = 12
+_LONGEST_HEADERS: Final = 4096
 #: How many questions about a bucket are asked at once.
 _QUESTIONS: Final = 32
 #: The largest value in a bucket, in bytes.
@@ -87,14 +92,36 @@ class Login:
     server_name: str = ""
 
 
+class _Reader(Client):
+    """The library, which stops reading for good when one message cannot be decoded: such messages are dropped here."""
+
+    def __init__(self, lost: LostMessages) -> None:
+        super().__init__()
+        self._lost = lost
+
+    async def _process_msg(self, sid: int, subject: bytes, reply: bytes, data: bytes, headers: bytes) -> None:
+        try:
+            _check(subject, reply, headers)
+            await super()._process_msg(sid, subject, reply, data, headers)
+        except (ValueError, LookupError):
+            self._lost.unreadable += 1
+
+
 class Connection:
     """A connection to `server`. What it loses is not sent again: the next connection begins with nothing.
 
     Answers come to subjects below `inbox`, which begins with the site, so that the permissions of NATS can keep others
-    from listening there. `refused` is called when the server refuses a subject, with the reason.
+    from listening there. `refused` is called when the server refuses a subject, with the reason. Messages that are not
+    delivered are counted in `messages`.
     """
 
-    def __init__(self, server: Server, login: Login, refused: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(
+        self,
+        server: Server,
+        login: Login,
+        refused: Callable[[str], None] = lambda _: None,
+        messages: LostMessages | None = None,
+    ) -> None:
         self.server = server
         self.inbox = f"_INBOX.{login.site}"
         self._login = login
@@ -102,7 +129,8 @@ class Connection:
         self._loop = asyncio.get_running_loop()
         #: Done when the connection is lost, with the reason.
         self.lost: asyncio.Future[str] = self._loop.create_future()
-        self._client = Client()
+        self._messages = messages or LostMessages()
+        self._client = _Reader(self._messages)
         self._has_begun = self._is_open = False
         self._outbox: deque[Message] = deque()
         self._has_more = asyncio.Event()
@@ -223,6 +251,9 @@ class Connection:
             **options,
         )
         self._trusted(None)
+        # When it stops reading because of a defect, the library tells nobody.
+        assert self._client._reading_task is not None  # noqa: S101, SLF001 - it is connected
+        self._client._reading_task.add_done_callback(lambda _: self.lose("it cannot be read any more"))  # noqa: SLF001
 
     def _trusted(self, what: T) -> T:
         """`what`, if the server may have it: the library does not mind when one that should have TLS says it has none.
@@ -383,6 +414,14 @@ async def _open_store(stream: JetStreamContext, name: str) -> KeyValue:
         return await _answered(stream.create_key_value(config))
     except FleetError as error:
         raise FleetError(f"there is no bucket {name}, and it cannot be made: {error}") from error
+
+
+def _check(subject: bytes, reply: bytes, headers: bytes) -> None:
+    """Raise ValueError if the library could not read this, or would take long for it."""
+    subject.decode()
+    reply.decode()
+    if headers and not _SHORTEST_HEADERS <= len(headers) <= _LONGEST_HEADERS:
+        raise ValueError
 
 
 async def _deliver(deliver: Callable[[Message], None], found: Msg) -> None:

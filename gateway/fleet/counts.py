@@ -1,4 +1,4 @@
-"""What has become of requests from other sites."""
+"""What has become of requests from other sites, and of messages that were not delivered."""
 
 from dataclasses import dataclass
 
@@ -13,3 +13,11 @@ class OwnerCounts:
     expired: int = 0
     refused: int = 0
     dropped: int = 0
+
+
+@dataclass(slots=True)
+class LostMessages:
+    """Messages of other sites that were not delivered: `unreadable` ones, and those that `overflowed` a queue."""
+
+    unreadable: int = 0
+    overflowed: int = 0

@@ -8,6 +8,7 @@ from typing import Final, Protocol
 from gateway.errors import FleetError, TlsError
 from gateway.events import Emit, FleetLost, FleetRefused, FleetUp, PartFailed
 from gateway.fleet.connection import Connection, Login, Server
+from gateway.fleet.counts import LostMessages
 from gateway.ports.threads import ThreadPerCall
 
 #: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
@@ -39,6 +40,8 @@ class Link:
         self.down_since: float | None = asyncio.get_running_loop().time()
         self.server = servers[0]
         self.attempts = 0
+        #: Of all its connections.
+        self.messages = LostMessages()
         self.reconnects = 0
         self._servers = servers
         self._first = random.randrange(len(servers))  # noqa: S311 - no secret
@@ -93,7 +96,7 @@ class Link:
         self.server = self._servers[(self._first + self.attempts) % len(self._servers)]
         self.attempts += 1
         self._refusals.clear()
-        connection = Connection(self.server, login, self._refused)
+        connection = Connection(self.server, login, self._refused, self.messages)
         try:
             await connection.open()
             while waiting := [member for member in self._members if member not in self._joined]:

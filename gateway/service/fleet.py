@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from gateway import events
 from gateway.config.plan import FleetPlan
 from gateway.errors import FleetError, PortError
-from gateway.fleet.counts import OwnerCounts
+from gateway.fleet.counts import LostMessages, OwnerCounts
 from gateway.ports.port import OpenPort, Port, PortUser
 from gateway.routing.router import Router
 from gateway.service.libraries import not_installed
@@ -39,7 +39,8 @@ class FleetStatus:
 
     It has been down for `down_ms`; None if it is up. Of `requests` from other sites, so many got `responses`; `busy`
     ones were too many at once, `expired` ones too late to be sent, `refused` ones for no gateway, or in a circle.
-    `dropped` ones came with a subject that NATS should not have let through.
+    `dropped` ones came with a subject that NATS should not have let through. Of messages, so many were `unreadable`, or
+    `overflowed` a queue: these were not delivered.
     """
 
     server: str
@@ -56,6 +57,8 @@ class FleetStatus:
     expired: int
     refused: int
     dropped: int
+    unreadable: int
+    overflowed: int
 
 
 class Fleet:
@@ -204,6 +207,7 @@ class Fleet:
         if plan is None:
             return None
         counts = OwnerCounts() if self.serving is None else self.serving.owner.counts
+        messages = LostMessages() if link is None else link.messages
         down_since = None if link is None else link.down_since
         reason = self.reason if link is None else link.reason
         return FleetStatus(
@@ -221,6 +225,8 @@ class Fleet:
             expired=counts.expired,
             refused=counts.refused,
             dropped=counts.dropped,
+            unreadable=messages.unreadable,
+            overflowed=messages.overflowed,
         )
 
     @property

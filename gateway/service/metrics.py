@@ -211,7 +211,10 @@ def _fleet(fleet: FleetStatus | None) -> Iterable[Family]:
     requests = Family("counter", "fleet_requests", "Requests from other sites by what became of them.", ("result",))
     for result in ("responses", "busy", "expired", "refused", "dropped"):
         requests.add(getattr(fleet, result), {"responses": "ok"}.get(result, result))
-    yield from (up, requests)
+    lost = Family("counter", "fleet_lost_messages", "Messages of other sites that were not delivered.", ("reason",))
+    lost.add(fleet.unreadable, "unreadable")
+    lost.add(fleet.overflowed, "overflowed")
+    yield from (up, requests, lost)
 
 
 def _broker(mqtt: BrokerStatus | None) -> Iterable[Family]:

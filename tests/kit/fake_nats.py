@@ -75,7 +75,7 @@ class FakeConnection:
 
     nats: FakeNats
 
-    def __init__(self, server, login, refused=lambda _: None) -> None:
+    def __init__(self, server, login, refused=lambda _: None, messages=None) -> None:
         self.login = login
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.is_full = False

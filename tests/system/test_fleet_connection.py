@@ -1,12 +1,15 @@
 """The connection to a real NATS server: logins, buckets, what is refused, and what is lost."""
 
 import asyncio
+import socket
 import ssl
+from contextlib import asynccontextmanager
 
 import pytest
 
 from gateway.errors import FleetError
-from gateway.fleet.connection import Connection, Login, Server
+from gateway.fleet.connection import PING_INTERVAL, Connection, Login, Server
+from gateway.fleet.counts import LostMessages
 from gateway.fleet.messages import Message
 from kit.free_port import free_port
 from kit.nats import NatsServer, needs_nats
@@ -133,4 +136,75 @@ async def test_a_subject_that_is_refused_is_told(tmp_path):
         await connection.open()
         connection.publish(Message("mbgw.b.unit.1.from.c", b"\x03"))
         assert "mbgw.b.unit.1.from.c" in await asyncio.wait_for(refused.get(), PATIENCE)
+        await connection.close()
+
+
+def publish_raw(nats: NatsServer, command: bytes) -> None:
+    """Send what no library would send, and wait until the server has taken it."""
+    with socket.create_connection(("127.0.0.1", nats.port), PATIENCE) as plain:
+        lines = plain.makefile("rb")
+        lines.readline()
+        plain.sendall(b'CONNECT {"verbose":false,"headers":true,"no_responders":true}\r\n' + command + b"PING\r\n")
+        assert lines.readline() == b"PONG\r\n"
+        lines.close()
+
+
+def raw_message(subject: bytes, reply: bytes, headers: bytes = b"") -> bytes:
+    if not headers:
+        return b"PUB %b %b 1\r\n\x03\r\n" % (subject, reply)
+    return b"HPUB %b %b %d %d\r\n%b\x03\r\n" % (subject, reply, len(headers), len(headers) + 1, headers)
+
+
+@pytest.mark.parametrize(
+    ("subject", "reply", "headers"),
+    [
+        (b"unit.\xff", b"answer", b""),
+        (b"unit.1", b"answer.\xff", b""),
+        (b"unit.1", b"answer", b"NA"),
+        (b"unit.1", b"answer", b"NATS/1.0"),
+        (b"unit.1", b"answer", b"NATS/1.0 \xff\xff\xff\r\n\r\n"),
+        (b"unit.1", b"answer", b"NATS/1.0 100 \xff\xff\xff\r\n\r\n"),
+        (b"unit.1", b"answer", b"NATS/1.0\r\n" + b"a:\r\n" * 2000 + b"\r\n"),
+    ],
+    ids=["subject", "reply", "no first line", "no end of it", "status", "description", "too long"],
+)
+async def test_a_message_that_cannot_be_read_is_dropped_and_no_other(tmp_path, subject, reply, headers):
+    with NatsServer(tmp_path) as nats:
+        messages = LostMessages()
+        connection = Connection(server_of(nats), Login("a"), messages=messages)
+        await connection.open()
+        heard: asyncio.Queue[Message] = asyncio.Queue()
+        await connection.subscribe("unit.*", heard.put_nowait)
+        await connection.settle()
+        command = raw_message(subject, reply, headers) + raw_message(b"unit.2", b"answer")
+        await asyncio.to_thread(publish_raw, nats, command)
+        assert (await asyncio.wait_for(heard.get(), PATIENCE)).subject == "unit.2"
+        assert messages.unreadable == 1
+        assert not connection.lost.done()
+        await connection.close()
+
+
+@asynccontextmanager
+async def server_that_says(line: bytes):
+    """A server that logs everybody in, and then says this."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b'INFO {"server_id":"x","version":"2.9.10","headers":true,"max_payload":65536}\r\n')
+        while await reader.readline() != b"PING\r\n":
+            pass
+        writer.write(b"PONG\r\n" + line)
+        await reader.read()
+        writer.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with server:
+        yield Server("127.0.0.1", server.sockets[0].getsockname()[1])
+
+
+async def test_a_connection_that_is_not_read_any_more_is_lost_at_once():
+    async with server_that_says(b"INFO {]\r\n") as server:
+        connection = Connection(server, Login("a"))
+        await connection.open()
+        async with asyncio.timeout(PING_INTERVAL):
+            assert await connection.lost == "it cannot be read any more"
         await connection.close()
