@@ -13,6 +13,7 @@ the two ends, clocks may run at different rates, by a fifth.
 | state   | event                                                          | next    | action                      |
 |---------|----------------------------------------------------------------|---------|-----------------------------|
 | standby | the entry was released, is ours, or nobody renewed it in time  | standby | it is written: a claim      |
+| standby | the store has lost an entry, and all that others may know ended| standby | it is written: a claim      |
 | standby | a claim was accepted                                           | held    | after a silence, writing    |
 | held    | a renewal is due                                               | held    | it is written               |
 | held    | the entry is somebody else's                                   | standby | nothing is written any more |
@@ -20,12 +21,14 @@ the two ends, clocks may run at different rates, by a fifth.
 | held    | another asker was heard on the line                            | standby | the entry is released       |
 | held    | `release`                                                      | standby | the entry is released       |
 
+A store that has nothing, or an entry that is older than one seen before, has lost what was written there.
+
 There is no I/O here: time is an argument, `next` says what to ask of the store, and the caller reports the result.
 """
 
 import json
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from typing import Any, Final, Literal, NamedTuple
 
 from gateway.timing.lease_time import HOLDS, LOOKS, WAITS
@@ -36,6 +39,12 @@ _RENEWALS: Final = 3
 _UNKNOWN: Final = 8
 #: The longest time to live that an entry may claim, in seconds; more is damage.
 _LONGEST: Final = 3600.0
+#: The longest name of a holder, and how deep what moves may be nested; more is damage.
+_LONGEST_NAME: Final = 500
+_DEEPEST: Final = 10
+
+#: Why nobody holds a lease whose store was rolled back.
+_OLDER: Final = "NATS came back with an older entry"
 
 #: What moves with the lease, as JSON has it.
 State = dict[str, Any]
@@ -90,16 +99,37 @@ class Entry(NamedTuple):
         """A stored entry. One that cannot be read is somebody's who lives for `ttl`."""
         try:
             entry = cls(**json.loads(value))
-            return entry if _is_sound(entry) else cls("?", "", 0, ttl)
-        except (ValueError, TypeError):
-            return cls("?", "", 0, ttl)
+            return entry if _is_sound(entry) else cls(_NOBODY, "", 0, ttl)
+        except (ValueError, TypeError, RecursionError):
+            return cls(_NOBODY, "", 0, ttl)
+
+
+#: Who holds a lease whose entry cannot be read.
+_NOBODY: Final = "somebody whose entry cannot be read"
 
 
 def _is_sound(entry: Any) -> bool:
     """Whether all that was read is what it should be. Raises TypeError too if it is not."""
     texts = isinstance(entry.holder, str) and isinstance(entry.instance, str)
     others = isinstance(entry.beat, int) and isinstance(entry.is_released, bool) and isinstance(entry.state, dict)
-    return texts and others and 0 < entry.ttl <= _LONGEST and 0 <= entry.silent <= _LONGEST
+    times = 0 < entry.ttl <= _LONGEST and 0 <= entry.silent <= _LONGEST
+    return (
+        texts
+        and others
+        and times
+        and entry.holder.isprintable()
+        and len(entry.holder) <= _LONGEST_NAME
+        and _can_move(entry.state, _DEEPEST)
+    )
+
+
+def _can_move(value: Any, deepest: int) -> bool:
+    """Whether this can be written again: it is nested no deeper, and all numbers are finite."""
+    if isinstance(value, dict | list):
+        return deepest > 0 and all(
+            _can_move(each, deepest - 1) for each in (value.values() if isinstance(value, dict) else value)
+        )
+    return not isinstance(value, float) or isfinite(value)
 
 
 class Read(NamedTuple):
@@ -193,9 +223,8 @@ class Lease:
         self._must_read = False
         self._asks_at = now + LOOKS * self.settings.ttl
         self.trouble = ""
-        entry = None if value is None else Entry.decode(value, self.settings.ttl)
-        if self._store.found(entry, revision, now):
-            self._owe_silence(entry)
+        entry = None if value is None else Entry.decode(value, self._store.longest)
+        is_older = self._take_note(entry, revision, now)
         if entry is None:
             self._miss(now)
         elif self._writes.is_ours(entry):
@@ -203,7 +232,7 @@ class Lease:
             if sent_at is not None and not entry.is_released:
                 self._accept(sent_at, entry, now)
         else:
-            self._yield_to(entry)
+            self._yield_to(entry, is_older=is_older)
 
     def written(self, revision: int, now: float) -> None:
         """What was written is the entry now."""
@@ -264,7 +293,7 @@ class Lease:
         """From when on the lease may be claimed, as far as is known."""
         entry = self._store.entry
         if entry is not None and (entry.is_released or self._writes.is_ours(entry)):
-            return -inf
+            return self._store.is_lost_until
         return self._store.is_abandoned_at
 
     def _miss(self, now: float) -> None:
@@ -274,16 +303,26 @@ class Lease:
         else:
             self.reason = "nobody holds it; it may be taken soon"
 
-    def _yield_to(self, entry: Entry) -> None:
+    def _take_note(self, entry: Entry | None, revision: int, now: float) -> bool:
+        """This was read. Whether the store has lost a later entry."""
+        is_news = self._store.found(entry, revision, now)
+        is_older = is_news and entry is not None and self._store.is_lost_since == now
+        if is_news:
+            self._owe_silence(None if is_older else entry)
+        if is_older and not self.is_held:
+            self.reason = f"{_OLDER}; it may be taken soon"
+        return is_older
+
+    def _yield_to(self, entry: Entry, *, is_older: bool) -> None:
         """Another one's entry: what we wrote before cannot take effect any more."""
         self._writes.sent = {}
         if self.is_held:
-            self._drop(f"{entry.holder} has taken it")
-        elif not entry.is_released:
+            self._drop(_OLDER if is_older else f"{entry.holder} has taken it")
+        elif not entry.is_released and not is_older:
             self.reason = f"{entry.holder} holds it"
 
     def _owe_silence(self, entry: Entry | None) -> None:
-        """The line must be silent if somebody else has asked there."""
+        """The line must be silent if somebody else has asked there, or may have, as the store has lost an entry."""
         if entry is None:
             self._silence = self.settings.late
         elif not self._writes.is_ours(entry):
@@ -347,24 +386,37 @@ class Lease:
 
 
 class _Store:
-    """What is known of the store: the latest entry and its revision, since when, and when it was looked at last."""
+    """What is known of the store: the latest entry and its revision, since when, and when it was looked at last.
+
+    It has lost entries when it has none, or one whose revision is not above the latest that was seen.
+    """
 
     def __init__(self, ttl: float) -> None:
         self.entry: Entry | None = None
         self.revision = 0
         self.looked_at = -inf
-        self._ttl = ttl
-        #: None: nothing is known.
-        self._since: float | None = None
+        #: When it was seen that it has lost entries, last.
+        self.is_lost_since = -inf
         #: The longest time to live that was seen, for the case that an entry is lost.
-        self._longest = ttl
+        self.longest = ttl
+        self._ttl = ttl
+        #: When the latest entry was seen; None: nothing is known.
+        self._since: float | None = None
+        #: The revision of the latest entry, which may be lost.
+        self._latest = 0
 
     @property
     def is_abandoned_at(self) -> float:
         """From when on nobody can hold the lease by this entry, or by one that was lost."""
         if self._since is None:
             return inf
-        return self._since + WAITS * (self._longest if self.entry is None else self.entry.ttl)
+        seen_until = -inf if self.entry is None else self._since + WAITS * self.entry.ttl
+        return max(seen_until, self.is_lost_until)
+
+    @property
+    def is_lost_until(self) -> float:
+        """From when on nobody can hold the lease by an entry that was lost."""
+        return self.is_lost_since + WAITS * self.longest
 
     def is_fresh(self, now: float) -> bool:
         """Whether it has answered lately: else it may have lost the entry, and counted up to this revision again."""
@@ -372,16 +424,21 @@ class _Store:
 
     def found(self, entry: Entry | None, revision: int, now: float) -> bool:
         """This was read. Whether it is news."""
-        self.looked_at = now
         if self._since is not None and (entry, revision) == (self.entry, self.revision):
+            self.looked_at = now
             return False
+        if revision <= self._latest:
+            self.is_lost_since = now
         self.know(entry, revision, now)
         return True
 
     def know(self, entry: Entry | None, revision: int, now: float) -> None:
         """This is there since now at the latest."""
         self.entry, self.revision, self._since = entry, revision, now
-        self._longest = max(self._longest, 0.0 if entry is None else entry.ttl)
+        self.looked_at = now
+        if entry is not None:
+            self._latest = revision
+            self.longest = max(self.longest, entry.ttl)
 
     def failed(self) -> None:
         """It has not answered. One that has lost an entry was away: nobody knows since when there is none."""

@@ -2,7 +2,8 @@
 
 A gateway is killed and started, stopped and continued, hears another asker, or gives the lease back. A question to the
 store, or its answer, is slow or lost, or the question is carried out long after nobody waits for it any more. The store
-loses what it has. The clocks of the gateways have nothing in common, and run at different rates.
+loses what it has, or comes back older, unless a gateway has seen nothing of what it lost. The clocks of the gateways
+have nothing in common, and run at different rates.
 
 What may never happen: one gateway may write while what another one has written may still be on the line, or while the
 answer to that may come late, unless that other one has said how long that is.
@@ -23,9 +24,11 @@ STEPS = (1.0, 4.0, 15.0)
 _FASTEST = 1.1
 #: Questions that nobody waits for any more, of one gateway.
 _STRAY = 1
+#: By how many changes the store is older when it comes back.
+_OLDER = (1, 2, 6)
 #: What a picture of a lease leaves out, and what is no point in time there.
 _LEFT_OUT = frozenset({"settings", "reason", "_holder", "_instance", "sent", "_store", "_writes"})
-_PERIODS = frozenset({"_silence", "_ttl", "_longest"})
+_PERIODS = frozenset({"_silence", "_ttl", "longest"})
 
 
 @dataclass
@@ -46,6 +49,8 @@ class Gateway:
     wrote: float = -inf
     #: For how long after that the others must be silent, by what it has said.
     owes: float = 0.0
+    #: The revision of the last entry that it saw.
+    saw: int = 0
 
 
 @dataclass
@@ -57,6 +62,10 @@ class World:
     now: float = 1000.0
     value: bytes | None = None
     revision: int = 0
+    #: What the store had before, by revision.
+    past: dict[int, bytes] = field(default_factory=dict)
+    #: Until when no gateway can start that has seen nothing of what the store has lost.
+    starts_at: float = -inf
     started: int = 0
     gateways: list[Gateway | None] = field(default_factory=list)
     #: What gateways that are gone have left on the line, by true time.
@@ -73,6 +82,7 @@ class World:
         there = copy(self)
         there.gateways = [one and _copied(one) for one in self.gateways]
         there.gone = list(self.gone)
+        there.past = dict(self.past)
         return there
 
     def happenings(self) -> Iterator[str]:
@@ -81,9 +91,11 @@ class World:
             yield f"pass {step:g}"
         if self.value is not None:
             yield "wipe 0"
+            yield from (f"roll back {older}" for older in _OLDER if self._may_roll_back(self.revision - older))
         for number, one in enumerate(self.gateways):
-            for what in ("start",) if one is None else _happenings(one):
-                yield f"{what} {number}"
+            if one is not None or self.now >= self.starts_at:
+                for what in ("start",) if one is None else _happenings(one):
+                    yield f"{what} {number}"
 
     def do(self, happening: str) -> None:
         """Let it happen."""
@@ -96,6 +108,8 @@ class World:
         return (
             self._entry(self.value),
             self.revision,
+            *(self.past.get(self.revision - older) for older in _OLDER),
+            max(0.0, self.starts_at - self.now),
             *(one and self._picture_of(one) for one in self.gateways),
             *((max(one.wrote - self.now, -SETTINGS.ttl), one.owes) for one in self.gone),
         )
@@ -110,7 +124,7 @@ class World:
         )
         sent = tuple((beat, at - clock) for beat, at in one.lease._writes.sent.items())
         owed = (max(one.wrote - self.now, -2 * SETTINGS.ttl), one.owes)
-        return (str(lease), sent, one.is_stopped, one.asked, one.answer, one.stray, one.is_cut, owed)
+        return (str(lease), sent, one.is_stopped, one.asked, one.answer, one.stray, one.is_cut, one.saw, owed)
 
     def _entry(self, value: bytes | None) -> bytes | None:
         return value
@@ -185,12 +199,16 @@ class World:
             return ("refused",)
         self.value = asked.value
         self.revision += 1
+        self.past[self.revision] = asked.value
+        self.past.pop(self.revision - max(_OLDER) - 1, None)
         return ("written", self.revision)
 
     def _answer(self, number: int) -> None:
         one = self._one(number)
         assert one.answer is not None
         (report, *arguments), one.answer, one.asked = one.answer, None, None
+        if report != "refused":
+            one.saw = arguments[-1] or one.saw
         getattr(one.lease, report)(*arguments, self._clock(one))
 
     def _lose(self, number: int) -> None:
@@ -210,7 +228,23 @@ class World:
 
     def _wipe(self, _: int) -> None:
         """The store was away and has lost the entry. It counts from 0, and what was under way to it is lost too."""
-        self.value, self.revision = None, 0
+        self.value, self.revision, self.past = None, 0, {}
+        self._restart()
+
+    def _may_roll_back(self, revision: int) -> bool:
+        """Whether the store had this, and every gateway has seen something later."""
+        return revision in self.past and all(one.saw > revision for one in self.gateways if one is not None)
+
+    def _roll_back(self, older: int) -> None:
+        """The store was away, and comes back as it was so many changes ago."""
+        self.revision -= older
+        self.value = self.past[self.revision]
+        self.past = {revision: value for revision, value in self.past.items() if revision <= self.revision}
+        self.starts_at = self.now + self.settings.ttl
+        self._restart()
+
+    def _restart(self) -> None:
+        """What was under way to the store is lost."""
         for one in self.gateways:
             if one is not None:
                 one.stray, one.is_cut = (), True

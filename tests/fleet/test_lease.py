@@ -1,6 +1,7 @@
 """What the holder of a lease may do, and when another one takes it. What may never happen: test_lease_orders."""
 
 from dataclasses import replace
+from math import inf, nan
 
 import pytest
 
@@ -186,6 +187,19 @@ def test_who_hears_another_asker_stops_at_once_and_lets_others_go_first():
     assert one.is_held
 
 
+def test_a_release_that_is_written_late_is_followed_by_a_claim_at_once():
+    store = Store()
+    one, now = held(store)
+    one.heard_asker(now)
+    now += 12.0  # for so long it was stopped
+    asked = one.next(now)
+    assert isinstance(asked, Write)
+    store.value, store.revision = asked.value, store.revision + 1
+    one.written(store.revision, now)
+    store.serve(one, now)
+    assert one.is_held
+
+
 def test_who_cannot_use_the_line_gives_way_and_takes_it_again_if_nobody_does():
     store = Store()
     one, now = held(store)
@@ -222,15 +236,63 @@ def test_it_waits_for_what_the_holder_calls_its_time_to_live():
 
 @pytest.mark.parametrize(
     "value",
-    [b"", b"\xff", b"[]", b"{}", b"null", Entry("a", "x", 1, -1.0).encode(), Entry("a", "x", 1, 1e9).encode()],
+    [
+        *(b"", b"\xff", b"[]", b"{}", b"null", b"[" * 60_000, b'{"holder":' * 6_000),
+        *(Entry("a", "x", 1, ttl).encode() for ttl in (-1.0, 1e9, inf, nan)),
+        Entry("a", "x", 1, 10.0, silent=nan).encode(),
+        Entry("a", "x", 1, 10.0, state={"late": {"at": inf}}).encode(),
+        Entry("a", "x", 1, 10.0, state={"late": [nan]}).encode(),
+        Entry("a", "x", 1, 10.0).encode().replace(b"{}", b'{"a": ' * 300 + b"1" + b"}" * 300),
+        Entry("a\n", "x", 1, 10.0).encode(),
+        Entry("\ud800", "x", 1, 10.0).encode(),
+        Entry("a" * 501, "x", 1, 10.0).encode(),
+        Entry("a", "x", 1, 10.0).encode().replace(b"1,", b"9" * 5000 + b",", 1),
+    ],
+    ids=str,
 )
 def test_an_entry_that_cannot_be_read_is_somebody_elses(value):
     store, one = Store(), lease("a")
     store.value, store.revision = value, 3
     now = store.run(0.0, 8.9, one)
-    assert (one.is_held, one.holder) == (False, "?")
+    assert (one.is_held, one.reason) == (False, "somebody whose entry cannot be read holds it")
     store.run(now, 9.3, one)
     assert one.is_held
+
+
+def test_an_entry_that_cannot_be_read_may_be_of_whoever_lives_longest():
+    store, one = Store(), lease("a")
+    store.value, store.revision = Entry("b", "process of b", 1, 100.0).encode(), 3
+    now = store.run(0.0, 5.0, one)
+    store.value, store.revision = b"", 4
+    now = store.run(now, 94.0, one)
+    assert not one.is_held
+    store.run(now, 97.0, one)
+    assert one.is_held
+
+
+@pytest.mark.parametrize("is_released", [False, True])
+def test_an_older_entry_counts_as_lost_even_if_it_is_ours_or_free(is_released: bool):
+    store = Store()
+    one, now = held(store)
+    instance = "process of c" if is_released else "process of a"
+    older = Entry("c", instance, 1, 10.0, is_released=is_released).encode(), store.revision
+    one.heard_asker(now)
+    store.value, store.revision = Entry("b", "process of b", 1, 20.0).encode(), store.revision + 5
+    now = store.run(now, now + 3.0, one)
+    assert one.reason == "b holds it"
+    store.value, store.revision = older
+    came_back_at, now = now, store.run(now, now + 17.5, one)
+    assert (one.is_held, one.reason) == (False, "NATS came back with an older entry; it may be taken soon")
+    now = store.run(now, now + 2.5, one)
+    assert one.is_held
+    assert one.silent_until >= came_back_at + 18.0 + SETTINGS.late
+
+
+def test_a_holder_gives_way_to_an_older_entry_of_another_one_and_says_why():
+    store = Store()
+    one, now = held(store)
+    one.found(Entry("b", "process of b", 1, 10.0).encode(), store.revision - 1, now)
+    assert (one.is_held, one.reason) == (False, "NATS came back with an older entry")
 
 
 def test_a_holder_writes_its_entry_again_when_the_store_has_lost_it():

@@ -7,7 +7,17 @@ import pytest
 from fleet.lease_world import World
 
 #: How often each thing happens on a random walk, beside 1.
-WEIGHTS = {"pass": 2, "ask": 12, "serve": 20, "answer": 20, "kill": 0.3, "stop": 0.5, "wipe": 0.2, "release": 0.3}
+WEIGHTS = {
+    "pass": 2,
+    "ask": 12,
+    "serve": 20,
+    "answer": 20,
+    "kill": 0.3,
+    "stop": 0.5,
+    "wipe": 0.2,
+    "release": 0.3,
+    "roll back": 0.2,
+}
 RATES = [(1.0, 1.0), (0.92, 1.08), (1.08, 0.92), (1.0, 0.9, 1.05)]
 
 
@@ -17,7 +27,7 @@ def walk(world: World, seed: int, steps: int) -> list[str]:
     story: list[str] = []
     while len(story) < steps and not world.wrong:
         may = list(world.happenings())
-        weights = [WEIGHTS.get(one.rpartition(" ")[0], 1) for one in may]
+        weights = [WEIGHTS.get(one.rpartition(" ")[0], 1.0) for one in may]
         story += choose.choices(may, weights)
         world.do(story[-1])
     return story
@@ -78,3 +88,33 @@ def test_in_every_order_no_two_gateways_write_at_once(rates: tuple[float, ...]) 
                     longer.append(there)
         worlds = longer
     assert len(seen) > 1000
+
+
+@pytest.mark.parametrize("how", ["stop", "hear"])
+def test_who_has_seen_a_later_entry_waits_when_the_store_comes_back_older(how: str) -> None:
+    """It comes back with an entry of the first, or a released one. The second holds the lease, and cannot ask."""
+    world = after(held_by_the_first(RATES[3]), f"{how} 0")
+    if how == "hear":
+        settle(world, 0)
+    begin, second = world.revision, world.gateways[1]
+    assert second is not None
+    while not second.lease.is_held:
+        world.do("pass 1")
+        settle(world, 1)
+        assert world.now < 1100
+    if how == "stop":
+        world.do("go on 0")
+    while f"roll back {world.revision - begin}" not in world.happenings():
+        world.do("pass 1")
+        settle(world, 0)
+        settle(world, 2)
+        assert world.now < 1100
+    world.do(f"roll back {world.revision - begin}")
+    for _ in range(60):
+        for number in (0, 2):
+            if f"lose {number}" in world.happenings():
+                world.do(f"lose {number}")
+            settle(world, number)
+        world.do("pass 1")
+        assert not world.wrong
+    assert any(one is not None and one.lease.is_held for one in world.gateways)

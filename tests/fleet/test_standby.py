@@ -14,17 +14,20 @@ SETTINGS = LeaseSettings("hall-a", ttl=5.0, guard=1.0, late=1.0)
 
 
 class Bucket:
-    """It has one entry. `hangs`: no call returns."""
+    """It has one entry. `hangs`: no call returns. `is_gone`: it was deleted."""
 
     def __init__(self) -> None:
         self.entry: tuple[bytes, int] | None = None
         self.calls = 0
         self.hangs = False
+        self.is_gone = False
 
     async def __call__(self) -> "Bucket":
         self.calls += 1
         if self.hangs:
             await asyncio.Event().wait()
+        if self.is_gone:
+            raise FleetError("there is no bucket mbgw-lease")
         return self
 
     async def get(self, key: str) -> SimpleNamespace | None:
@@ -70,7 +73,7 @@ class Line:
         return {}
 
     def adopt(self, state: State) -> None:
-        raise AssertionError("nobody has left anything")
+        assert state == {}, "nobody has left anything"
 
     def leave(self) -> State:
         return {}
@@ -137,5 +140,39 @@ async def test_an_error_of_the_store_is_the_reason(bench: SimpleNamespace) -> No
     running = asyncio.create_task(standby.run())
     await asyncio.sleep(1.0)
     assert bench.line.withheld == "standby for the lease hall-a: it has no JetStream"
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_a_bucket_that_was_deleted_and_made_again_is_used_without_help(bench: SimpleNamespace) -> None:
+    lines = [bench.line, Line()]
+    other = Standby("hall-a", SETTINGS, "b", bench.bucket, lines[1], bench.events.append)
+    running = [asyncio.create_task(each.run()) for each in (bench.standby, other)]
+    await asyncio.sleep(10.0)
+    for gone_for in (0.0, 0.5, 4.0, 20.0):
+        bench.bucket.entry, bench.bucket.is_gone = None, True
+        await asyncio.sleep(gone_for)
+        bench.bucket.is_gone = False
+        for _ in range(100):
+            await asyncio.sleep(0.1)
+            assert sum(line.open_now for line in lines) <= 1
+            assert not (bench.standby.permits() and other.permits())
+        assert bench.standby.lease.is_held is not other.lease.is_held
+    for each in running:
+        each.cancel()
+    await asyncio.gather(*running, return_exceptions=True)
+
+
+@pytest.mark.parametrize("value", [b"[" * 60_000, b'{"holder": "b", "instance": "", "beat": 1, "ttl": 1e999}'])
+async def test_an_entry_that_cannot_be_read_ends_nothing_and_is_replaced(bench: SimpleNamespace, value: bytes) -> None:
+    running = asyncio.create_task(bench.standby.run())
+    await asyncio.sleep(10.0)
+    bench.bucket.entry = (value, 1000)
+    await asyncio.sleep(3.0)
+    assert (bench.line.open_now, told(bench)) == (0, ["lease_taken", "lease_lost"])
+    assert "whose entry cannot be read has taken it" in bench.events[-1].reason
+    assert "whose entry cannot be read holds it" in bench.line.withheld
+    await asyncio.sleep(6.0)
+    assert (bench.line.open_now, told(bench)[-1]) == (1, "lease_taken")
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
