@@ -65,7 +65,7 @@ class ExactSelector(selectors.EpollSelector):
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
         """See selectors.BaseSelector."""
         key = super().unregister(fileobj)
-        self.poller.callbacks.pop(key.fd, None)
+        self.poller.unregister(key.fd)
         return key
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
@@ -101,5 +101,5 @@ class ExactLoop(asyncio.SelectorEventLoop):
         self._poller.end_by(0.0)
         super().stop()
 
-    def _callback_failed(self, error: Exception) -> None:
+    def _callback_failed(self, error: BaseException) -> None:
         self.call_exception_handler({"message": "a callback has failed", "exception": error})

@@ -20,7 +20,9 @@ EXACT_PART: Final = 0.06
 #: `select` supports only descriptors below this number (select(2)).
 SELECTABLE: Final = 1024
 #: So many descriptors are looked at between two looks at the timers.
-_AT_ONCE: Final = 64
+_BATCH: Final = 64
+#: The longest wait in seconds, a day as in asyncio: `epoll` takes no more than 24 days.
+_LONGEST: Final = 86400.0
 _NOBODY: Final = (None, None)
 
 
@@ -47,9 +49,10 @@ class Poller:
         self.callbacks: dict[int, Callbacks] = {}
         self.ready: deque[asyncio.Handle] = deque()
         self.call_soon: Callable[[Callable[[], None]], object]
-        self.failed: Callable[[Exception], None]
+        self.failed: Callable[[BaseException], None]
         self._epoll = epoll
         self._descriptor = descriptor
+        self._masked: set[int] = set()
         #: What is to be called when; numbers keep the order of equal times.
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._number = 0
@@ -66,7 +69,7 @@ class Poller:
         now = monotonic()
         self._ends_at = inf if timeout is None else now + timeout
         while True:
-            self._poll(min(self._ends_at, self._due[0][0] if self._due else inf) - now)
+            self._poll(min(self._ends_at, self._due[0][0] if self._due else inf, now + _LONGEST) - now)
             now = monotonic()
             self._call_due(now)
             if self.ready or self._ends_at <= now:
@@ -88,22 +91,31 @@ class Poller:
             None if reader is None else Waiting(reader),
             None if writer is None else Waiting(writer),
         )
+        if descriptor in self._masked:
+            self.mask(descriptor, is_masked=reader is not None)
+
+    def unregister(self, descriptor: int) -> None:
+        """Nobody waits for the descriptor."""
+        del self.callbacks[descriptor]
+        self._masked.discard(descriptor)
 
     def mask(self, descriptor: int, *, is_masked: bool) -> None:
         """Read nothing from a descriptor for a while, but notice when what is behind it is lost; or read again.
 
         To remove what reads and to register it anew takes five times as long.
         """
-        _, writer = self.callbacks[descriptor]
-        reading = 0 if is_masked else select.EPOLLIN
+        reader, writer = self.callbacks[descriptor]
+        if is_masked:
+            self._masked.add(descriptor)
+        else:
+            self._masked.discard(descriptor)
+        reading = 0 if is_masked or reader is None else select.EPOLLIN
         self._epoll.modify(descriptor, reading if writer is None else reading | select.EPOLLOUT)
 
     def _poll(self, timeout: float) -> None:
         """Wait once."""
         if timeout <= 0.0:
             self._call_ready(0.0)
-        elif timeout == inf:
-            self._call_ready(-1.0)
         elif self._descriptor >= SELECTABLE:
             self._call_ready(timeout)
         elif timeout > EXACT_PART:
@@ -117,7 +129,7 @@ class Poller:
         If they are behind others, the loop calls them.
         """
         ready = []
-        for descriptor, events in self._epoll.poll(wait, _AT_ONCE):
+        for descriptor, events in self._epoll.poll(wait, _BATCH):
             reader, writer = self.callbacks.get(descriptor, _NOBODY)
             if reader is not None and events & ~select.EPOLLOUT:  # the end of a connection is for both
                 ready.append(reader)
@@ -130,7 +142,9 @@ class Poller:
                 self._call(waiting.call)
 
     def _call_due(self, now: float) -> None:
-        while self._due and self._due[0][0] <= now:
+        """Call what is due, and not yet what that orders: descriptors come between."""
+        last = self._number
+        while self._due and self._due[0][0] <= now and self._due[0][1] <= last:
             callback = heappop(self._due)[2]
             if self._is_behind:
                 self.call_soon(callback)
@@ -140,5 +154,7 @@ class Poller:
     def _call(self, callback: Callable[[], object]) -> None:
         try:
             callback()
-        except Exception as error:  # noqa: BLE001 - an event loop reports the errors of callbacks and goes on
+        except (SystemExit, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # noqa: BLE001 - CancelledError too: an event loop reports the errors of callbacks and goes on
             self.failed(error)

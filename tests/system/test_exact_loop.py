@@ -159,6 +159,38 @@ def test_who_writes_to_a_masked_descriptor_is_called_all_the_same(selector, pair
     assert called[1:] == ["read", "write"]
 
 
+def test_a_masked_descriptor_stays_so_when_somebody_writes_to_it_and_has_done(selector, pair, called, note):
+    near, far = pair
+    reads = note("read")
+    selector.register(near, selectors.EVENT_READ, (reads, None))
+    selector.poller.mask(near.fileno(), is_masked=True)
+    far.send(b"x")
+    selector.modify(near, selectors.EVENT_READ | selectors.EVENT_WRITE, (reads, note("write")))
+    selector.select(0)
+    selector.modify(near, selectors.EVENT_READ, (reads, None))
+    selector.select(0)
+    assert called == ["write"]
+    selector.poller.mask(near.fileno(), is_masked=False)
+    selector.select(0)
+    assert called == ["write", "read"]
+
+
+@pytest.mark.parametrize("keeps_its_writer", [True, False])
+def test_who_reads_a_descriptor_anew_finds_it_unmasked(selector, pair, called, note, keeps_its_writer):
+    near, far = pair
+    selector.register(near, selectors.EVENT_READ, (note("read"), None))
+    selector.poller.mask(near.fileno(), is_masked=True)
+    far.send(b"x")
+    if keeps_its_writer:
+        selector.modify(near, selectors.EVENT_WRITE, (None, note("write")))
+        selector.modify(near, selectors.EVENT_READ, (note("another"), None))
+    else:
+        selector.unregister(near)
+        selector.register(near, selectors.EVENT_READ, (note("another"), None))
+    selector.select(0)
+    assert called == ["another"]
+
+
 def test_it_goes_on_waiting_while_the_loop_has_nothing_to_call(selector, pair, handle):
     near, far = pair
     reads = []
@@ -222,6 +254,72 @@ async def test_it_calls_back_at_the_time_never_before_and_in_order():
     async with asyncio.timeout(30):
         await over
     assert called == [(1, True), (2, True), (0, True)]
+
+
+async def test_what_is_due_in_a_month_waits_as_everything_else():
+    """`epoll` takes 24 days at most."""
+    loop = asyncio.get_running_loop()
+    woken = loop.create_future()
+    loop.wake_at(loop.time() + 30 * 86400, lambda: None)
+    thread = threading.Timer(0.05, loop.call_soon_threadsafe, (woken.set_result, None))
+    thread.start()
+    await woken
+    thread.join()
+
+
+async def test_a_callback_that_is_always_due_again_leaves_others_their_turn():
+    loop = asyncio.get_running_loop()
+    over = loop.create_future()
+    called = 0
+
+    def again():
+        nonlocal called
+        called += 1
+        if called < 100_000 and not over.done():
+            loop.wake_at(0.0, again)
+
+    again()
+    loop.call_later(0.001, over.set_result, None)
+    await over
+    assert called < 100_000
+
+
+@pytest.mark.parametrize("kind", ["descriptor", "time"])
+async def test_a_cancellation_in_a_callback_is_reported_and_does_not_end_the_loop(pair, kind) -> None:
+    near, far = pair
+    loop = asyncio.get_running_loop()
+    reported = []
+    over = loop.create_future()
+
+    def report(_, context):
+        reported.append(type(context["exception"]))
+        over.set_result(None)
+
+    def take() -> None:
+        loop.remove_reader(near)
+        raise asyncio.CancelledError
+
+    loop.set_exception_handler(report)
+    if kind == "descriptor":
+        loop.add_reader(near, take)
+        far.send(b"x")
+    else:
+        loop.wake_at(loop.time(), take)
+    async with asyncio.timeout(30):
+        await over
+    assert reported == [asyncio.CancelledError]
+
+
+@pytest.mark.parametrize("end", [SystemExit, KeyboardInterrupt])
+def test_an_end_of_the_program_in_a_callback_ends_the_loop(end) -> None:
+    def take() -> None:
+        raise end
+
+    with closing(exact_loop()) as loop:
+        loop.wake_at(loop.time(), take)
+        loop.call_later(30, loop.stop)
+        with pytest.raises(end):
+            loop.run_forever()
 
 
 async def test_an_error_in_a_callback_at_its_time_is_reported_and_the_next_one_is_called():
