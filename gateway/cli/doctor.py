@@ -1,4 +1,4 @@
-"""`doctor`: what is wrong with a set-up, and what mends it."""
+"""`doctor`: what is wrong with a set-up, and the remedy."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ examples:
   modbus-gateway doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600
                                          what an adapter does, for a report
 
-Each row is ok, note or fix; behind a fix stands what mends it, and the exit
+Each row is ok, note or fix; below a fix is the remedy, and the exit
 status is 1 then. Without --passive the running gateway may send reads of one
 item: to configured units that were asked less than four times, or whose last
 request failed; when a unit is silent, to at most 16 addresses that are not
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def table(findings: Iterable[Finding], width: int) -> str:
-    """A row for each finding, and below it what mends it."""
+    """A row for each finding, and below it the remedy."""
     return "\n".join(line for finding in findings for line in _row(finding, width))
 
 

@@ -32,7 +32,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "scan": (("scan hall-a", "ask which units are on a line, in its idle time"),),
     "trace": (("trace hall-a --since 5min", "the frames of the last five minutes"),),
     "calibrate": (("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),),
-    "doctor": (("doctor hall-a", "what is wrong with a line, and what mends it"),),
+    "doctor": (("doctor hall-a", "what is wrong with a line, and the remedy"),),
     "bench": (
         ("bench hall-a", "read all units of a line in turn for a minute"),
         ("bench hall-a --unit silo-1 --items 20 --for 10s", "20 registers of one unit, for ten seconds"),
