@@ -94,7 +94,8 @@ class _Place:
         seconds = f"{self.timeout:g} s"
         self.advice = f"the limit is {seconds} (--timeout); are unit, wiring, rate and format right?"
         if args.tcp:
-            self.advice = f"the limit is {seconds} (--timeout); does this server know the unit?"
+            unit_or_tls = "does this server know the unit, and is this port one without TLS? No command speaks TLS"
+            self.advice = f"the limit is {seconds} (--timeout); {unit_or_tls}"
 
     def take(self, kind: ProfileTable) -> tuple[Point, ...]:
         """Keep the profile's functions and limits; returns its points."""

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -186,6 +187,20 @@ def test_mbpoll_sees_what_was_written_and_the_help_for_it_means_the_same(tmp_pat
         assert told.returncode == 2
         words = told.stderr.split("help: modbus-gateway read ")[1].split()
         assert values(*words, *at) == [1.5]
+
+
+def test_a_server_that_closes_without_an_answer_may_want_tls() -> None:
+    def close_after_request(server: socket.socket) -> None:
+        connection, _ = server.accept()
+        with connection:
+            connection.recv(100)
+
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor() as pool:
+        closing = pool.submit(close_after_request, server)
+        done = command("read", "1", "holding", "0", "--tcp", f"127.0.0.1:{server.getsockname()[1]}")
+        closing.result(PATIENCE)
+    assert done.returncode == 1
+    assert "is this port one without TLS? No command speaks TLS" in done.stderr
 
 
 @pytest.mark.parametrize(
