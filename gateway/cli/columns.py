@@ -14,8 +14,14 @@ def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
 
 
 def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int) -> list[list[str]]:
-    """The rows with the `flexible` columns shortened until each row fits into `width` characters."""
+    """The rows with the `flexible` columns shortened until each row fits into `width` characters.
+
+    Where that is not enough nothing is shortened: the rows are too long in any case.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    least = [min(each, _NARROWEST) if place in flexible else each for place, each in enumerate(widths)]
+    if sum(least) + len(_BETWEEN) * (len(widths) - 1) > width:
+        return [list(row) for row in rows]
     while sum(widths) + len(_BETWEEN) * (len(widths) - 1) > width:
         widest = max(flexible, key=widths.__getitem__, default=None)
         if widest is None or widths[widest] <= _NARROWEST:

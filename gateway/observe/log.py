@@ -95,7 +95,8 @@ def _make_console_renderer(stream: Stream) -> Callable[[Entry], str]:
     def render(entry: Entry) -> str:
         on_the_wall = datetime.fromtimestamp(entry.clock, UTC).astimezone()
         stamp = on_the_wall.isoformat(timespec="milliseconds")
-        shown = {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in entry.fields.items()}
+        told = {key: value for key, value in entry.fields.items() if value not in ("", (), None)}
+        shown = {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in told.items()}
         return f"{renderer(None, entry.name, {**shown, **_what_and_when(entry, stamp)})}\n"
 
     return render

@@ -11,6 +11,7 @@ import pytest
 from gateway.cli.main import FINE, INTERRUPTED, PROBLEM_FOUND, main
 from gateway.cli.status import show_status
 from gateway.lines.counts import Counts
+from gateway.service.plant import BrokerStatus
 from gateway.service.status import (
     ClientStatus,
     LineStatus,
@@ -202,6 +203,14 @@ def test_long_names_are_shortened_to_80_characters_and_keep_their_ends(monkeypat
     assert max(map(len, rows)) <= 80
     assert "BI-if00-port0" in rows[2]
     assert "/247  " in rows[6]
+
+
+def test_a_table_that_is_too_wide_in_any_case_is_not_shortened(monkeypatch, capsys) -> None:
+    refused = "Connection refused"
+    broker = BrokerStatus("mqtt://127.0.0.1:5883", "", "down", refused, 9.0, "5", 1, 2, 0, 3, 0, 0, 0, 0, 0, 0)
+    rows = shown(as_told(replace(STATUS, brokers=(broker,))), monkeypatch, capsys)
+    [row] = [row for row in rows if broker.broker in row]
+    assert refused in row
 
 
 def test_a_unit_that_is_fine_needs_no_note() -> None:

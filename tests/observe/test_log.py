@@ -97,6 +97,16 @@ def test_console_is_plain_text_when_it_is_no_terminal() -> None:
     assert "\x1b" not in line
 
 
+def test_what_is_empty_is_left_out_for_people() -> None:
+    stream = io.StringIO()
+    with open_log("info", "console", stream) as emit:
+        emit(WriteAudit("10.2.0.7:1", "scada", 41, 16, None, 0, "ok", "", 0.0))
+    (line,) = stream.getvalue().splitlines()
+    assert "unit=41" in line
+    assert "count=0" in line
+    assert not {"code", "role", "subject", "address"} & {word.partition("=")[0] for word in line.split()}
+
+
 def test_people_get_the_time_on_their_wall_with_its_offset(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TZ", "IST-5:30")
     time.tzset()
