@@ -9,6 +9,7 @@ import select
 import socket
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -128,6 +129,8 @@ class Bus:
     held_up: int = 0
     asker: str = ""
     changed_at: float = 0.0
+    #: What was heard last, and when.
+    heard: deque[tuple[float, Sent]] = field(default_factory=lambda: deque(maxlen=40))
     #: When somebody asked last, by name.
     asked: dict[str, float] = field(default_factory=dict)
     _adapters: dict[str, list[Adapter]] = field(default_factory=dict)
@@ -223,6 +226,7 @@ class Bus:
 
     def _hear(self, sent: Sent) -> None:
         self._wire.append(sent)
+        self.heard.append((time.monotonic(), sent))
         for name, adapters in self._adapters.items():
             for adapter in adapters if name != sent.by else ():
                 adapter.write(sent.data)

@@ -69,7 +69,9 @@ lease = "hall-a"
 class Site:
     """One gateway, its folder, its way to NATS, and the client that asks it."""
 
-    def __init__(self, name: str, folder: Path, nats: NatsServer, port: str, ttl: float, clock: Path | None) -> None:
+    def __init__(
+        self, name: str, folder: Path, nats: NatsServer, bus: Bus, port: str, ttl: float, clock: Path | None
+    ) -> None:
         self.name = name
         self.ttl = ttl
         self.link = Link(nats.port)
@@ -80,6 +82,7 @@ class Site:
         self.answers: Counter[str] = Counter()
         self._folder = folder / name
         self._folder.mkdir()
+        self._bus = bus
         self._port = port
         self._clock = clock
         self._gateway: GatewayProcess | None = None
@@ -160,6 +163,7 @@ class Site:
                     time.sleep(choose.uniform(0.002, 0.008))
 
     def _ask(self, client: socket.socket, unit: int, register: int) -> None:
+        sent_at = time.monotonic()
         client.sendall(mbap.encode(register, unit, bytes((3, 0, register, 0, 1))))
         answer = client.recv(260)
         if not answer:
@@ -173,7 +177,11 @@ class Site:
         else:
             self.answers["wrong"] += 1
             self.wrong.append(time.monotonic())
-            print(f"wrong: {self.name} was asked for {register} of {unit} and said {answer.hex(' ')}", flush=True)
+            for at, sent in tuple(self._bus.heard):
+                frame = f"{sent.begins:.4f}-{sent.ends:.4f} {sent.data.hex(' ')}"
+                print(f"  heard at {at:.4f}: {sent.by} {sent.to and f'to {sent.to} '}{frame}")
+            asked = f"{self.name} was asked for {register} of {unit} at {sent_at:.4f}"
+            print(f"wrong: {asked}, and said {answer.hex(' ')}", flush=True)
 
 
 class Stage:
@@ -337,7 +345,7 @@ def soak(rounds: int, seed: int, *, server: bool) -> int:
             else:
                 port = str(folder / f"tty-{label}")
                 bus.terminal(label, Path(port))
-            sites.append(Site(label, folder, nats, port, TTL_BEHIND_SERVER if server else TTL, clock))
+            sites.append(Site(label, folder, nats, bus, port, TTL_BEHIND_SERVER if server else TTL, clock))
         stack.enter_context(bus)
         for site in sites:
             stack.enter_context(site.running())

@@ -26,7 +26,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
         sites = []
         for name in ("a", "b"):
             bus.terminal(name, tmp_path / f"tty-{name}")
-            sites.append(Site(name, tmp_path, nats, str(tmp_path / f"tty-{name}"), TTL, None))
+            sites.append(Site(name, tmp_path, nats, bus, str(tmp_path / f"tty-{name}"), TTL, None))
         stack.enter_context(bus)
         for site in sites:
             stack.enter_context(site.running())
