@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from math import inf
 from time import time as wall_clock
 from typing import Final, Protocol
@@ -11,6 +12,7 @@ from gateway.listeners.over_tcp import OverTcpSession
 from gateway.listeners.session import ListenSettings, Session
 from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
+from gateway.modbus.mbap import MOST_AT_ONCE
 from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Target
 from gateway.routing.identity import ANONYMOUS, Identity
@@ -19,6 +21,7 @@ from gateway.routing.identity import ANONYMOUS, Identity
 UNSENT_BYTES: Final = 64 * 1024
 #: Why a client is closed in the middle of its work.
 EXPIRED: Final = "its certificate has expired"
+_NO_ROOM: Final = memoryview(bytearray())
 
 
 class Stream(Protocol):
@@ -132,14 +135,18 @@ class TcpConnection:
     def connection_made(self, stream: Stream) -> None:
         """A client has connected."""
         self.stream = stream
-        # requests in progress when reading stops are answered too
-        room = UNSENT_BYTES - self._listener.settings.in_flight * MAX_TCP_ADU
+        # what is answered before reading stops: requests in progress, and a buffer of those that are answered at once
+        room = UNSENT_BYTES - (self._listener.settings.in_flight + MOST_AT_ONCE) * MAX_TCP_ADU
         stream.set_write_buffer_limits(max(room, 0))
         self._listener.connected(self)
 
-    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the session's buffer has its own size
-        """The buffer to receive into."""
-        return self.session.room()
+    def get_buffer(self) -> memoryview:
+        """The buffer to receive into; empty if there is no room, or the connection has failed."""
+        try:
+            return self.session.room()
+        except Exception as error:  # noqa: BLE001 - the error boundary of a connection
+            self._failed(error)
+            return _NO_ROOM
 
     def buffer_updated(self, nbytes: int) -> None:
         """Bytes have arrived."""
@@ -150,17 +157,16 @@ class TcpConnection:
 
     def eof_received(self) -> bool:
         """The client has closed its side; keep the connection until its responses have been sent."""
-        self._leaves()
-        self.session.end_of_input()
+        self._run(self._end_input)
         return True
 
     def pause_writing(self) -> None:
         """The client does not read its responses."""
-        self.session.block(self._time())
+        self._run(partial(self.session.block, self._time()))
 
     def resume_writing(self) -> None:
         """The client reads its responses again."""
-        self.session.unblock()
+        self._run(self.session.unblock)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
@@ -198,7 +204,7 @@ class TcpConnection:
 
     def release_after(self, seconds: float) -> None:
         """Stop holding the client back after so many seconds."""
-        asyncio.get_running_loop().call_later(seconds, self.session.release)
+        asyncio.get_running_loop().call_later(seconds, self._run, self.session.release)
 
     def close(self) -> None:
         """Close once everything has been sent, or the deadline for that has passed."""
@@ -230,6 +236,10 @@ class TcpConnection:
         self._listener.closing(self)
         self.stream.abort()
 
+    def _end_input(self) -> None:
+        self._leaves()
+        self.session.end_of_input()
+
     def _leaves(self) -> None:
         """The client closes its side; the listener is told if a response is missing."""
         session = self.session
@@ -243,10 +253,12 @@ class TcpConnection:
         self.close()
 
     def _proceed(self) -> None:
-        if self.session.gone:
-            return
+        if not self.session.gone:
+            self._run(partial(self.session.proceed, self._time()))
+
+    def _run(self, step: Callable[[], None]) -> None:
         try:
-            self.session.proceed(self._time())
+            step()
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection
             self._failed(error)
 

@@ -9,10 +9,10 @@ from typing import Protocol
 
 
 class StreamUser(Protocol):
-    """The protocol of a connection; see asyncio.BufferedProtocol."""
+    """The protocol of a connection, as asyncio.BufferedProtocol. Nothing in it raises."""
 
-    def get_buffer(self, sizehint: int) -> memoryview:
-        """Where to receive into."""
+    def get_buffer(self) -> memoryview:
+        """Where to receive into; empty if there is no room at the moment."""
 
     def buffer_updated(self, nbytes: int) -> None:
         """Bytes have arrived."""
@@ -67,12 +67,15 @@ class TcpStream:
             self._loop.add_reader(self._socket, self._receive)
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; the number of bytes. The end of the connection is left to the loop."""
+        """Copy what has arrived into `room`; the number of bytes. The end of the client's side is left to the loop."""
         if self._is_closing:
             return 0
         try:
             return self._socket.recv_into(room)
-        except OSError:
+        except (BlockingIOError, InterruptedError):
+            return 0
+        except OSError as error:
+            self._abort(error)
             return 0
 
     def write(self, data: bytes) -> None:
@@ -110,7 +113,7 @@ class TcpStream:
         user = self._user
         if user is None:
             return
-        room = user.get_buffer(-1)
+        room = user.get_buffer()
         if not len(room):
             return  # no end: what the user has is still to be processed
         try:

@@ -34,8 +34,8 @@ class Application(Protocol):
     def connection_made(self, stream: Stream) -> None:
         """The connection is secured."""
 
-    def get_buffer(self, sizehint: int) -> memoryview:
-        """See asyncio.BufferedProtocol."""
+    def get_buffer(self) -> memoryview:
+        """Where to deliver to; empty if there is no room at the moment."""
 
     def buffer_updated(self, nbytes: int) -> None:
         """See asyncio.BufferedProtocol."""
@@ -279,7 +279,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         if application is None:
             return
         while not (self._is_paused or self._is_blocked or self._has_peer_ended or self.is_closing()):
-            room = application.get_buffer(-1)
+            room = application.get_buffer()
             if not len(room):
                 break  # no end: what the application has is still to be processed
             try:

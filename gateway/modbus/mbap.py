@@ -18,6 +18,8 @@ _BYTES: Final = tuple(bytes((byte,)) for byte in range(256))
 _AFTER_TRANSACTION: Final = tuple(bytes((0, _MODBUS, 0, length)) for length in range(256))
 #: Receive buffer of one connection: a burst of 64 reads, four of the largest ADUs.
 _BUFFER: Final = 4 * MAX_TCP_ADU
+#: So many requests it holds at most.
+MOST_AT_ONCE: Final = _BUFFER // (_UNCOUNTED + _SHORTEST)
 
 
 class TcpFrame:

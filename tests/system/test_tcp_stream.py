@@ -4,12 +4,12 @@ import asyncio
 import socket
 import struct
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 
 import pytest
 
 from gateway.errors import QueueFull
-from gateway.listeners.connection import TcpConnection
+from gateway.listeners.connection import UNSENT_BYTES, TcpConnection
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.modbus.mbap import encode
@@ -103,16 +103,299 @@ class Listener:
 class Served:
     """A client of a listener."""
 
-    def __init__(self, accepted):
+    def __init__(self, accepted, target=None):
         loop = asyncio.get_running_loop()
-        self.target, self.listener = Slow(), Listener()
+        self.target, self.listener = target or Slow(), Listener()
         self.connection = TcpConnection(self.listener, "127.0.0.1", "127.0.0.1:1", loop.time, self.target)
         self.stream = TcpStream(loop, accepted, self.connection)
         self.connection.connection_made(self.stream)
         self.stream.resume_reading()
 
 
+class User:
+    """Notes what its stream tells it."""
+
+    def __init__(self):
+        self.buffer = bytearray(1000)
+        self.heard = b""
+        self.log = []
+        self.losses = []
+        self.hears = lambda: None
+        self.reads_again = lambda: None
+
+    def get_buffer(self):
+        return memoryview(self.buffer)
+
+    def buffer_updated(self, nbytes):
+        self.heard += self.buffer[:nbytes]
+        self.hears()
+
+    def eof_received(self):
+        self.log.append("end")
+        return True
+
+    def pause_writing(self):
+        self.log.append("blocked")
+
+    def resume_writing(self):
+        self.log.append("free")
+        self.reads_again()
+
+    def connection_lost(self, exc):
+        self.losses.append(exc)
+
+
+@pytest.fixture
+def user():
+    return User()
+
+
+@pytest.fixture
+async def stream(ends, user):
+    stream = TcpStream(asyncio.get_running_loop(), ends[0], user)
+    stream.set_write_buffer_limits(LIMIT)
+    stream.resume_reading()
+    yield stream
+    stream.abort()
+    await until(lambda: user.losses)
+
+
+@pytest.fixture
+def client(ends):
+    return ends[1]
+
+
+async def take_all(client):
+    """What the client reads until the connection has ended."""
+    taken = b""
+
+    def has_ended():
+        nonlocal taken
+        data, is_over = take(client)
+        taken += data
+        return is_over
+
+    await until(has_ended)
+    return taken
+
+
+# --- receiving ---
+
+
+async def test_nothing_is_received_before_somebody_asks_for_it(ends, user):
+    accepted, client = ends
+    stream = TcpStream(asyncio.get_running_loop(), accepted, user)
+    client.send(b"1")
+    await asyncio.sleep(0.02)
+    assert user.heard == b""
+    stream.resume_reading()
+    stream.resume_reading()
+    await until(lambda: user.heard == b"1")
+    stream.pause_reading()
+    stream.pause_reading()
+    client.send(b"2")
+    await asyncio.sleep(0.02)
+    assert user.heard == b"1"
+    stream.resume_reading()
+    await until(lambda: user.heard == b"12")
+    stream.abort()
+    await until(lambda: user.losses == [None])
+
+
+async def test_what_has_arrived_can_be_taken_at_once(stream, client, user):
+    stream.pause_reading()
+    room = memoryview(bytearray(10))
+    assert stream.receive(room) == 0
+    client.send(b"ask")
+    await until(lambda: stream.receive(room) == 3)
+    assert bytes(room[:3]) == b"ask"
+    client.send(b"again")
+    stream.close()
+    assert stream.receive(room) == 0
+
+
+async def test_a_user_without_room_keeps_the_stream_waiting(stream, client, user):
+    user.buffer = bytearray()
+    client.send(b"ask")
+    await asyncio.sleep(0.02)
+    assert user.log == []
+    user.buffer = bytearray(10)
+    await until(lambda: user.heard == b"ask")
+
+
+async def test_the_end_of_the_clients_side_is_told_once_and_the_client_still_gets_its_answers(stream, client, user):
+    client.send(b"ask")
+    client.shutdown(socket.SHUT_WR)
+    await until(lambda: user.log == ["end"])
+    assert user.heard == b"ask"
+    stream.pause_reading()
+    stream.resume_reading()
+    await asyncio.sleep(0.02)
+    assert (user.log, user.losses, stream.is_closing()) == (["end"], [], False)
+    stream.write(b"answer")
+    stream.close()
+    assert await take_all(client) == b"answer"
+
+
+async def test_the_end_is_left_to_the_loop_by_who_takes_what_has_arrived(stream, client, user):
+    client.shutdown(socket.SHUT_WR)
+    assert stream.receive(memoryview(bytearray(10))) == 0
+    await until(lambda: user.log == ["end"])
+
+
+# --- sending ---
+
+
+async def test_what_the_client_does_not_take_follows_in_order(stream, client, user):
+    data = bytes(range(256)) * (A_LOT // 256)
+    stream.write(data)
+    stream.write(b"the end")
+    assert user.log == ["blocked"]
+    stream.close()
+    stream.write(b"never")
+    assert stream.is_closing()
+    assert user.losses == []
+    assert await take_all(client) == data + b"the end"
+    assert user.log == ["blocked", "free"]
+    await until(lambda: user.losses == [None])
+
+
+async def test_the_user_is_told_only_beyond_the_limit_and_again_at_a_quarter_of_it(stream, client, user):
+    stream.set_write_buffer_limits(2 * A_LOT)
+    stream.write(bytes(A_LOT))
+    assert user.log == []
+    stream.write(bytes(2 * A_LOT))
+    assert user.log == ["blocked"]
+    user.reads_again = lambda: left.append(len(stream._unsent))
+    left = []
+    await until(lambda: take(client) and left)
+    assert left[0] <= A_LOT // 2
+
+
+@pytest.mark.parametrize("call", ["close", "abort", "write"])
+async def test_a_user_who_is_free_again_may_do_anything(stream, client, user, call):
+    user.reads_again = {"close": stream.close, "abort": stream.abort, "write": lambda: stream.write(b"more")}[call]
+    stream.write(bytes(A_LOT))
+    await until(lambda: take(client) and "free" in user.log)
+    stream.close()
+    await until(lambda: take(client) and user.losses)
+    assert user.losses == [None]
+
+
+# --- the end ---
+
+
+async def test_closing_is_told_once_and_never_inside_a_call(stream, user, client):
+    stream.close()
+    assert user.losses == []
+    stream.close()
+    stream.abort()
+    await until(lambda: user.losses)
+    await asyncio.sleep(0.02)
+    assert user.losses == [None]
+    stream.write(b"never")
+    stream.resume_reading()
+    stream.abort()
+    assert await take_all(client) == b""
+
+
+async def test_aborting_drops_what_was_not_sent(stream, client, user):
+    stream.write(bytes(A_LOT))
+    stream.abort()
+    await until(lambda: user.losses == [None])
+    assert len(await take_all(client)) < A_LOT
+
+
+@pytest.mark.parametrize("doing", ["reading", "nothing", "sending", "taking"])
+async def test_a_reset_is_a_loss_whatever_the_stream_is_doing(stream, client, user, doing):
+    if doing in ("nothing", "taking"):
+        stream.pause_reading()
+    if doing == "sending":
+        stream.write(bytes(A_LOT))
+    reset(client)
+    if doing == "nothing":
+        await asyncio.sleep(0.02)
+        for _ in range(2):
+            stream.write(b"answer")
+    if doing == "taking":
+        stream.receive(memoryview(bytearray(10)))
+    await until(lambda: user.losses)
+    assert [type(loss) for loss in user.losses] == [ConnectionResetError]
+    assert "end" not in user.log
+
+
 # --- with a session ---
+
+
+class AtOnce:
+    """A target that answers at once, as an image does, as much as an answer can hold."""
+
+    def submit(self, request: Request, now: float) -> None:
+        request.respond(bytes.fromhex("03 fa") + bytes(250))
+
+
+async def test_a_client_that_reads_nothing_is_not_kept_more_than_it_is_promised(ends):
+    accepted, client = ends
+    served = Served(accepted, AtOnce())
+    kept = [0]
+    requests = encode(1, 1, READ) * 100
+    unsent = b""
+    async with asyncio.timeout(PATIENCE):
+        while served.connection.session._back_pressure.blocked_at is None:
+            unsent = unsent or requests
+            with suppress(BlockingIOError):
+                unsent = unsent[client.send(unsent) :]
+            await asyncio.sleep(0)
+            kept.append(len(served.stream._unsent))
+    assert 0 < max(kept) <= UNSENT_BYTES
+
+
+async def test_a_client_that_resets_its_connection_has_lost_it(ends):
+    accepted, client = ends
+    served = Served(accepted)
+    client.send(encode(1, 1, READ))
+    await until(lambda: served.target.waiting)
+    reset(client)
+    assert served.connection.receive(memoryview(bytearray(10))) == 0
+    await until(lambda: served.listener.reasons)
+    assert served.listener.reasons[0].startswith("lost: ")
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize("step", ["room", "received", "end_of_input", "block", "unblock", "proceed", "release"])
+async def test_a_defect_anywhere_ends_the_connection_and_is_reported(ends, step):
+    accepted, client = ends
+    served = Served(accepted)
+    connection = served.connection
+    connection.session = Defective(connection.session, step)
+    client.send(encode(1, 1, READ))
+    match step:
+        case "end_of_input":
+            client.shutdown(socket.SHUT_WR)
+        case "block" | "unblock":
+            served.stream.write(bytes(A_LOT))
+        case "proceed":
+            connection.resume()
+        case "release":
+            connection.release_after(0.001)
+    await until(lambda: take(client) and served.listener.reasons)
+    [(part, error)] = served.listener.failures
+    assert (part, type(error)) == ("client 127.0.0.1:1", ZeroDivisionError)
+    assert served.listener.reasons == ["a defect in the gateway"]
+
+
+class Defective:
+    """A session of which one step is broken."""
+
+    def __init__(self, session, step):
+        self._session = session
+        self._step = step
+
+    def __getattr__(self, name):
+        return self._fail if name == self._step else getattr(self._session, name)
+
+    def _fail(self, *_):
+        raise ZeroDivisionError
 
 
 async def test_a_client_whose_waiting_request_was_displaced_goes_on(ends):
