@@ -97,11 +97,16 @@ class Exchange:
 
     async def _until_heard(self, site: str, clocks: Clocks) -> None:
         time = asyncio.get_running_loop().time
-        while self._connection is None or not clocks.is_heard(time()):
-            if self._connection is not None and site not in self._followed:
-                self._followed[site] = time()
-                await self._connection.subscribe(clock_subject(site), partial(self._heard, clocks))
-            await self._news.wait()
+        while True:
+            connection = self._connection
+            if connection is not None and site not in self._followed:
+                await connection.subscribe(clock_subject(site), partial(self._heard, clocks))
+                if connection is self._connection:
+                    self._followed[site] = time()
+            elif connection is not None and clocks.is_heard(time()):
+                return
+            else:
+                await self._news.wait()
 
     def _publish(self, message: Message) -> bool:
         return self._connection is not None and self._connection.publish(message)

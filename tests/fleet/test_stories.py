@@ -287,6 +287,19 @@ async def test_all_comes_back_when_nats_does(nats):
         assert await a.client().asks(41, READ) == "03 02 00 00"
 
 
+async def test_a_connection_that_was_lost_for_a_moment_is_not_lost_again_for_lack_of_heartbeats(nats):
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        for connection in tuple(nats.connections):
+            if connection.login.site == "a":
+                connection.lose("cut")
+        await asyncio.sleep(2.0)
+        client = a.client()
+        for _ in range(20):
+            assert await client.asks(41, READ) == "03 02 00 00"
+            await asyncio.sleep(0.5)
+
+
 async def test_a_late_or_second_answer_is_no_answer_to_another_request(nats):
     async with sites(ASKER, OWNER) as (a, b):
         devices = on_line(b)
