@@ -15,7 +15,7 @@ _LONGEST: Final = 64
 
 
 def text_of(value: str) -> str:
-    """A header that may be logged."""
+    """What another site says, so that it may be logged and shown."""
     return "".join(each for each in value[:_LONGEST] if each.isprintable())
 
 

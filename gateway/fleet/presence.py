@@ -5,10 +5,12 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from gateway.errors import FleetError
 from gateway.events import Emit, PartFailed
+from gateway.fleet.headers import text_of
 from gateway.fleet.messages import Entry
 
 if TYPE_CHECKING:
@@ -126,14 +128,22 @@ def status_of(entry: Entry, now: float) -> SiteStatus | None:
         if state == "up" and age > LOST_AFTER:
             state = "lost"
         return SiteStatus(
-            site=entry.key,
+            site=text_of(entry.key),
             state=state,
-            for_s=round(float(told["up_s"]) + age if state == "up" else age, 1),
-            host=str(told["host"])[:64],
-            version=str(told["version"])[:64],
+            for_s=round(_seconds(told["up_s"]) + age if state == "up" else age, 1),
+            host=text_of(str(told["host"])),
+            version=text_of(str(told["version"])),
             lines=int(told["lines"]),
-            lines_down=tuple(str(each)[:64] for each in told["lines_down"][:_MOST_NAMES]),
+            lines_down=tuple(text_of(str(each)) for each in told["lines_down"][:_MOST_NAMES]),
             units=int(told["units"]),
         )
-    except (ValueError, TypeError, LookupError):
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         return None
+
+
+def _seconds(told: Any) -> float:
+    """Raises ValueError or TypeError if it is no time."""
+    seconds = float(told)
+    if not isfinite(seconds):
+        raise ValueError
+    return seconds

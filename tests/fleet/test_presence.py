@@ -72,6 +72,33 @@ async def test_without_nats_nobody_is_seen():
         await presence().sites()
 
 
+def told(**changed: object) -> bytes:
+    return json.dumps(TOLD | {"state": "up"} | changed).encode()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        told().replace(b'"lines": 2', b'"lines": 1e999'),
+        told(up_s=float("nan")),
+        told(up_s=float("inf")),
+        b"[" * 60000,
+        told(lines=[]),
+        told(lines="9" * 5000),
+        told(lines_down=5),
+    ],
+)
+def test_an_entry_that_no_site_would_write_is_left_out(value):
+    assert status_of(Entry("a", value, 1, 5.0), 5.0) is None
+
+
+def test_what_an_entry_says_can_be_shown_in_a_terminal():
+    value = told(host="a\x1b[2Jb\n", version="1\u202e", lines_down=["\x07hall"])
+    shown = status_of(Entry("a\x9b", value, 1, 5.0), 5.0)
+    assert shown is not None
+    assert (shown.site, shown.host, shown.version, shown.lines_down) == ("a", "a[2Jb", "1", ("hall",))
+
+
 @pytest.mark.parametrize("value", [b"", b"[]", b"{", b"1", b'{"state": "up"}', b"\xff", json.dumps(TOLD).encode()])
 def test_an_entry_that_says_nothing_is_left_out(value):
     assert status_of(Entry("a", value, 1, 5.0), 5.0) is None
