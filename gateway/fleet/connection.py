@@ -207,7 +207,7 @@ class Connection:
         if known is None:
             stream = self._client.jetstream(timeout=ANSWER_TIME)
             store = await _open_store(stream, name)
-            known = self._buckets[name] = Bucket(name, stream, store)
+            known = self._buckets[name] = Bucket(name, stream, store, partial(self._buckets.pop, name, None))
         return known
 
     async def close(self) -> None:
@@ -304,18 +304,20 @@ class Connection:
 class Bucket:
     """A bucket of the key-value store. Each call may take some seconds.
 
-    All of them raise FleetError if the server does not answer, or refuses.
+    All of them raise FleetError if the server does not answer, or refuses, or the bucket was deleted. Then `forget` is
+    called, so that who asks the connection for it again has it made again.
     """
 
-    def __init__(self, name: str, stream: JetStreamContext, store: KeyValue) -> None:
+    def __init__(self, name: str, stream: JetStreamContext, store: KeyValue, forget: Callable[[], object]) -> None:
         self.name = name
+        self._forget = forget
         self._stream = stream
         self._store = store
 
     async def get(self, key: str) -> Entry | None:
         """What it holds for `key`; None if nothing, or not any more."""
         try:
-            entry = await _answered(self._store.get(key))
+            entry = await self._told(self._store.get(key))
         except _NotThereError:
             return None
         return Entry(entry.key, entry.value or b"", entry.revision or 0)
@@ -330,12 +332,12 @@ class Bucket:
 
     async def put(self, key: str, value: bytes) -> int:
         """Put a value, whatever is there. Its revision."""
-        return await _answered(self._store.put(key, value))
+        return await self._told(self._store.put(key, value))
 
     async def delete(self, key: str, revision: int | None = None) -> bool:
         """Delete the value, of this `revision` only. False if there is another one meanwhile."""
         try:
-            await _answered(self._store.delete(key, revision))
+            await self._told(self._store.delete(key, revision))
         except _ChangedError:
             return False
         return True
@@ -343,7 +345,7 @@ class Bucket:
     async def entries(self) -> list[Entry]:
         """All that it holds, with times. A few questions at once, one for each key."""
         prefix, stream = f"$KV.{self.name}.", f"KV_{self.name}"
-        info = await _answered(self._stream.stream_info(stream, f"{prefix}>"))
+        info = await self._told(self._stream.stream_info(stream, f"{prefix}>"))
         turn = asyncio.Semaphore(_QUESTIONS)
 
         async def entry(subject: str) -> Entry | None:
@@ -361,13 +363,25 @@ class Bucket:
 
     async def _unless_changed(self, change: Awaitable[int]) -> int | None:
         try:
-            return await _answered(change)
+            return await self._told(change)
         except _ChangedError:
             return None
 
+    async def _told(self, call: Awaitable[T]) -> T:
+        """As `_answered`."""
+        try:
+            return await _answered(call)
+        except _NoBucketError as error:
+            self._forget()
+            raise FleetError(f"the bucket {self.name} was deleted") from error
+
 
 class _NotThereError(FleetError):
-    """There is no such bucket, or it has nothing for the key."""
+    """The bucket has nothing for the key."""
+
+
+class _NoBucketError(FleetError):
+    """There is no such bucket."""
 
 
 class _ChangedError(FleetError):
@@ -383,8 +397,13 @@ async def _answered(call: Awaitable[T]) -> T:
     try:
         async with asyncio.timeout(2 * ANSWER_TIME):
             return await call
-    except (KeyNotFoundError, NotFoundError) as error:
+    except KeyNotFoundError as error:
+        # The library says this too when the whole stream is not found; what it was told says which of the two it is.
+        if getattr(error.__context__, "err_code", None) == _NO_STREAM:
+            raise _NoBucketError(str(error)) from error
         raise _NotThereError(str(error)) from error
+    except NotFoundError as error:
+        raise _NoBucketError(str(error)) from error
     except KeyWrongLastSequenceError as error:
         raise _ChangedError(str(error)) from error
     except ServiceUnavailableError as error:
@@ -392,22 +411,27 @@ async def _answered(call: Awaitable[T]) -> T:
     except APIError as error:
         kind = _ChangedError if error.err_code in _CHANGED else FleetError
         raise kind(error.description or str(error)) from error
+    except (NoRespondersError, NoStreamResponseError) as error:
+        raise _NoBucketError(_in_words(error)) from error
     except NatsError as error:
         raise FleetError(_in_words(error)) from error
     except TimeoutError:
         raise FleetError("it does not answer; this site may have no right to ask that") from None
     except OSError as error:
         raise FleetError(_reason(error)) from error
+    except (ValueError, LookupError) as error:  # what another site has put there, with headers of its own
+        raise FleetError("what it holds cannot be read") from error
 
 
-#: The error codes of JetStream for a value that has changed meanwhile.
+#: The error codes of JetStream for a value that has changed meanwhile, and for a stream that is not there.
 _CHANGED: Final = (10071, 10164)
+_NO_STREAM: Final = 10059
 
 
 async def _open_store(stream: JetStreamContext, name: str) -> KeyValue:
     try:
         return await _answered(stream.key_value(name))
-    except _NotThereError:
+    except _NoBucketError:
         pass
     config = KeyValueConfig(bucket=name, history=1, storage=StorageType.FILE, max_value_size=LARGEST_VALUE)
     try:

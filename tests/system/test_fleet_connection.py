@@ -75,6 +75,37 @@ async def test_a_bucket_changes_only_for_who_knows_what_is_there(tmp_path):
         await connection.close()
 
 
+def delete_bucket(nats: NatsServer, name: str) -> None:
+    publish_raw(nats, b"PUB $JS.API.STREAM.DELETE.KV_%b 0\r\n\r\n" % name.encode())
+    nats.wait_until(lambda: nats.told("jsz").get("streams", 0) == 0, "deleted")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda bucket: bucket.get("a"),
+        lambda bucket: bucket.create("b", b"2"),
+        lambda bucket: bucket.update("a", b"2", 1),
+        lambda bucket: bucket.put("a", b"2"),
+        lambda bucket: bucket.entries(),
+    ],
+    ids=["get", "create", "update", "put", "entries"],
+)
+async def test_a_bucket_that_was_deleted_is_made_again_by_who_asks_for_it_next(tmp_path, call):
+    with NatsServer(tmp_path) as nats:
+        connection = Connection(server_of(nats), Login("a"))
+        await connection.open()
+        bucket = await connection.bucket("mbgw-status")
+        await bucket.put("a", b"1")
+        await asyncio.to_thread(delete_bucket, nats, "mbgw-status")
+        with pytest.raises(FleetError, match="the bucket mbgw-status was deleted"):
+            await call(bucket)
+        again = await connection.bucket("mbgw-status")
+        assert await again.get("a") is None
+        await again.put("a", b"2")
+        await connection.close()
+
+
 async def _opened(nats: NatsServer, login: Login, *, is_encrypted: bool = False) -> None:
     connection = Connection(server_of(nats, is_encrypted=is_encrypted), login)
     try:
