@@ -1,7 +1,7 @@
 """The clocks of the gateways of another site, as far as their last heartbeats tell.
 
 A heartbeat has been under way for an unknown time, so the other clock shows at least what it says, plus the time since
-it came. What is estimated so is never late, as long as both clocks run alike: a deadline by it comes early.
+it came, less what the other clock may be slower. What is estimated so is never late: a deadline by it comes early.
 """
 
 import re
@@ -11,9 +11,10 @@ from typing import Final
 #: How often a site says what its clock shows, in seconds, and after what silence nothing is known of it any more.
 INTERVAL: Final = 1.0
 SILENCE: Final = 3.5
-#: How much faster than the other one our clock may run: quartz clocks differ by less than a fifth of this.
-DRIFT: Final = 0.0005
-#: A site has one gateway, or two of which one stands by. Beyond this number the eldest is forgotten.
+#: How much slower than ours the other clock may run, as a share. Quartz clocks differ by less than 0.01 %, but a time
+#: service that corrects them changes the rate of each by up to 8.33 %.
+DRIFT: Final = 1 / 6
+#: A site has one gateway, or two of which one stands by. Beyond this number the oldest is forgotten.
 MOST_GATEWAYS: Final = 4
 
 _INSTANCE = re.compile(r"[0-9a-f]{1,32}")
@@ -52,11 +53,13 @@ class Clocks:
         return max((at + SILENCE for _, at in self._heard.values()), default=None)
 
     def until(self, patience: float, now: float) -> str:
-        """The end of so many seconds by each of these clocks, for the header of a request."""
+        """The end of so many of our seconds by each of these clocks, or earlier: for the header of a request."""
         shown = {
-            each: told + (now - at) * (1 - DRIFT) for each, (told, at) in self._heard.items() if now - at < SILENCE
+            each: told + (now - at + patience) * (1 - DRIFT)
+            for each, (told, at) in self._heard.items()
+            if now - at < SILENCE
         }
-        return " ".join(f"{each}={clock + patience:.6f}" for each, clock in shown.items())
+        return " ".join(f"{each}={clock:.6f}" for each, clock in shown.items())
 
 
 def heartbeat(instance: str, clock: float) -> bytes:

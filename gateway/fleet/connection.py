@@ -398,10 +398,7 @@ async def _answered(call: Awaitable[T]) -> T:
         async with asyncio.timeout(2 * ANSWER_TIME):
             return await call
     except KeyNotFoundError as error:
-        # The library says this too when the whole stream is not found; what it was told says which of the two it is.
-        if getattr(error.__context__, "err_code", None) == _NO_STREAM:
-            raise _NoBucketError(str(error)) from error
-        raise _NotThereError(str(error)) from error
+        raise _what_is_missing(error) from error
     except NotFoundError as error:
         raise _NoBucketError(str(error)) from error
     except KeyWrongLastSequenceError as error:
@@ -421,6 +418,12 @@ async def _answered(call: Awaitable[T]) -> T:
         raise FleetError(_reason(error)) from error
     except (ValueError, LookupError) as error:  # what another site has put there, with headers of its own
         raise FleetError("what it holds cannot be read") from error
+
+
+def _what_is_missing(error: KeyNotFoundError) -> FleetError:
+    """The library has one error for both; what it was told says which of the two it is."""
+    is_bucket = getattr(error.__context__, "err_code", None) == _NO_STREAM
+    return _NoBucketError(str(error)) if is_bucket else _NotThereError(str(error))
 
 
 #: The error codes of JetStream for a value that has changed meanwhile, and for a stream that is not there.

@@ -197,7 +197,7 @@ async def test_a_site_that_leaves_is_0a_at_once(nats):
 async def test_a_request_that_comes_too_late_is_never_sent(nats):
     """Its client has its 0B when the line is free at last."""
     async with sites(ASKER + LOCAL, OWNER + WRITERS) as (a, b):
-        devices = on_line(b, delay=0.7)
+        devices = on_line(b, delay=0.55)
         first, second, third = (a.client(f"10.0.0.{each}:1") for each in range(3))
         began = first.now()
         for value, client in enumerate((first, second, third)):
