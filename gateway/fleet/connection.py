@@ -17,7 +17,7 @@ from nats.aio.client import Client
 from nats.aio.msg import Msg
 from nats.aio.subscription import Subscription as NatsSubscription
 from nats.errors import Error as NatsError
-from nats.errors import NoRespondersError
+from nats.errors import NoRespondersError, SlowConsumerError
 from nats.js import JetStreamContext
 from nats.js.api import KeyValueConfig, StorageType
 from nats.js.errors import (
@@ -46,8 +46,10 @@ MISSED_PINGS: Final = 2
 MOST_WAITING: Final = 4096
 _LARGEST_BUFFER: Final = 256 * 1024
 #: The most messages of one subscription that wait to be delivered, and their bytes. What comes beyond that is lost.
-_MOST_UNDELIVERED: Final = 4096
+MOST_UNDELIVERED: Final = 4096
 _LARGEST_UNDELIVERED: Final = 4 * 1024 * 1024
+#: After so many messages other work has its turn.
+_MESSAGES_AT_ONCE: Final = 16
 #: The shortest and the longest block of headers that the library may read: the first line with its end and an empty
 #: line, and several times what gateways send.
 _SHORTEST_HEADERS: Final = 12
@@ -98,8 +100,12 @@ class _Reader(Client):
     def __init__(self, lost: LostMessages) -> None:
         super().__init__()
         self._lost = lost
+        self._read = 0
 
     async def _process_msg(self, sid: int, subject: bytes, reply: bytes, data: bytes, headers: bytes) -> None:
+        self._read += 1
+        if self._read % _MESSAGES_AT_ONCE == 0:
+            await asyncio.sleep(0)
         try:
             _check(subject, reply, headers)
             await super()._process_msg(sid, subject, reply, data, headers)
@@ -135,6 +141,7 @@ class Connection:
         self._outbox: deque[Message] = deque()
         self._has_more = asyncio.Event()
         self._sending: asyncio.Task[None] | None = None
+        self._delivered = 0
         self._buckets: dict[str, Bucket] = {}
 
     async def open(self) -> None:
@@ -170,11 +177,11 @@ class Connection:
         return True
 
     async def subscribe(
-        self, subject: str, deliver: Callable[[Message], None], queue: str = ""
+        self, subject: str, deliver: Callable[[Message], None], queue: str = "", most: int = MOST_UNDELIVERED
     ) -> Callable[[], Awaitable[None]]:
         """Have what comes on `subject` delivered; one member of the group `queue` gets each message.
 
-        Returns what ends the subscription.
+        At most so many wait to be delivered; more are lost, and counted. Returns what ends the subscription.
 
         Raises:
             FleetError: the connection is lost.
@@ -182,8 +189,8 @@ class Connection:
         subscribe = self._client.subscribe(
             subject,
             queue,
-            partial(_deliver, deliver),
-            pending_msgs_limit=_MOST_UNDELIVERED,
+            partial(self._deliver, deliver),
+            pending_msgs_limit=most,
             pending_bytes_limit=_LARGEST_UNDELIVERED,
         )
         subscription = await _answered(subscribe)
@@ -280,11 +287,21 @@ class Connection:
                     self.lose(_in_words(error))
                     return
 
+    async def _deliver(self, deliver: Callable[[Message], None], found: Msg) -> None:
+        headers = found.headers
+        nobody = headers is not None and not found.data and headers.get("Status") == "503"
+        deliver(Message(found.subject, found.data, found.reply, headers, nobody))
+        self._delivered += 1
+        if self._delivered % _MESSAGES_AT_ONCE == 0:
+            await asyncio.sleep(0)
+
     async def _on_error(self, error: Exception) -> None:
         """While it connects, any error ends the attempt; later, only those after which it is closed."""
         if not self._is_open:
             raise error
-        if "permissions violation" in str(error):
+        if isinstance(error, SlowConsumerError):
+            self._messages.overflowed += 1
+        elif "permissions violation" in str(error):
             self._refused(_in_words(error))
         elif not isinstance(error, NatsError | OSError):  # of what messages are delivered to
             self.lose(f"a defect in the gateway: {error!r}")
@@ -449,12 +466,6 @@ def _check(subject: bytes, reply: bytes, headers: bytes) -> None:
     reply.decode()
     if headers and not _SHORTEST_HEADERS <= len(headers) <= _LONGEST_HEADERS:
         raise ValueError
-
-
-async def _deliver(deliver: Callable[[Message], None], found: Msg) -> None:
-    headers = found.headers
-    nobody = headers is not None and not found.data and headers.get("Status") == "503"
-    deliver(Message(found.subject, found.data, found.reply, headers, nobody))
 
 
 async def _end(subscription: NatsSubscription) -> None:

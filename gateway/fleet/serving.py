@@ -2,17 +2,20 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from gateway.errors import FleetError
 from gateway.events import Emit, PartFailed
 from gateway.fleet.clock import INTERVAL, heartbeat
 from gateway.fleet.messages import Message
-from gateway.fleet.owner import Owner, Way
+from gateway.fleet.owner import MOST_OF_SENDER, Owner, Way
 from gateway.fleet.subjects import GROUP, clock_subject, request_subject
 
 if TYPE_CHECKING:
     from gateway.fleet.connection import Connection
+
+#: The most requests to a unit that wait to be looked at: several senders may send all that they may at once.
+MOST_WAITING: Final = 4 * MOST_OF_SENDER
 
 
 class Serving:
@@ -62,7 +65,7 @@ class Serving:
                     return
                 subject = request_subject(self.owner.site, unit, "*")
                 try:
-                    self._subscribed[unit] = await connection.subscribe(subject, self._received, GROUP)
+                    self._subscribed[unit] = await connection.subscribe(subject, self._received, GROUP, MOST_WAITING)
                 except FleetError as error:
                     connection.lose(str(error))
                     return

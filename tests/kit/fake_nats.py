@@ -95,7 +95,7 @@ class FakeConnection:
         if not self.lost.done():
             self.nats.take(message)
 
-    async def subscribe(self, subject, deliver, queue=""):
+    async def subscribe(self, subject, deliver, queue="", most=4096):
         if self.lost.done():
             raise FleetError("it is lost")
         subscription = Subscription(self, subject, queue, deliver)

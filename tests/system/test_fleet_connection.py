@@ -75,6 +75,55 @@ async def test_a_bucket_changes_only_for_who_knows_what_is_there(tmp_path):
         await connection.close()
 
 
+async def test_a_flood_leaves_turns_to_other_work_and_what_it_loses_is_counted(tmp_path):
+    with NatsServer(tmp_path) as nats:
+        messages = LostMessages()
+        connection = Connection(server_of(nats), Login("a"), messages=messages)
+        await connection.open()
+        heard, longest, turns = 0, 0, 0
+        at_last_turn = 0
+
+        def take(message: Message) -> None:
+            nonlocal heard
+            heard += 1
+
+        async def watch() -> None:
+            nonlocal at_last_turn, longest, turns
+            while True:
+                await asyncio.sleep(0)
+                longest, turns = max(longest, heard - at_last_turn), turns + 1
+                at_last_turn = heard
+
+        await connection.subscribe("unit.1", take, "mbgw", 4096)
+        await connection.settle()
+        watching = asyncio.create_task(watch())
+        await asyncio.to_thread(publish_raw, nats, raw_message(b"unit.1", b"answer") * 3000)
+        async with asyncio.timeout(PATIENCE):
+            while heard + messages.overflowed < 3000:  # noqa: ASYNC110 - counted by the library
+                await asyncio.sleep(0.01)
+        assert turns > 100
+        assert longest <= 16
+        watching.cancel()
+        await connection.close()
+
+
+async def test_messages_that_overflow_their_queue_are_counted(tmp_path):
+    with NatsServer(tmp_path) as nats:
+        messages = LostMessages()
+        connection = Connection(server_of(nats), Login("a"), messages=messages)
+        await connection.open()
+        heard: list[Message] = []
+        await connection.subscribe("unit.1", heard.append, "mbgw", 4)
+        await connection.settle()
+        await asyncio.to_thread(publish_raw, nats, raw_message(b"unit.1", b"answer") * 1000)
+        async with asyncio.timeout(PATIENCE):
+            while len(heard) + messages.overflowed < 1000:  # noqa: ASYNC110 - as above
+                await asyncio.sleep(0.01)
+        assert messages.overflowed > 0
+        assert not connection.lost.done()
+        await connection.close()
+
+
 def delete_bucket(nats: NatsServer, name: str) -> None:
     publish_raw(nats, b"PUB $JS.API.STREAM.DELETE.KV_%b 0\r\n\r\n" % name.encode())
     nats.wait_until(lambda: nats.told("jsz").get("streams", 0) == 0, "deleted")
