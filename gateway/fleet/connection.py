@@ -469,8 +469,8 @@ def _check(subject: bytes, reply: bytes, headers: bytes) -> None:
 
 
 async def _end(subscription: NatsSubscription) -> None:
-    with suppress(NatsError):
-        await subscription.unsubscribe()
+    with suppress(FleetError):
+        await _answered(subscription.unsubscribe())
 
 
 def _sent(headers: Mapping[str, str] | None) -> dict[str, str] | None:
@@ -508,7 +508,7 @@ def _read_credentials(text: str) -> tuple[bytes, bytes]:
     except ValueError:
         raw = b""
     if not token or len(raw) != _SEED_SIZE:
-        raise FleetError("the credentials file is none: it must have the token and the seed of a user")
+        raise FleetError("it is not a credentials file: that has the token and the seed of a user")
     return token.encode(), raw[_SEED]
 
 
@@ -518,8 +518,17 @@ def _line_behind(marker: str, text: str) -> str:
 
 
 def _sign(key: bytes, nonce: str) -> bytes:
-    """The signature of what the server asks to be signed."""
-    from nacl.signing import SigningKey  # noqa: PLC0415 - only with `credentials`, and not everywhere there is one
+    """The signature of what the server asks to be signed.
+
+    Raises:
+        FleetError: the library for it is not installed.
+    """
+    try:
+        from nacl.signing import SigningKey  # noqa: PLC0415 - only with `credentials`, and not everywhere there is one
+    except ModuleNotFoundError as error:
+        raise FleetError(
+            "a credentials file needs PyNaCl, which is not installed: apt install python3-nacl, or pip install pynacl"
+        ) from error
 
     return base64.b64encode(SigningKey(key).sign(nonce.encode()).signature)
 

@@ -102,7 +102,8 @@ class Link:
             while waiting := [member for member in self._members if member not in self._joined]:
                 await self._welcome(waiting[0], connection)
             self._up(connection)
-            raise FleetError(await asyncio.shield(connection.lost))
+            self.reason = await asyncio.shield(connection.lost)
+            raise FleetError(self.reason)
         finally:
             self.connection = None
             for task in self._tasks:

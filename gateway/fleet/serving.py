@@ -32,6 +32,8 @@ class Serving:
         self._units: Callable[[], Iterable[int]] = tuple
         self._connection: Connection | None = None
         self._subscribed: dict[int, Callable[[], Awaitable[None]]] = {}
+        #: The connection that these are of.
+        self._subscribed_at: Connection | None = None
         self._turn = asyncio.Lock()
         self._timer: asyncio.TimerHandle | None = None
         self._task: asyncio.Task[None] | None = None
@@ -39,7 +41,6 @@ class Serving:
     async def connected(self, connection: "Connection") -> None:
         """See Member."""
         self._connection = connection
-        self._subscribed.clear()
         await self._subscribe()
         self._beat()
 
@@ -58,6 +59,9 @@ class Serving:
         """Have the subscriptions that are needed, and no others. A connection that is lost meanwhile has none."""
         async with self._turn:
             connection, units = self._connection, frozenset(self._units())
+            if connection is not self._subscribed_at:
+                self._subscribed_at = connection
+                self._subscribed.clear()
             for unit in set(self._subscribed).difference(units):
                 await self._subscribed.pop(unit)()
             for unit in sorted(units.difference(self._subscribed)):

@@ -64,6 +64,21 @@ async def test_members_are_told_of_each_connection_and_each_loss(linked, nats):
     ]
 
 
+async def test_members_that_are_told_of_the_loss_can_say_why(linked, nats):
+    link, _ = linked
+    reasons = []
+
+    class Asker(Member):
+        def disconnected(self):
+            reasons.append(link.reason)
+
+    link.join(Asker())
+    await asyncio.sleep(1)
+    nats.cut()
+    await asyncio.sleep(1)
+    assert reasons == ["the connection was lost"]
+
+
 async def test_who_joins_later_is_told_at_once_and_who_leaves_is_told(linked):
     link, _ = linked
     await asyncio.sleep(1)

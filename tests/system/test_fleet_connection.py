@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import ssl
+import sys
 from contextlib import asynccontextmanager
 
 import pytest
@@ -178,8 +179,20 @@ async def test_a_credentials_file_logs_in(tmp_path):
         other = operators.Operator(["mbgw.>"], ["mbgw.>"])
         with pytest.raises(FleetError, match="it refuses this user"):
             await _opened(nats, Login("a", credentials=other.credentials("a")))
-        with pytest.raises(FleetError, match="the credentials file is none"):
+        with pytest.raises(FleetError, match="it is not a credentials file"):
             await _opened(nats, Login("a", credentials="-----BEGIN NATS USER JWT-----\nx\n"))
+
+
+async def test_without_pynacl_a_credentials_file_says_what_to_install(tmp_path, monkeypatch):
+    operators = pytest.importorskip("kit.nats_tokens", reason="it needs cryptography")
+    operator = operators.Operator(["mbgw.>"], ["mbgw.>"])
+    monkeypatch.setitem(sys.modules, "nacl", None)
+    monkeypatch.setitem(sys.modules, "nacl.signing", None)
+    with (
+        NatsServer(tmp_path, operator.settings) as nats,
+        pytest.raises(FleetError, match="apt install python3-nacl"),
+    ):
+        await _opened(nats, Login("a", credentials=operator.credentials("a")))
 
 
 async def test_no_password_goes_where_tls_was_asked_for_and_is_not_offered(tmp_path):

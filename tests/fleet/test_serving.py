@@ -1,0 +1,49 @@
+"""Subscriptions to units, in virtual time."""
+
+import asyncio
+
+from gateway.fleet.connection import ANSWER_TIME, _end
+from gateway.fleet.serving import Serving
+
+
+class Connection:
+    def __init__(self) -> None:
+        self.may_subscribe = asyncio.Event()
+        self.subscribed: list[str] = []
+
+    async def subscribe(self, subject, _deliver, _queue, _most):
+        await self.may_subscribe.wait()
+        self.subscribed.append(subject)
+
+        async def end() -> None:
+            self.subscribed.remove(subject)
+
+        return end
+
+    def publish(self, _message):
+        return True
+
+
+async def test_a_connection_that_is_lost_while_it_subscribes_leaves_nothing_to_the_next_one():
+    serving = Serving("s", "a", None, lambda: 0.0, lambda _: None)
+    await serving.serve(lambda: [1, 2])
+    slow, second = Connection(), Connection()
+    second.may_subscribe.set()
+    first_call = asyncio.create_task(serving.connected(slow))
+    await asyncio.sleep(0.1)
+    serving.disconnected()
+    second_call = asyncio.create_task(serving.connected(second))
+    await asyncio.sleep(0.1)
+    slow.may_subscribe.set()
+    await asyncio.gather(first_call, second_call)
+    serving.disconnected()
+    assert second.subscribed == ["mbgw.s.unit.1.from.*", "mbgw.s.unit.2.from.*"]
+
+
+async def test_the_end_of_a_subscription_that_is_not_taken_is_not_waited_for_longer():
+    class Hanging:
+        async def unsubscribe(self):
+            await asyncio.Event().wait()
+
+    async with asyncio.timeout(3 * ANSWER_TIME):
+        await _end(Hanging())
