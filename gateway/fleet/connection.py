@@ -414,10 +414,8 @@ async def _answered(call: Awaitable[T]) -> T:
     try:
         async with asyncio.timeout(2 * ANSWER_TIME):
             return await call
-    except KeyNotFoundError as error:
-        raise _what_is_missing(error) from error
     except NotFoundError as error:
-        raise _NoBucketError(str(error)) from error
+        raise _what_is_missing(error) from error
     except KeyWrongLastSequenceError as error:
         raise _ChangedError(str(error)) from error
     except ServiceUnavailableError as error:
@@ -437,10 +435,10 @@ async def _answered(call: Awaitable[T]) -> T:
         raise FleetError("what it holds cannot be read") from error
 
 
-def _what_is_missing(error: KeyNotFoundError) -> FleetError:
-    """The library has one error for both; what it was told says which of the two it is."""
-    is_bucket = getattr(error.__context__, "err_code", None) == _NO_STREAM
-    return _NoBucketError(str(error)) if is_bucket else _NotThereError(str(error))
+def _what_is_missing(error: NotFoundError) -> FleetError:
+    """The library says that a key is not found also without a bucket; what it was told says which of the two it is."""
+    is_key = isinstance(error, KeyNotFoundError) and getattr(error.__context__, "err_code", None) != _NO_STREAM
+    return _NotThereError(str(error)) if is_key else _NoBucketError(str(error))
 
 
 #: The error codes of JetStream for a value that has changed meanwhile, and for a stream that is not there.
