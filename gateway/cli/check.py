@@ -3,7 +3,8 @@
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from math import ceil, floor, log10
 from typing import Any, Final
 
@@ -108,7 +109,7 @@ def _unit(plan: LinePlan, device: DeviceSettings, units: str, wire_units: str) -
 
 
 def _as_text(loaded: Loaded, plan: Plan | None) -> str:
-    parts = ["\n".join(map(str, loaded.problems))] if loaded.problems else []
+    parts = ["\n".join(map(str, _with_help_once(loaded.problems)))] if loaded.problems else []
     if plan is None:
         return "\n".join([*parts, _verdict(loaded.problems)])
     parts += [_listeners(plan.listeners), rights_as_text(plan)]
@@ -126,6 +127,13 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
 def _advice(plan: Plan) -> str:
     repeats = [_LONGEST_WAIT_FOR_REPEATS] if any(line.line.retries for line in plan.lines) else []
     return "\n".join([_LONGEST_WAIT, *repeats, _ADVICE])
+
+
+def _with_help_once(problems: tuple[Problem, ...]) -> Iterator[Problem]:
+    """The problems; of those that are the same in several places, the last one has the help."""
+    for problem, following in zip_longest(problems, problems[1:]):
+        is_alike = following is not None and (following.what, following.remedy) == (problem.what, problem.remedy)
+        yield replace(problem, remedy="") if is_alike else problem
 
 
 def _verdict(problems: tuple[Problem, ...]) -> str:

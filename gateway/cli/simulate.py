@@ -163,9 +163,18 @@ def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, form
         for group in groups
         for units in show_units(group.units).split(", ")
     ]
+    usual = f"  # as in the manual of a {groups[0].kind}; here any rate will do" if _is_manuals(groups, args) else ""
     keys = {"name": port.name, "port": str(port), "mode": mode, "baud": baud, "format": str(format_)}
-    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()]
+    lines = [
+        f"{key} = {json.dumps(value, ensure_ascii=False)}{usual if key == 'baud' else ''}"
+        for key, value in keys.items()
+    ]
     return "\n".join(["[[line]]", *lines, "devices = [", *rows, "]"])
+
+
+def _is_manuals(groups: list[_Group], args: argparse.Namespace) -> bool:
+    """Whether the rate in the config that is shown is that of a manual, and the devices have none."""
+    return args.baud is None and groups[0].kind in _USUAL_BAUD
 
 
 def _shown_baud(groups: list[_Group], args: argparse.Namespace) -> int:

@@ -256,6 +256,15 @@ def test_warnings_leave_the_status_0(config, capsys):
     assert said.endswith("\n\nno errors, 1 warning\n")
 
 
+def test_two_lines_without_a_port_have_one_help(config, capsys):
+    lines = (f'[[line]]\nport = "/dev/null/{unit}"\ndevices = [{{ unit = {unit} }}]\n' for unit in (1, 2))
+    path = config("".join(lines))
+    assert main(["check", path]) == 0
+    said = capsys.readouterr().out
+    assert said.count("there is no such port at the moment") == 2
+    assert said.count("the line waits for it") == 1
+
+
 def test_a_file_that_does_not_exist_is_one_problem(tmp_path, capsys):
     path = tmp_path / "absent.toml"
     assert main(["check", str(path)]) == 1

@@ -115,6 +115,19 @@ def port(tmp_path: Path) -> Path:
     return tmp_path / "hall-a"
 
 
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        (("weigher",), "baud = 9600  # as in the manual of a weigher; here any rate will do"),
+        (("weigher", "--baud", "19200"), "baud = 19200"),
+        (("v80",), "baud = 19200"),
+    ],
+)
+def test_the_rate_of_a_manual_is_named_as_such(port: Path, words: tuple[str, ...], shown: str) -> None:
+    with Simulation(port, *words) as simulation:
+        assert f"\n{shown}\n" in simulation.said
+
+
 def test_a_weigher_as_its_document_says(port: Path) -> None:
     words = ("weigher", "--weight", "4999.66", "--baud", "9600", "-v")
     with Simulation(port, *words) as simulation, opened(port) as serial:
