@@ -21,8 +21,6 @@ from gateway.upstreams.upstream import Upstream
 #: How long before its client may get an answer an owner stops sending a request, in seconds: who has just looked at
 #: the time still has to send.
 GUARD: Final = 0.05
-#: The most requests whose answers are awaited. Those before them are too old for any.
-MOST_AWAITED: Final = 8192
 
 
 class Asker:
@@ -109,8 +107,6 @@ class Asker:
         patience = min(transaction.limit, passed.seconds_left)
         self._last_number += 1
         self._identifiers[self._last_number] = identifier
-        if len(self._identifiers) > MOST_AWAITED:
-            del self._identifiers[next(iter(self._identifiers))]
         headers = {CLIENT: transaction.client, HOPS: str(passed.hops + 1)}
         if passed.role:
             headers[ROLE] = passed.role

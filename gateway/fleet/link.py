@@ -7,8 +7,9 @@ from typing import Final, Protocol
 
 from gateway.errors import FleetError, TlsError
 from gateway.events import Emit, FleetLost, FleetRefused, FleetUp, PartFailed
-from gateway.fleet.connection import Connection, Login, Server
+from gateway.fleet.connection import Connection
 from gateway.fleet.counts import LostMessages
+from gateway.fleet.settings import Login, Server
 from gateway.ports.threads import ThreadPerCall
 
 #: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
@@ -16,10 +17,12 @@ FIRST_PAUSE: Final = 0.25
 LONGEST_PAUSE: Final = 2.0
 #: A connection that lasted so long, in seconds, makes the next pause the first one again.
 STEADY: Final = 10.0
+#: The most refusals of one connection that are told.
+_MOST_REFUSALS: Final = 20
 
 
 class Member(Protocol):
-    """Something that needs NATS: the owner of units, an asker, a lease."""
+    """Something that needs NATS: the owner of units, what asks other sites, the list of sites."""
 
     async def connected(self, connection: Connection) -> None:
         """There is a connection from now on. Raises FleetError if no member can use it: then it is closed."""
@@ -42,38 +45,21 @@ class Link:
         self.attempts = 0
         #: Of all its connections.
         self.messages = LostMessages()
-        self.reconnects = 0
         self._servers = servers
         self._first = random.randrange(len(servers))  # noqa: S311 - no secret
         self._login = login
         self._emit = emit
-        self._members: list[Member] = []
-        self._joined: set[Member] = set()
         self._pause = FIRST_PAUSE
         self._told = ""
         self._refusals: set[str] = set()
-        self._tasks: set[asyncio.Task[None]] = set()
 
-    def join(self, member: Member) -> None:
-        """Tell `member` of this connection, and of all later ones."""
-        self._members.append(member)
-        if self.connection is not None:
-            task = asyncio.create_task(self._welcome_late(member, self.connection), name="fleet: join")
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
-
-    def leave(self, member: Member) -> None:
-        """Tell it nothing more."""
-        self._members.remove(member)
-        self._dismiss(member)
-
-    async def run(self) -> None:
-        """Keep a connection, until cancelled."""
+    async def run(self, *members: Member) -> None:
+        """Keep a connection for these members, until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             began = loop.time()
             try:
-                await self._serve()
+                await self._connect(members)
             except (FleetError, TlsError) as error:
                 self._lost(str(error))
             except Exception as error:  # noqa: BLE001 - an error boundary: all other parts go on
@@ -84,7 +70,7 @@ class Link:
             await asyncio.sleep(self._pause * random.uniform(0.7, 1.3))  # noqa: S311 - no secret
             self._pause = min(2 * self._pause, LONGEST_PAUSE)
 
-    async def _serve(self) -> None:
+    async def _connect(self, members: Sequence[Member]) -> None:
         """One connection, until it is lost.
 
         Raises:
@@ -99,37 +85,28 @@ class Link:
         connection = Connection(self.server, login, self._refused, self.messages)
         try:
             await connection.open()
-            while waiting := [member for member in self._members if member not in self._joined]:
-                await self._welcome(waiting[0], connection)
+            await self._use(connection, members)
+        finally:
+            await connection.close()
+
+    async def _use(self, connection: Connection, members: Sequence[Member]) -> None:
+        """Tell the members of the connection, and that it is lost.
+
+        Raises:
+            FleetError: a member cannot use it, or it is lost.
+        """
+        told: list[Member] = []
+        try:
+            for member in members:
+                told.append(member)
+                await member.connected(connection)
             self._up(connection)
             self.reason = await asyncio.shield(connection.lost)
             raise FleetError(self.reason)
         finally:
             self.connection = None
-            for task in self._tasks:
-                task.cancel()
-            for member in tuple(self._joined):
-                self._dismiss(member)
-            await connection.close()
-
-    async def _welcome(self, member: Member, connection: Connection) -> None:
-        self._joined.add(member)
-        await member.connected(connection)
-
-    async def _welcome_late(self, member: Member, connection: Connection) -> None:
-        try:
-            if member in self._members and member not in self._joined:
-                await self._welcome(member, connection)
-        except FleetError as error:
-            connection.lose(str(error))
-        except Exception as error:  # noqa: BLE001 - an error boundary, as in `run`
-            self._emit(PartFailed.of("fleet", error))
-            connection.lose("a defect in the gateway")
-
-    def _dismiss(self, member: Member) -> None:
-        if member in self._joined:
-            self._joined.remove(member)
-            member.disconnected()
+            for member in told:
+                member.disconnected()
 
     def _refused(self, reason: str) -> None:
         """The server refuses a subject. Each is told once for each connection."""
@@ -147,12 +124,7 @@ class Link:
         """It is told once, and again when the reason is another one."""
         self.reason = reason
         if self.down_since is None:
-            self.reconnects += 1
             self.down_since = asyncio.get_running_loop().time()
         if reason != self._told:
             self._told = reason
             self._emit(FleetLost(str(self.server), reason))
-
-
-#: The most refusals of one connection that are told.
-_MOST_REFUSALS: Final = 20

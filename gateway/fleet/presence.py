@@ -14,7 +14,8 @@ from gateway.fleet.headers import text_of
 from gateway.fleet.messages import Entry
 
 if TYPE_CHECKING:
-    from gateway.fleet.connection import Bucket, Connection
+    from gateway.fleet.bucket import Bucket
+    from gateway.fleet.connection import Connection
 
 BUCKET: Final = "mbgw-status"
 #: How often a site renews its entry, in seconds, and after how long one that is not renewed is lost.

@@ -13,6 +13,7 @@ from gateway import events
 from gateway.config.plan import FleetPlan
 from gateway.errors import FleetError, PortError
 from gateway.fleet.counts import LostMessages, OwnerCounts
+from gateway.fleet.settings import Login, Server
 from gateway.ports.port import OpenPort, Port, PortUser
 from gateway.routing.router import Router
 from gateway.service.libraries import not_installed
@@ -21,14 +22,14 @@ from gateway.tls.contexts import load
 from gateway.tls.store import TlsStore
 
 if TYPE_CHECKING:
-    from gateway.fleet.connection import Bucket
+    from gateway.fleet.bucket import Bucket
     from gateway.fleet.exchange import Exchange
-    from gateway.fleet.link import Link, Member
+    from gateway.fleet.link import Link
     from gateway.fleet.presence import Presence, SiteStatus
     from gateway.fleet.serving import Serving
 
 #: How long each step of leaving may take, in seconds.
-_FAREWELL: Final = 1.0
+_LEAVING_TIME: Final = 1.0
 #: The name of this process for deadlines.
 _INSTANCE: Final = os.urandom(6).hex()
 
@@ -62,10 +63,7 @@ class FleetStatus:
 
 
 class Fleet:
-    """The other sites, as long as the plan of a gateway names NATS servers. Requests from there take the way `sites`.
-
-    Members know of each connection.
-    """
+    """The other sites, as long as the plan of a gateway names NATS servers. Requests from there go to `sites`."""
 
     def __init__(
         self, sites: Router, emit: events.Emit, contexts: TlsStore, clock: Callable[[], float] | None = None
@@ -75,7 +73,6 @@ class Fleet:
         self._sites = sites
         self._emit = emit
         self._contexts = contexts
-        self._members: list[Member] = []
         self._units: Callable[[], Iterable[int]] = tuple
         self._tell: Callable[[], Mapping[str, Any]] = dict
         self._task: asyncio.Task[None] | None = None
@@ -88,20 +85,8 @@ class Fleet:
         self.serving: Serving | None = None
         self.presence: Presence | None = None
 
-    def join(self, member: "Member") -> None:
-        """Tell `member` of this connection, and of all later ones, until it leaves."""
-        self._members.append(member)
-        if self.link is not None:
-            self.link.join(member)
-
-    def leave(self, member: "Member") -> None:
-        """Tell it nothing more."""
-        self._members.remove(member)
-        if self.link is not None:
-            self.link.leave(member)
-
     def opener(self, site: str) -> OpenPort:
-        """What opens the way to another site."""
+        """What opens the port to another site."""
 
         async def open_port(user: PortUser) -> Port:
             if self.exchange is None:
@@ -130,25 +115,25 @@ class Fleet:
         if plan is None:
             return
         try:
-            library = import_module("gateway.fleet.connection")
+            link = self._link(plan)
         except ModuleNotFoundError as error:
             self.reason = not_installed(error.name, "fleet")
             self._emit(events.FleetLost(str(plan.servers[0]), self.reason))
             return
-        servers = [library.Server(each.host, each.port, each.scheme == "tls") for each in plan.servers]
-        link: Link = import_module("gateway.fleet.link").Link(
-            servers, _login(plan, self._contexts, library.Login), self._emit
-        )
         self.link = link
         self.exchange = import_module("gateway.fleet.exchange").Exchange(plan.site, lambda: link.reason)
         self.serving = import_module("gateway.fleet.serving").Serving(
             plan.site, _INSTANCE, self._sites, self.clock, self._emit
         )
         self.presence = import_module("gateway.fleet.presence").Presence(plan.site, self._told, self._emit, time.time)
-        for member in (self.exchange, self.serving, self.presence, *self._members):
-            link.join(member)
-        self._task = asyncio.create_task(link.run(), name="fleet")
+        self._task = asyncio.create_task(link.run(self.exchange, self.serving, self.presence), name="fleet")
         await self.refresh()
+
+    def _link(self, plan: FleetPlan) -> "Link":
+        """Raises ModuleNotFoundError without the library."""
+        servers = [Server(each.host, each.port, each.scheme == "tls") for each in plan.servers]
+        link: Link = import_module("gateway.fleet.link").Link(servers, _login(plan, self._contexts), self._emit)
+        return link
 
     async def serve(
         self, units: Callable[[], Iterable[int]], tell: Callable[[], Mapping[str, Any]] | None = None
@@ -170,13 +155,13 @@ class Fleet:
             yield
             return
         async with asyncio.TaskGroup() as group:
-            group.create_task(self._finish(), name="fleet: good-bye")
+            group.create_task(self._finish(), name="fleet: leave")
             yield
 
     async def _finish(self) -> None:
         """NATS may not take what is said any more."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(_FAREWELL):
+            async with asyncio.timeout(_LEAVING_TIME):
                 await self.serve(tuple)
                 if self.presence is not None:
                     await self.presence.leave()
@@ -241,7 +226,7 @@ class Fleet:
         self.reason = "there is no [fleet]"
         if task is not None:
             task.cancel()
-            await asyncio.wait((task,), timeout=_FAREWELL)
+            await asyncio.wait((task,), timeout=_LEAVING_TIME)
 
 
 def _clock() -> float:
@@ -249,17 +234,17 @@ def _clock() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
-def _login(plan: FleetPlan, contexts: TlsStore, login: Callable[..., Any]) -> Callable[[], Any]:
+def _login(plan: FleetPlan, contexts: TlsStore) -> Callable[[], Login]:
     """What reads how to log in. Files are read for each connection, so that new ones count at once."""
     loop = asyncio.get_running_loop()
 
-    def read() -> Any:
+    def read() -> Login:
         context = None
         for secured in plan.secured:
             loaded = load(secured.settings)
             loop.call_soon_threadsafe(contexts.add, {secured: loaded})
             context = loaded.context
-        return login(
+        return Login(
             site=plan.site,
             user=plan.user,
             password=None if plan.password is None else read_password(plan.password, FleetError),

@@ -6,7 +6,8 @@ from nats.js import JetStreamContext
 from nats.js.errors import ServiceUnavailableError
 
 from gateway.errors import FleetError
-from gateway.fleet.connection import Connection, Login, Server
+from gateway.fleet.connection import Connection
+from gateway.fleet.settings import Login, Server
 
 
 async def test_a_server_without_jetstream_is_named_with_what_mends_it(monkeypatch):

@@ -2,7 +2,8 @@
 
 import asyncio
 
-from gateway.fleet.connection import ANSWER_TIME, _end
+from gateway.fleet.calls import ANSWER_TIME
+from gateway.fleet.connection import unsubscribe
 from gateway.fleet.serving import Serving
 
 
@@ -46,4 +47,4 @@ async def test_the_end_of_a_subscription_that_is_not_taken_is_not_waited_for_lon
             await asyncio.Event().wait()
 
     async with asyncio.timeout(3 * ANSWER_TIME):
-        await _end(Hanging())
+        await unsubscribe(Hanging())

@@ -5,13 +5,15 @@ import socket
 import ssl
 import sys
 from contextlib import asynccontextmanager
+from typing import Any
 
 import pytest
 
 from gateway.errors import FleetError
-from gateway.fleet.connection import PING_INTERVAL, Connection, Login, Server
+from gateway.fleet.connection import PING_INTERVAL, Connection
 from gateway.fleet.counts import LostMessages
 from gateway.fleet.messages import Message
+from gateway.fleet.settings import Login, Server
 from kit.free_port import free_port
 from kit.nats import NatsServer, needs_nats
 from kit.process import PATIENCE
@@ -21,6 +23,16 @@ pytestmark = needs_nats
 
 def server_of(nats: NatsServer, *, is_encrypted: bool = False) -> Server:
     return Server("127.0.0.1", nats.port, is_encrypted)
+
+
+async def subscribed(nats: NatsServer, connection: Connection, subject: str, *how: Any) -> None:
+    """Subscribe, and wait until the server has taken it: what others send from now on is delivered."""
+    await connection.subscribe(subject, *how)
+
+    def is_taken() -> bool:
+        return any(each["subject"] == subject for each in nats.told("subsz?subs=1").get("subscriptions_list", ()))
+
+    await asyncio.to_thread(nats.wait_until, is_taken, "subscribed")
 
 
 async def test_a_message_that_nobody_wants_says_so(tmp_path):
@@ -47,10 +59,16 @@ async def test_what_is_subscribed_comes_with_its_headers_until_it_is_ended(tmp_p
         assert (found.subject, found.body, found.reply) == (message.subject, message.body, message.reply)
         assert dict(found.headers or {}) == {"Client": "x:1"}
         await end()
+        answers: asyncio.Queue[Message] = asyncio.Queue()
+        await connection.subscribe("mbgw.b.answer.>", answers.put_nowait)
         connection.publish(message)
-        await connection.settle()
+        assert (await asyncio.wait_for(answers.get(), PATIENCE)).has_no_responders
         assert heard.empty()
         await connection.close()
+
+
+#: What a tool such as `nats kv del mbgw-status a` sends.
+DELETE_A = b"HPUB $KV.mbgw-status.a 31 31\r\nNATS/1.0\r\nKV-Operation: DEL\r\n\r\n\r\n"
 
 
 async def test_a_bucket_changes_only_for_who_knows_what_is_there(tmp_path):
@@ -62,14 +80,13 @@ async def test_a_bucket_changes_only_for_who_knows_what_is_there(tmp_path):
         assert await bucket.get("a") is None
         first = await bucket.create("a", b"1")
         assert await bucket.create("a", b"2") is None
-        second = await bucket.update("a", b"3", first)
+        assert await bucket.update("a", b"3", first)
         assert await bucket.update("a", b"4", first) is None
         assert (await bucket.get("a")).value == b"3"
         await bucket.put("b", b"5")
         assert {each.key: each.value for each in await bucket.entries()} == {"a": b"3", "b": b"5"}
         assert all(each.created for each in await bucket.entries())
-        assert not await bucket.delete("a", first)
-        assert await bucket.delete("a", second)
+        await asyncio.to_thread(publish_raw, nats, DELETE_A)
         assert await bucket.get("a") is None
         assert [each.key for each in await bucket.entries()] == ["b"]
         assert await bucket.create("a", b"6")
@@ -95,8 +112,7 @@ async def test_a_flood_leaves_turns_to_other_work_and_what_it_loses_is_counted(t
                 longest, turns = max(longest, heard - at_last_turn), turns + 1
                 at_last_turn = heard
 
-        await connection.subscribe("unit.1", take, "mbgw", 4096)
-        await connection.settle()
+        await subscribed(nats, connection, "unit.1", take, "mbgw", 4096)
         watching = asyncio.create_task(watch())
         await asyncio.to_thread(publish_raw, nats, raw_message(b"unit.1", b"answer") * 3000)
         async with asyncio.timeout(PATIENCE):
@@ -114,8 +130,7 @@ async def test_messages_that_overflow_their_queue_are_counted(tmp_path):
         connection = Connection(server_of(nats), Login("a"), messages=messages)
         await connection.open()
         heard: list[Message] = []
-        await connection.subscribe("unit.1", heard.append, "mbgw", 4)
-        await connection.settle()
+        await subscribed(nats, connection, "unit.1", heard.append, "mbgw", 4)
         await asyncio.to_thread(publish_raw, nats, raw_message(b"unit.1", b"answer") * 1000)
         async with asyncio.timeout(PATIENCE):
             while len(heard) + messages.overflowed < 1000:  # noqa: ASYNC110 - as above
@@ -267,8 +282,7 @@ async def test_a_message_that_cannot_be_read_is_dropped_and_no_other(tmp_path, s
         connection = Connection(server_of(nats), Login("a"), messages=messages)
         await connection.open()
         heard: asyncio.Queue[Message] = asyncio.Queue()
-        await connection.subscribe("unit.*", heard.put_nowait)
-        await connection.settle()
+        await subscribed(nats, connection, "unit.*", heard.put_nowait)
         command = raw_message(subject, reply, headers) + raw_message(b"unit.2", b"answer")
         await asyncio.to_thread(publish_raw, nats, command)
         assert (await asyncio.wait_for(heard.get(), PATIENCE)).subject == "unit.2"
