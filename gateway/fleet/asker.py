@@ -24,7 +24,7 @@ GUARD: Final = 0.05
 
 
 class Asker:
-    """Passes messages, time and requests to `upstream`. It is the PortOwner of the way to another site.
+    """Passes messages, time and requests to `upstream`. It is the PortOwner of the port to another site.
 
     A client gets no answer to a request that was sent before the owner's deadline for it: otherwise a write could begin
     after it. So when the connection is lost, requests under way keep their time.
@@ -104,7 +104,7 @@ class Asker:
 
     def _send(self, identifier: int, transaction: Transaction) -> None:
         passed = passed_on(transaction.requests[0].origin)
-        patience = min(transaction.limit, passed.seconds_left)
+        time_left = min(transaction.limit, passed.seconds_left)
         self._last_number += 1
         self._identifiers[self._last_number] = identifier
         headers = {CLIENT: transaction.client, HOPS: str(passed.hops + 1)}
@@ -112,7 +112,7 @@ class Asker:
             headers[ROLE] = passed.role
         port, pdu = self._port, transaction.asked.data
         if port is not None:
-            headers[DEADLINE] = port.clocks.until(patience - GUARD, transaction.ends_at)
+            headers[DEADLINE] = port.clocks.until(time_left - GUARD, transaction.ends_at)
         if port is None or not port.ask(self._last_number, transaction.unit, pdu, headers):
             self._loop.call_soon(self.unsent, self._last_number)
 
@@ -135,7 +135,7 @@ class Asker:
             self.close()
 
 
-class Passed(NamedTuple):
+class PassedOn(NamedTuple):
     """What a request brings along: the role of its client, how many sites it has passed, how long it may take there."""
 
     role: str = ""
@@ -143,11 +143,11 @@ class Passed(NamedTuple):
     seconds_left: float = float("inf")
 
 
-def passed_on(origin: Origin) -> Passed:
+def passed_on(origin: Origin) -> PassedOn:
     """What the origin of a request says of it."""
     role = ""
     if isinstance(origin, AuditedOrigin):
         role, origin = origin.identity.role, origin.origin
     if isinstance(origin, SiteOrigin):
-        return Passed(role, origin.hops, origin.seconds_left)
-    return Passed(role)
+        return PassedOn(role, origin.hops, origin.seconds_left)
+    return PassedOn(role)

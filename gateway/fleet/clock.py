@@ -52,10 +52,10 @@ class Clocks:
         """When the last of them has been silent for too long; None if none was ever heard."""
         return max((at + SILENCE for _, at in self._heard.values()), default=None)
 
-    def until(self, patience: float, now: float) -> str:
+    def until(self, seconds: float, now: float) -> str:
         """The end of so many of our seconds by each of these clocks, or earlier: for the header of a request."""
         shown = {
-            each: told + (now - at + patience) * (1 - DRIFT)
+            each: told + (now - at + seconds) * (1 - DRIFT)
             for each, (told, at) in self._heard.items()
             if now - at < SILENCE
         }

@@ -16,10 +16,10 @@ from gateway.ports.port import CharacterErrors, PortUser
 if TYPE_CHECKING:
     from gateway.fleet.connection import Connection
 
-#: How long a way to another site waits for the connection and the first heartbeat, in seconds.
-WELCOME: Final = 2.5
-#: For how long a way that is lost passes answers on, in seconds: longer than requests have time.
-_AFTERLIFE: Final = 600.0
+#: How long the port to a site is opened: the connection and the first heartbeat are waited for, in seconds.
+OPENING_TIME: Final = 2.5
+#: For how long a port that was lost passes answers on, in seconds: longer than requests have time.
+_KEPT_FOR: Final = 600.0
 
 
 class Asking(Protocol):
@@ -44,92 +44,90 @@ class Exchange:
         self._connection: Connection | None = None
         self._clocks: dict[str, Clocks] = {}
         #: Since when each site is listened to over this connection.
-        self._followed: dict[str, float] = {}
-        self._news = asyncio.Event()
+        self._listening_since: dict[str, float] = {}
+        self._changed = asyncio.Event()
         #: By how the reply subjects of their requests begin.
-        self._ways: dict[str, SitePort] = {}
-        self._last_way = 0
+        self._ports: dict[str, SitePort] = {}
+        self._last_port = 0
 
     async def connected(self, connection: "Connection") -> None:
         """See Member."""
         await connection.subscribe(all_answers(self.site), self._answered)
-        self._followed.clear()
+        self._listening_since.clear()
         self._connection = connection
-        self._tell()
+        self._wake_all()
 
     def disconnected(self) -> None:
         """See Member."""
         self._connection = None
-        for way in tuple(self._ways.values()):
-            way.lose(PortError(f"fleet://{way.site}: NATS cannot be reached: {self._why_down()}"))
+        for port in tuple(self._ports.values()):
+            port.lose(PortError(f"fleet://{port.site}: NATS cannot be reached: {self._why_down()}"))
 
     async def open(self, site: str, user: PortUser) -> "SitePort":
-        """The way to a site that is there.
+        """A port to a site that is there.
 
         Raises:
             PortError: there is no connection, or the site is not heard.
         """
         clocks = self._clocks.setdefault(site, Clocks())
         try:
-            async with asyncio.timeout(WELCOME):
+            async with asyncio.timeout(OPENING_TIME):
                 await self._until_heard(site, clocks)
         except TimeoutError:
             why = f"NATS cannot be reached: {self._why_down()}" if self._connection is None else "it is not heard"
             raise PortError(f"fleet://{site}: {why}") from None
         except FleetError as error:
             raise PortError(f"fleet://{site}: {error}") from error
-        self._last_way += 1
-        now, folder = (
-            asyncio.get_running_loop().time(),
-            f"{answer_folder(self.site, site)}{self._token}.{self._last_way}",
-        )
-        self._ways = {each: way for each, way in self._ways.items() if now - way.lost_at < _AFTERLIFE}
-        way = self._ways[folder] = SitePort(self.site, site, folder, user, clocks, self._publish)
-        return way
+        self._last_port += 1
+        folder = f"{answer_folder(self.site, site)}{self._token}.{self._last_port}"
+        now = asyncio.get_running_loop().time()
+        self._ports = {each: port for each, port in self._ports.items() if now - port.lost_at < _KEPT_FOR}
+        opened = self._ports[folder] = SitePort(self.site, site, folder, user, clocks, self._publish)
+        return opened
 
     def silence(self, site: str) -> float | None:
         """How long a site has not been heard, in seconds; None if it is heard, or nobody has listened for so long."""
         now = asyncio.get_running_loop().time()
-        if self._connection is None or now - self._followed.get(site, now) < SILENCE:
+        if self._connection is None or now - self._listening_since.get(site, now) < SILENCE:
             return None
         silence = self._clocks[site].silence(now)
-        return min(silence, now - self._followed[site]) if silence >= SILENCE else None
+        return min(silence, now - self._listening_since[site]) if silence >= SILENCE else None
 
     async def _until_heard(self, site: str, clocks: Clocks) -> None:
         time = asyncio.get_running_loop().time
         while True:
             connection = self._connection
-            if connection is not None and site not in self._followed:
+            if connection is not None and site not in self._listening_since:
                 await connection.subscribe(clock_subject(site), partial(self._heard, clocks))
                 if connection is self._connection:
-                    self._followed[site] = time()
+                    self._listening_since[site] = time()
             elif connection is not None and clocks.is_heard(time()):
                 return
             else:
-                await self._news.wait()
+                await self._changed.wait()
 
     def _publish(self, message: Message) -> bool:
         return self._connection is not None and self._connection.publish(message)
 
     def _heard(self, clocks: Clocks, message: Message) -> None:
         if clocks.hear(message.body, asyncio.get_running_loop().time()):
-            self._tell()
+            self._wake_all()
 
-    def _tell(self) -> None:
-        """Wake all who wait."""
-        self._news.set()
-        self._news = asyncio.Event()
+    def _wake_all(self) -> None:
+        """Whoever waits for a site looks again."""
+        self._changed.set()
+        self._changed = asyncio.Event()
 
     def _answered(self, message: Message) -> None:
         """An answer, or that there is nobody to answer."""
         folder, _, number = message.subject.rpartition(".")
-        way = self._ways.get(folder)
-        if way is not None and number.isdecimal():
-            way.answered(int(number), message)
+        port = self._ports.get(folder)
+        if port is not None and number.isdecimal():
+            port.answered(int(number), message)
 
 
 class SitePort:
-    """The way to a `site`, a port that carries messages; it is lost when the connection is, or the site falls silent.
+    """A port to a `site`, which carries messages; it is lost when the connection is, or the site falls silent.
 
     The answer to a request comes to the subject in `folder` that has its number, so it is to this request and to no
     other.

@@ -26,110 +26,16 @@ A store that has nothing, or an entry that is older than one seen before, has lo
 There is no I/O here: time is an argument, `next` says what to ask of the store, and the caller reports the result.
 """
 
-import json
-from dataclasses import dataclass
-from math import inf, isfinite
-from typing import Any, Final, Literal, NamedTuple
+from math import inf
+from typing import Final, NamedTuple
 
-from gateway.timing.lease_time import HOLDS, LOOKS, WAITS
-
-#: The holder renews so many times in the time in which it may write.
-_RENEWALS: Final = 3
-#: So many writes without a known result are remembered.
-_UNKNOWN: Final = 8
-#: The longest time to live that an entry may claim, in seconds; more is damage.
-_LONGEST: Final = 3600.0
-#: The longest name of a holder, and how deep what moves may be nested; more is damage.
-_LONGEST_NAME: Final = 500
-_DEEPEST: Final = 10
+from gateway.fleet.lease_entry import LeaseEntry, State
+from gateway.fleet.lease_records import OwnWrites, StoreView
+from gateway.fleet.lease_settings import LeaseSettings
+from gateway.timing.lease_time import HOLDS, LOOKS
 
 #: Why nobody holds a lease whose store was rolled back.
 _OLDER: Final = "NATS came back with an older entry"
-
-#: What moves with the lease, as JSON has it.
-State = dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class LeaseSettings:
-    """The settings of one lease; all times in seconds.
-
-    `ttl` is how long it lasts without a renewal. `guard` is longer than any transaction on the line, `late` is how long
-    after that an answer may still come. `fallback` is what the holder does when the store cannot be reached.
-    """
-
-    name: str
-    ttl: float
-    guard: float
-    late: float
-    fallback: Literal["release", "hold"] = "release"
-
-    @property
-    def writes_for(self) -> float:
-        """How long the holder may write after it has sent a renewal."""
-        return HOLDS * self.ttl - self.guard
-
-    @property
-    def step(self) -> float:
-        """How often the holder renews, and how long any answer of the store is waited for."""
-        return self.writes_for / _RENEWALS
-
-
-class Entry(NamedTuple):
-    """What stands in the store: who holds the lease, or has released it.
-
-    `instance` is the holder's process, `beat` counts its writes. Who takes a released lease is silent for `silent`
-    seconds. `state` is what moves.
-    """
-
-    holder: str
-    instance: str
-    beat: int
-    ttl: float
-    is_released: bool = False
-    silent: float = 0.0
-    state: State = {}  # noqa: RUF012 - never changed
-
-    def encode(self) -> bytes:
-        """As it is stored."""
-        return json.dumps(self._asdict()).encode()
-
-    @classmethod
-    def decode(cls, value: bytes, ttl: float) -> "Entry":
-        """A stored entry. One that cannot be read is somebody's who lives for `ttl`."""
-        try:
-            entry = cls(**json.loads(value))
-            return entry if _is_sound(entry) else cls(_NOBODY, "", 0, ttl)
-        except (ValueError, TypeError, RecursionError):
-            return cls(_NOBODY, "", 0, ttl)
-
-
-#: Who holds a lease whose entry cannot be read.
-_NOBODY: Final = "somebody whose entry cannot be read"
-
-
-def _is_sound(entry: Any) -> bool:
-    """Whether all that was read is what it should be. Raises TypeError too if it is not."""
-    texts = isinstance(entry.holder, str) and isinstance(entry.instance, str)
-    others = isinstance(entry.beat, int) and isinstance(entry.is_released, bool) and isinstance(entry.state, dict)
-    times = 0 < entry.ttl <= _LONGEST and 0 <= entry.silent <= _LONGEST
-    return (
-        texts
-        and others
-        and times
-        and entry.holder.isprintable()
-        and len(entry.holder) <= _LONGEST_NAME
-        and _can_move(entry.state, _DEEPEST)
-    )
-
-
-def _can_move(value: Any, deepest: int) -> bool:
-    """Whether this can be written again: it is nested no deeper, and all numbers are finite."""
-    if isinstance(value, dict | list):
-        return deepest > 0 and all(
-            _can_move(each, deepest - 1) for each in (value.values() if isinstance(value, dict) else value)
-        )
-    return not isinstance(value, float) or isfinite(value)
 
 
 class Read(NamedTuple):
@@ -165,8 +71,8 @@ class Lease:
         self.reason = "not asked for yet"
         #: Why the store has not answered last; empty if it has.
         self.trouble = ""
-        self._store = _Store(settings.ttl)
-        self._writes = _Writes(holder, instance, settings.ttl)
+        self._store = StoreView(settings.ttl)
+        self._writes = OwnWrites(holder, instance, settings.ttl)
         #: When a renewal was sent by which our share is counted.
         self._counts_from = -inf
         self._must_read = True
@@ -223,16 +129,16 @@ class Lease:
         self._must_read = False
         self._asks_at = now + LOOKS * self.settings.ttl
         self.trouble = ""
-        entry = None if value is None else Entry.decode(value, self._store.longest)
-        is_older = self._take_note(entry, revision, now)
+        entry = None if value is None else LeaseEntry.decode(value, self._store.longest)
+        is_older = self._note(entry, revision, now)
         if entry is None:
-            self._miss(now)
+            self._found_none(now)
         elif self._writes.is_ours(entry):
             sent_at = self._writes.sent.get(entry.beat)
             if sent_at is not None and not entry.is_released:
                 self._accept(sent_at, entry, now)
         else:
-            self._yield_to(entry, is_older=is_older)
+            self._found_another(entry, is_older=is_older)
 
     def written(self, revision: int, now: float) -> None:
         """What was written is the entry now."""
@@ -296,24 +202,24 @@ class Lease:
             return self._store.is_lost_until
         return self._store.is_abandoned_at
 
-    def _miss(self, now: float) -> None:
+    def _found_none(self, now: float) -> None:
         """There is no entry. Nobody else can take the lease before our share ends, so it is written again at once."""
         if self.is_held:
             self._asks_at = now
         else:
             self.reason = "nobody holds it; it may be taken soon"
 
-    def _take_note(self, entry: Entry | None, revision: int, now: float) -> bool:
+    def _note(self, entry: LeaseEntry | None, revision: int, now: float) -> bool:
         """This was read. Whether the store has lost a later entry."""
         is_news = self._store.found(entry, revision, now)
         is_older = is_news and entry is not None and self._store.is_lost_since == now
         if is_news:
-            self._owe_silence(None if is_older else entry)
+            self._require_silence(None if is_older else entry)
         if is_older and not self.is_held:
             self.reason = f"{_OLDER}; it may be taken soon"
         return is_older
 
-    def _yield_to(self, entry: Entry, *, is_older: bool) -> None:
+    def _found_another(self, entry: LeaseEntry, *, is_older: bool) -> None:
         """Another one's entry: what we wrote before cannot take effect any more."""
         self._writes.sent = {}
         if self.is_held:
@@ -321,7 +227,7 @@ class Lease:
         elif not entry.is_released and not is_older:
             self.reason = f"{entry.holder} holds it"
 
-    def _owe_silence(self, entry: Entry | None) -> None:
+    def _require_silence(self, entry: LeaseEntry | None) -> None:
         """The line must be silent if somebody else has asked there, or may have, as the store has lost an entry."""
         if entry is None:
             self._silence = self.settings.late
@@ -351,7 +257,7 @@ class Lease:
         silent = max(self._silence, self.silent_until - now)
         return Write(self._writes.release(self.state, silent), self._store.revision)
 
-    def _accept(self, sent_at: float, entry: Entry, now: float) -> None:
+    def _accept(self, sent_at: float, entry: LeaseEntry, now: float) -> None:
         """The entry is ours since it was sent."""
         self._writes.accepted(entry)
         self._asks_at = sent_at + self.settings.step
@@ -367,7 +273,7 @@ class Lease:
         self.until = sent_at + self.settings.writes_for
         self.reason = self.trouble = ""
 
-    def _take(self, entry: Entry, now: float) -> None:
+    def _take(self, entry: LeaseEntry, now: float) -> None:
         self.is_held = True
         if self._inherits:
             self._inherits = False
@@ -383,115 +289,3 @@ class Lease:
     def __repr__(self) -> str:
         state = "held" if self.is_held else f"standby: {self.reason}"
         return f"<Lease {self.settings.name} {state}>"
-
-
-class _Store:
-    """What is known of the store: the latest entry and its revision, since when, and when it was looked at last.
-
-    It has lost entries when it has none, or one whose revision is not above the latest that was seen.
-    """
-
-    def __init__(self, ttl: float) -> None:
-        self.entry: Entry | None = None
-        self.revision = 0
-        self.looked_at = -inf
-        #: When it was seen that it has lost entries, last.
-        self.is_lost_since = -inf
-        #: The longest time to live that was seen, for the case that an entry is lost.
-        self.longest = ttl
-        self._ttl = ttl
-        #: When the latest entry was seen; None: nothing is known.
-        self._since: float | None = None
-        #: The revision of the latest entry, which may be lost.
-        self._latest = 0
-
-    @property
-    def is_abandoned_at(self) -> float:
-        """From when on nobody can hold the lease by this entry, or by one that was lost."""
-        if self._since is None:
-            return inf
-        seen_until = -inf if self.entry is None else self._since + WAITS * self.entry.ttl
-        return max(seen_until, self.is_lost_until)
-
-    @property
-    def is_lost_until(self) -> float:
-        """From when on nobody can hold the lease by an entry that was lost."""
-        return self.is_lost_since + WAITS * self.longest
-
-    def is_fresh(self, now: float) -> bool:
-        """Whether it has answered lately: else it may have lost the entry, and counted up to this revision again."""
-        return now < self.looked_at + 2 * LOOKS * self._ttl
-
-    def found(self, entry: Entry | None, revision: int, now: float) -> bool:
-        """This was read. Whether it is news."""
-        if self._since is not None and (entry, revision) == (self.entry, self.revision):
-            self.looked_at = now
-            return False
-        if revision <= self._latest:
-            self.is_lost_since = now
-        self.know(entry, revision, now)
-        return True
-
-    def know(self, entry: Entry | None, revision: int, now: float) -> None:
-        """This is there since now at the latest."""
-        self.entry, self.revision, self._since = entry, revision, now
-        self.looked_at = now
-        if entry is not None:
-            self._latest = revision
-            self.longest = max(self.longest, entry.ttl)
-
-    def failed(self) -> None:
-        """It has not answered. One that has lost an entry was away: nobody knows since when there is none."""
-        self.looked_at = -inf
-        if self.entry is None:
-            self._since = None
-
-
-class _Writes:
-    """What this process writes: `asked` last, and `sent` when if the result is not known, by beat."""
-
-    def __init__(self, holder: str, instance: str, ttl: float) -> None:
-        self.asked: Entry | None = None
-        self.sent: dict[int, float] = {}
-        self._holder = holder
-        self._instance = instance
-        self._ttl = ttl
-        self._beat = 0
-        #: What the store has of us.
-        self._state: State = {}
-
-    def is_ours(self, entry: Entry) -> bool:
-        """Whether this process has written it."""
-        return entry.instance == self._instance
-
-    def is_news(self, state: State) -> bool:
-        """Whether the store has something else, and nothing is under way to it."""
-        return state != self._state and not self.sent
-
-    def claim(self, state: State, now: float) -> bytes:
-        """We hold the lease from now on."""
-        entry = self._next(state)
-        if len(self.sent) >= _UNKNOWN:
-            del self.sent[min(self.sent)]
-        self.sent[entry.beat] = now
-        return entry.encode()
-
-    def release(self, state: State, silent: float) -> bytes:
-        """We do not hold it any more."""
-        self.asked = self._next(state)._replace(is_released=True, silent=silent)
-        return self.asked.encode()
-
-    def accepted(self, entry: Entry) -> None:
-        """The store has this."""
-        self.sent = {}
-        self._state = entry.state
-
-    def refused(self) -> None:
-        """The store does not take what was asked last."""
-        if self.asked is not None:
-            self.sent.pop(self.asked.beat, None)
-
-    def _next(self, state: State) -> Entry:
-        self._beat += 1
-        self.asked = Entry(self._holder, self._instance, self._beat, self._ttl, state=dict(state))
-        return self.asked

@@ -8,7 +8,8 @@ from gateway.errors import FleetError
 from gateway.events import Emit, PartFailed
 from gateway.fleet.clock import INTERVAL, heartbeat
 from gateway.fleet.messages import Message
-from gateway.fleet.owner import MOST_OF_SENDER, Owner, Way
+from gateway.fleet.owner import Owner, SiteRouter
+from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.fleet.subjects import GROUP, clock_subject, request_subject
 
 if TYPE_CHECKING:
@@ -24,8 +25,8 @@ class Serving:
     There is a subscription for each unit: who asks for another one learns at once that nobody has it.
     """
 
-    def __init__(self, site: str, instance: str, way: Way, clock: Callable[[], float], emit: Emit) -> None:
-        self.owner = Owner(site, instance, way, self._publish, clock, emit)
+    def __init__(self, site: str, instance: str, router: SiteRouter, clock: Callable[[], float], emit: Emit) -> None:
+        self.owner = Owner(site, instance, router, self._publish, clock, emit)
         self._clock = clock
         self._emit = emit
         self._loop = asyncio.get_running_loop()
@@ -34,7 +35,7 @@ class Serving:
         self._subscribed: dict[int, Callable[[], Awaitable[None]]] = {}
         #: The connection that these are of.
         self._subscribed_at: Connection | None = None
-        self._turn = asyncio.Lock()
+        self._subscribing = asyncio.Lock()
         self._timer: asyncio.TimerHandle | None = None
         self._task: asyncio.Task[None] | None = None
 
@@ -42,7 +43,7 @@ class Serving:
         """See Member."""
         self._connection = connection
         await self._subscribe()
-        self._beat()
+        self._send_heartbeat()
 
     def disconnected(self) -> None:
         """See Member."""
@@ -57,7 +58,7 @@ class Serving:
 
     async def _subscribe(self) -> None:
         """Have the subscriptions that are needed, and no others. A connection that is lost meanwhile has none."""
-        async with self._turn:
+        async with self._subscribing:
             connection, units = self._connection, frozenset(self._units())
             if connection is not self._subscribed_at:
                 self._subscribed_at = connection
@@ -83,9 +84,9 @@ class Serving:
     def _publish(self, message: Message) -> bool:
         return self._connection is not None and self._connection.publish(message)
 
-    def _beat(self) -> None:
+    def _send_heartbeat(self) -> None:
         body = heartbeat(self.owner.instance, self._clock())
         self._publish(Message(clock_subject(self.owner.site), body))
-        if not self._turn.locked() and self._subscribed.keys() != frozenset(self._units()):
+        if not self._subscribing.locked() and self._subscribed.keys() != frozenset(self._units()):
             self._task = asyncio.create_task(self._subscribe(), name="fleet: units")
-        self._timer = self._loop.call_later(INTERVAL, self._beat)
+        self._timer = self._loop.call_later(INTERVAL, self._send_heartbeat)

@@ -9,13 +9,15 @@ from typing import Final, Protocol
 
 from gateway.errors import FleetError, PortError
 from gateway.events import Emit, LeaseLost, LeaseTaken
-from gateway.fleet.lease import Lease, LeaseSettings, Question, Read, State
+from gateway.fleet.lease import Lease, Question, Read
+from gateway.fleet.lease_entry import State
+from gateway.fleet.lease_settings import LeaseSettings
 
 #: The bucket with all leases.
 BUCKET: Final = "mbgw-lease"
 #: How long a port may take to close, and how long the store may take when a lease is given back, in seconds.
 CLOSING_TIME: Final = 0.7
-FAREWELL: Final = 0.5
+RELEASE_TIME: Final = 0.5
 
 
 class Found(Protocol):
@@ -66,7 +68,7 @@ class SharedLine(Protocol):
     def adopt(self, state: State) -> None:
         """Go on from what another holder has left."""
 
-    def leave(self) -> State:
+    def final_state(self) -> State:
         """What moves to the next holder when this one stops, late answers included."""
 
 
@@ -123,7 +125,7 @@ class Standby:
         self._withhold()
         try:
             while True:
-                await self._follow()
+                await self._act()
                 question = self.lease.next(_now())
                 if question is None:
                     await self._pause()
@@ -165,28 +167,28 @@ class Standby:
         else:
             self.lease.written(revision, _now())
 
-    async def _follow(self) -> None:
+    async def _act(self) -> None:
         """Do with the port what the lease says."""
         lease, now = self.lease, _now()
         lease.tick(now)
-        self._look_after_port()
+        self._check_keeping()
         if not lease.is_held:
-            await self._leave()
+            await self._stop_asking()
             return
         if self._keeping is None:
             self._begin()
         lease.state = self._shared.state()
         self._watch_port(now)
 
-    def _look_after_port(self) -> None:
+    def _check_keeping(self) -> None:
         """A port that took long to close is closed at last; a defect ends the standby."""
         if self._keeping is not None and self._keeping.done():
             keeping, self._keeping = self._keeping, None
             if not keeping.cancelled():
                 keeping.result()
 
-    async def _leave(self) -> None:
-        """Close the port, if it is open."""
+    async def _stop_asking(self) -> None:
+        """Close the port, if it is open, and say why."""
         if self._is_told:
             self._is_told = False
             self._emit(LeaseLost(self._line, self.name, self.lease.reason))
@@ -231,10 +233,10 @@ class Standby:
         """Close the port, and tell the others that the lease is free."""
         lease, was_held = self.lease, self.lease.is_held
         silent = 0.0 if await self._close() else self._settings.guard + self._settings.late
-        lease.release(silent, self._shared.leave())
+        lease.release(silent, self._shared.final_state())
         question = lease.next(_now())
         if was_held and question is not None and not isinstance(question, Read):
-            await self._ask(question, FAREWELL)
+            await self._ask(question, RELEASE_TIME)
         if self._is_told:
             self._is_told = False
             self._emit(LeaseLost(self._line, self.name, lease.reason))

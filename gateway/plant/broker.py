@@ -19,7 +19,7 @@ from gateway.ports.threads import ThreadPerCall
 FIRST_PAUSE: Final = 1.0
 LONGEST_PAUSE: Final = 30.0
 #: How long the last messages may take at a stop, in seconds.
-FAREWELL: Final = 1.0
+ENDING_TIME: Final = 1.0
 #: So many messages are published before lines and clients have their turn.
 _SLICE: Final = 10
 
@@ -82,7 +82,7 @@ class Broker:
                 self._pause = min(2 * self._pause, LONGEST_PAUSE)
 
     def stop(self, last: Sequence[Message] = ()) -> None:
-        """Publish the `last` messages, say good-bye and end."""
+        """Publish the `last` messages, log off, and end."""
         self._last = last
         self._driver.wake.set()
 
@@ -179,7 +179,7 @@ class Broker:
     async def _leave(self, connection: Connection, messages: Sequence[Message]) -> None:
         """Publish the last messages, and log out."""
         try:
-            async with asyncio.timeout(FAREWELL):
+            async with asyncio.timeout(ENDING_TIME):
                 for message in messages:
                     await self._until(connection, lambda: connection.in_flight < connection.most_in_flight)
                     connection.publish(message)

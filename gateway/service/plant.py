@@ -83,7 +83,7 @@ class Publishing:
             yield
             return
         async with asyncio.TaskGroup() as group:
-            group.create_task(self.stop(), name="good-bye")
+            group.create_task(self.stop(), name="mqtt: stop")
             yield
 
     async def stop(self, *, is_over: bool = False) -> None:

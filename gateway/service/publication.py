@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from gateway.service.build import Gateway
 
 #: How long the last messages may take at a stop, in seconds.
-_FAREWELL: Final = 1.2
+_STOPPING_TIME: Final = 1.2
 
 
 def reading(
@@ -123,7 +123,7 @@ class Publication:
         return None if since is None else 1000 * (asyncio.get_running_loop().time() - since)
 
     async def stop(self, *, is_over: bool = False) -> None:
-        """Say good-bye, and end. If it `is_over`, brokers are told that these devices are gone for good."""
+        """Publish that it is offline, and end. If it `is_over`, brokers are told that these devices are gone."""
         self.driver.close()
         if self.broker is None:
             return
@@ -131,7 +131,7 @@ class Publication:
         self.broker.stop(self._announcing.withdrawal() if is_over else ())
         if is_up:
             with suppress(TimeoutError):
-                async with asyncio.timeout(_FAREWELL):
+                async with asyncio.timeout(_STOPPING_TIME):
                     await asyncio.shield(self._task)
             self._announcing.done()
         self._task.cancel()

@@ -11,7 +11,7 @@ from gateway.config.plan import LinePlan
 from gateway.devices.quirks import BAUD_RATES, MovableDevice
 from gateway.errors import PortError
 from gateway.events import Emit
-from gateway.fleet.lease import LeaseSettings
+from gateway.fleet.lease_settings import LeaseSettings
 from gateway.fleet.standby import BUCKET, Bucket, Standby
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.ports.port import TcpSettings
@@ -72,7 +72,7 @@ class SharedPort:
         self._changed |= {_RATE} if rate != configured else set()
         return state | ({"rate": [configured, rate]} if _RATE in self._changed else {})
 
-    def leave(self) -> dict[str, Any]:
+    def final_state(self) -> dict[str, Any]:
         """With the late answers, whose times count from now on."""
         now = self._line.now()
         late = [each._replace(ends_at=each.ends_at - now) for each in self._line.overdue(now)]

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
-from gateway.fleet.lease import Lease, LeaseSettings, Question, Read, Write
+from gateway.fleet.lease import Lease, Question, Read, Write
+from gateway.fleet.lease_settings import LeaseSettings
 
 SETTINGS = LeaseSettings("hall-a", ttl=20.0, guard=3.0, late=4.0)
 #: How long time may pass without anything else, in seconds.

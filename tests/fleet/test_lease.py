@@ -5,7 +5,9 @@ from math import inf, nan
 
 import pytest
 
-from gateway.fleet.lease import Entry, Lease, LeaseSettings, Read, Write
+from gateway.fleet.lease import Lease, Read, Write
+from gateway.fleet.lease_entry import LeaseEntry
+from gateway.fleet.lease_settings import LeaseSettings
 
 SETTINGS = LeaseSettings("hall-a", ttl=10.0, guard=1.5, late=4.0)
 #: How long a holder may write after it has sent a renewal, and how often it sends one.
@@ -21,9 +23,9 @@ class Store:
         self.is_away = False
 
     @property
-    def entry(self) -> Entry:
+    def entry(self) -> LeaseEntry:
         assert self.value is not None
-        return Entry.decode(self.value, 1.0)
+        return LeaseEntry.decode(self.value, 1.0)
 
     def serve(self, lease: Lease, now: float) -> None:
         """Let it ask all that it wants to ask now."""
@@ -128,7 +130,7 @@ def test_with_fallback_hold_it_goes_on_until_it_hears_of_another_holder():
     now = store.run(now, 500.0, one)
     assert one.permits(now)
     store.is_away = False
-    store.value, store.revision = Entry("b", "process of b", 1, 10.0).encode(), store.revision + 1
+    store.value, store.revision = LeaseEntry("b", "process of b", 1, 10.0).encode(), store.revision + 1
     now = store.run(now, 502.5, one)
     assert (one.permits(now), one.reason) == (False, "b holds it")
 
@@ -226,7 +228,7 @@ def test_a_renewal_whose_answer_was_lost_counts_when_it_is_found():
 
 def test_it_waits_for_what_the_holder_calls_its_time_to_live():
     store = Store()
-    store.value, store.revision = Entry("a", "process of a", 1, 100.0).encode(), 7
+    store.value, store.revision = LeaseEntry("a", "process of a", 1, 100.0).encode(), 7
     other = lease("b")
     now = store.run(0.0, 89.0, other)
     assert not other.is_held
@@ -238,15 +240,15 @@ def test_it_waits_for_what_the_holder_calls_its_time_to_live():
     "value",
     [
         *(b"", b"\xff", b"[]", b"{}", b"null", b"[" * 60_000, b'{"holder":' * 6_000),
-        *(Entry("a", "x", 1, ttl).encode() for ttl in (-1.0, 1e9, inf, nan)),
-        Entry("a", "x", 1, 10.0, silent=nan).encode(),
-        Entry("a", "x", 1, 10.0, state={"late": {"at": inf}}).encode(),
-        Entry("a", "x", 1, 10.0, state={"late": [nan]}).encode(),
-        Entry("a", "x", 1, 10.0).encode().replace(b"{}", b'{"a": ' * 300 + b"1" + b"}" * 300),
-        Entry("a\n", "x", 1, 10.0).encode(),
-        Entry("\ud800", "x", 1, 10.0).encode(),
-        Entry("a" * 501, "x", 1, 10.0).encode(),
-        Entry("a", "x", 1, 10.0).encode().replace(b"1,", b"9" * 5000 + b",", 1),
+        *(LeaseEntry("a", "x", 1, ttl).encode() for ttl in (-1.0, 1e9, inf, nan)),
+        LeaseEntry("a", "x", 1, 10.0, silent=nan).encode(),
+        LeaseEntry("a", "x", 1, 10.0, state={"late": {"at": inf}}).encode(),
+        LeaseEntry("a", "x", 1, 10.0, state={"late": [nan]}).encode(),
+        LeaseEntry("a", "x", 1, 10.0).encode().replace(b"{}", b'{"a": ' * 300 + b"1" + b"}" * 300),
+        LeaseEntry("a\n", "x", 1, 10.0).encode(),
+        LeaseEntry("\ud800", "x", 1, 10.0).encode(),
+        LeaseEntry("a" * 501, "x", 1, 10.0).encode(),
+        LeaseEntry("a", "x", 1, 10.0).encode().replace(b"1,", b"9" * 5000 + b",", 1),
     ],
     ids=str,
 )
@@ -261,7 +263,7 @@ def test_an_entry_that_cannot_be_read_is_somebody_elses(value):
 
 def test_an_entry_that_cannot_be_read_may_be_of_whoever_lives_longest():
     store, one = Store(), lease("a")
-    store.value, store.revision = Entry("b", "process of b", 1, 100.0).encode(), 3
+    store.value, store.revision = LeaseEntry("b", "process of b", 1, 100.0).encode(), 3
     now = store.run(0.0, 5.0, one)
     store.value, store.revision = b"", 4
     now = store.run(now, 94.0, one)
@@ -275,9 +277,9 @@ def test_an_older_entry_counts_as_lost_even_if_it_is_ours_or_free(is_released: b
     store = Store()
     one, now = held(store)
     instance = "process of c" if is_released else "process of a"
-    older = Entry("c", instance, 1, 10.0, is_released=is_released).encode(), store.revision
+    older = LeaseEntry("c", instance, 1, 10.0, is_released=is_released).encode(), store.revision
     one.heard_asker(now)
-    store.value, store.revision = Entry("b", "process of b", 1, 20.0).encode(), store.revision + 5
+    store.value, store.revision = LeaseEntry("b", "process of b", 1, 20.0).encode(), store.revision + 5
     now = store.run(now, now + 3.0, one)
     assert one.reason == "b holds it"
     store.value, store.revision = older
@@ -291,7 +293,7 @@ def test_an_older_entry_counts_as_lost_even_if_it_is_ours_or_free(is_released: b
 def test_a_holder_gives_way_to_an_older_entry_of_another_one_and_says_why():
     store = Store()
     one, now = held(store)
-    one.found(Entry("b", "process of b", 1, 10.0).encode(), store.revision - 1, now)
+    one.found(LeaseEntry("b", "process of b", 1, 10.0).encode(), store.revision - 1, now)
     assert (one.is_held, one.reason) == (False, "NATS came back with an older entry")
 
 
@@ -338,7 +340,7 @@ def test_who_could_not_see_an_empty_store_for_a_moment_waits_anew():
 
 def test_who_gives_it_back_while_it_is_silent_tells_for_how_long_still():
     store = Store()
-    store.value, store.revision = Entry("a", "process of a", 1, 10.0).encode(), 7
+    store.value, store.revision = LeaseEntry("a", "process of a", 1, 10.0).encode(), 7
     other = lease("b")
     now = store.run(0.0, 9.5, other)
     assert other.silent_until > now

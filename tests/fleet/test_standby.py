@@ -7,7 +7,8 @@ import pytest
 
 from gateway.errors import FleetError, PortError
 from gateway.events import Event, LeaseLost, LeaseTaken
-from gateway.fleet.lease import LeaseSettings, State
+from gateway.fleet.lease_entry import State
+from gateway.fleet.lease_settings import LeaseSettings
 from gateway.fleet.standby import Standby
 
 SETTINGS = LeaseSettings("hall-a", ttl=5.0, guard=1.0, late=1.0)
@@ -75,7 +76,7 @@ class Line:
     def adopt(self, state: State) -> None:
         assert state == {}, "nobody has left anything"
 
-    def leave(self) -> State:
+    def final_state(self) -> State:
         return {}
 
 

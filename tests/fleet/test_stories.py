@@ -9,7 +9,7 @@ import pytest
 from gateway.events import AccessDenied, WriteAudit
 from gateway.fleet import link
 from gateway.fleet.messages import Message
-from gateway.fleet.owner import MOST_OF_SENDER
+from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.service.doctor import examine
 from gateway.service.presence import tell
 from gateway.service.stories import sentences
