@@ -14,6 +14,7 @@ from gateway.cli.line_load import polls_as_json, polls_as_text, rates_as_json, r
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.published import published_as_json, published_as_text
 from gateway.cli.rights import rights_as_json, rights_as_text
+from gateway.cli.sites import sites_as_json, sites_as_text, timeout_advice
 from gateway.config.address_trouble import address_trouble
 from gateway.config.duration import show_duration
 from gateway.config.forecast import (
@@ -115,6 +116,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts += [_listeners(plan.listeners), rights_as_text(plan)]
     parts += [_line(line, plan) for line in plan.lines]
     parts += [_upstream(upstream) for upstream in plan.upstreams]
+    parts += sites_as_text(plan)
     parts += [_server(server, plan) for server in plan.servers]
     parts += images_as_text(plan)
     parts += published_as_text(plan)
@@ -283,6 +285,7 @@ def _upstream(plan: UpstreamPlan) -> str:
             f"Upstream {settings.name}: {plan.port.port}",
             f"  timeout {show_duration(settings.timeout)}, {settings.in_flight} in flight",
             align([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  "),
+            *timeout_advice(plan),
         ]
     )
 
@@ -335,6 +338,7 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["lines"] = [_line_as_json(line, plan) for line in plan.lines]
         picture["remembered"] = _remembered_as_json(plan)
         picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]
+        picture["other_sites"] = sites_as_json(plan)
         picture["servers"] = [_server_as_json(server, plan) for server in plan.servers]
         picture["images"] = images_as_json(plan)
         picture["mirrors"] = mirrors_as_json(plan)

@@ -25,6 +25,9 @@ from gateway.timing.characters import LineTiming
 #: A guard is longer than what it guards by so many seconds: what the operating system adds.
 _MARGIN: Final = 0.05
 
+#: How much longer than a unit's longest wait the time-out of another site is: the owner sends in five sixths of it.
+_TIMEOUT_AT_OTHER_SITES: Final = 1.25
+
 #: Stands for all unknown functions.
 _UNKNOWN_FUNCTION: Final = 65
 
@@ -103,6 +106,13 @@ def least_for_repeat(plan: LinePlan) -> float:
 def longest_wait_behind(plan: UpstreamPlan) -> float:
     """The longest wait for a unit behind another server: until the request is sent, and for the response."""
     return plan.upstream.max_wait + plan.upstream.timeout
+
+
+def least_timeouts_at_other_sites(plan: Plan) -> dict[str, float]:
+    """What another site's upstream to this one needs as `timeout`, for the units of each line and upstream by name."""
+    waits = {line.line.name: [longest_wait(line, device) for device in line.shared] for line in plan.lines}
+    waits |= {one.upstream.name: [longest_wait_behind(one)] for one in plan.upstreams}
+    return {name: _TIMEOUT_AT_OTHER_SITES * max(each) for name, each in waits.items() if each}
 
 
 def most_items(function: int, profile: Profile) -> int:

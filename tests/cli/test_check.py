@@ -478,6 +478,51 @@ def test_units_behind_servers_as_json(config, capsys):
     ]
 
 
+SITE = """\
+site = "plant-1"
+[[line]]
+name = "hall-a"
+port = "/dev/null"
+max_wait = "1 s"
+devices = [{ unit = 1, timeout = "400 ms" }, { unit = 2, timeout = "1 s" }]
+
+[[upstream]]
+name = "annex"
+to = "fleet://plant-2"
+units = [{ as = 37, unit = 37 }]
+timeout = "3 s"
+%s
+"""
+FLEET = '[fleet]\nservers = ["nats://127.0.0.1"]'
+
+
+def test_an_upstream_to_this_site_needs_a_quarter_more_than_the_longest_wait_of_its_units(config, capsys):
+    path = config(SITE % FLEET)
+    main(["check", path])
+    said = capsys.readouterr().out
+    main(["check", "--json", path])
+    picture = json.loads(capsys.readouterr().out)
+    longest = max(float(unit["longest_wait_ms"]) for unit in picture["lines"][0]["units"])
+    found = {each["units_of"]: each["timeout_ms"] for each in picture["other_sites"]}
+    assert 1.25 * longest <= found["hall-a"] < 1.25 * longest + 100
+    assert found["annex"] == 6300, "max_wait and timeout here, for who asks through this site, and a quarter: 6.25 s"
+    assert f"Other sites\n  UNITS OF  TIMEOUT\n  hall-a    {found['hall-a'] / 1000:g} s\n" in said
+    assert "\n  At other sites, the [[upstream]] to fleet://plant-1 needs this timeout or a longer one.\n" in said
+
+
+def test_who_asks_another_site_is_told_where_the_timeout_is_found(config, capsys):
+    main(["check", config(SITE % FLEET)])
+    assert "\n  check at plant-2 prints which timeout its units need.\n" in capsys.readouterr().out
+
+
+def test_without_a_fleet_there_are_no_other_sites(config, capsys):
+    path = config(UPSTREAM)
+    main(["check", path])
+    assert "Other sites" not in capsys.readouterr().out
+    main(["check", "--json", path])
+    assert json.loads(capsys.readouterr().out)["other_sites"] == []
+
+
 FAILURES = """\
 [[listen]]
 name = "scada"
