@@ -62,11 +62,6 @@ class Pace:
         self._idle_at = now
         self._unparted += size
 
-    @property
-    def is_noisy(self) -> bool:
-        """Whether more bytes have come without a silence than any frame has."""
-        return self._unparted > self._longest
-
     def read_at(self, missing: int, now: float) -> float | None:
         """When to read again if at least `missing` bytes of a response are still to come; None: at the next byte.
 
@@ -84,5 +79,6 @@ class Pace:
         return None if pause < WORTH * character else now + pause
 
     def read_idle_at(self, now: float) -> float | None:
-        """The same on the idle line: noise need not be read byte by byte."""
-        return now + NOISE if self.is_noisy and WORTH * self._character <= NOISE else None
+        """The same on the idle line: noise, longer than any frame, need not be read byte by byte."""
+        is_noise = self._unparted > self._longest
+        return now + NOISE if is_noise and WORTH * self._character <= NOISE else None

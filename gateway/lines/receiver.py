@@ -150,11 +150,17 @@ class Receiver:
         return self._pace.read_at(self._scanner.missing, now)
 
     def responding(self, units: set[int]) -> set[int]:
-        """Those of `units` whose responses the last bytes on the idle line complete; in noise, only of known size."""
+        """Those of `units` whose responses the last bytes on the idle line complete."""
         frames = [token.frame for token, _ in self._frames]
-        if not self._pace.is_noisy:
-            frames += self._scanner.ended_by_silence(units)
         return {frame.unit for frame in frames if frame.unit in units and _is_response(frame)}
+
+    def silent_at(self, now: float) -> float:
+        """When silence ends a frame whose last byte is read `now`."""
+        return now + self._scanner.silence
+
+    def ended_by_silence(self, units: set[int]) -> set[int]:
+        """Those of `units` whose responses, of unknown size, the silence after the last byte completes."""
+        return {frame.unit for frame in self._scanner.ended_by_silence(units) if _is_response(frame)}
 
     def diagnose(self) -> Diagnosis:
         """The time limit has ended: find out what was received instead of the response."""
@@ -234,7 +240,7 @@ class Receiver:
             self._report.foreign(token.frame, self._current)
         if owner != "an echo" or not self._echo.is_configured:  # else every request has one
             self._recorder.heard(token, owner)
-        if len(self._frames) < _FRAMES:
+        if len(self._frames) < _FRAMES or self._current is None:
             self._frames.append((token, owner))
 
     def _finish(self, current: Transaction, token: Token, *, is_response: bool) -> Outcome:

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.events import UnitRecovered, UnitResting
+from gateway.events import UnitRecovered
 from gateway.lines.breaker import FAILURES
 from gateway.timing.characters import LineTiming
 from kit.line_bench import ASCII, READ, RESPONSE, TIMING, Bench
@@ -20,8 +20,6 @@ FRAMES = st.sampled_from(
         *((2, pdu) for pdu in (RESPONSE, READ, "83 06")),
     ]
 )
-#: Only silence ends it.
-OF_UNKNOWN_SIZE = ((1, "41 01 02"), 0, 99)
 PIECES = st.tuples(FRAMES, st.sampled_from([0, 0, 0, 2, 5]), st.sampled_from([99, 99, 99, 3, 5, 7]))
 #: What is asked or comes at one time, and how much time passes then.
 STEPS = st.tuples(
@@ -49,13 +47,32 @@ def test_the_true_answer_that_comes_behind_an_ambiguous_one_is_late(timing: Line
 @TOGETHER
 def test_a_unit_that_rests_is_heard_behind_the_answer_of_another(timing: LineTiming, is_together: bool) -> None:
     bench = Bench(timing=timing)
-    for _ in range(FAILURES):
-        bench.ask(unit=2)
-        bench.pass_time(1.0)
+    let_rest(bench, unit=2)
     assert bench.asks(unit=2) == "83 0B"
     bench.ask()
     hear(bench, is_together, (1, RESPONSE), (2, "03 04 00 07 00 08"))
     assert len(bench.told(UnitRecovered)) == 1
+
+
+@MODES
+@TOGETHER
+def test_a_frame_of_unknown_size_ends_with_the_last_byte_before_a_silence(
+    timing: LineTiming, is_together: bool
+) -> None:
+    bench = Bench(timing=timing)
+    let_rest(bench, unit=1)
+    hear(bench, is_together, (1, "41 01 02"), (2, RESPONSE))
+    bench.pass_time(0.02)
+    assert len(bench.told(UnitRecovered)) == (timing is ASCII)  # there CR LF ends it
+    hear(bench, is_together, (2, RESPONSE), (1, "41 01 02"))
+    bench.pass_time(0.02)
+    assert len(bench.told(UnitRecovered)) == 1
+
+
+def let_rest(bench: Bench, unit: int) -> None:
+    for _ in range(FAILURES):
+        bench.ask(unit=unit)
+        bench.pass_time(1.0)
 
 
 def hear(bench: Bench, is_together: bool, *frames: tuple[int, str]) -> None:
@@ -69,13 +86,23 @@ def hear(bench: Bench, is_together: bool, *frames: tuple[int, str]) -> None:
 @pytest.mark.parametrize(
     "settings", [{}, {"virtual": False}, {"echo": True, "virtual": False}, {"retries": 1}], ids=str
 )
-@given(steps=st.lists(STEPS, max_size=6), sizes=st.lists(st.integers(1, 12), min_size=1, max_size=20))
+@given(
+    rests=st.booleans(),
+    steps=st.lists(STEPS, max_size=6),
+    sizes=st.lists(st.integers(1, 12), min_size=1, max_size=20),
+)
 def test_the_same_comes_of_them(
-    timing: LineTiming, settings: dict[str, object], steps: list[tuple[str, list[object], float]], sizes: list[int]
+    timing: LineTiming,
+    settings: dict[str, object],
+    rests: bool,
+    steps: list[tuple[str, list[object], float]],
+    sizes: list[int],
 ) -> None:
     outcomes = []
     for cut in ([4096], sizes):
         bench = Bench(timing=timing, gap=0.005, **settings)  # no request leaves between two chunks
+        if rests:
+            let_rest(bench, unit=1)
         for pdu, pieces, seconds in steps:
             if pdu:
                 bench.ask(pdu)
@@ -88,8 +115,6 @@ def test_the_same_comes_of_them(
         line = bench.line
         heard = line.overheard, line.unasked_bytes
         events = sorted(type(event).__name__ for event in bench.events)
-        # From a unit that rests it counts while nothing is behind it: a cut there may end the rest, and nothing else.
-        assume(not (bench.told(UnitResting) and any(OF_UNKNOWN_SIZE in pieces[:-1] for _, pieces, _ in steps)))
         outcomes.append((bench.client.answers, repr(bench.counts), repr(heard), events, bench.written))
     assert outcomes[0] == outcomes[1]
 
