@@ -393,6 +393,8 @@ class Line:
 
     def _report_late(self, now: float) -> None:
         """Report the late responses that came."""
+        if not self._receiver.late_responses:
+            return
         late, self._receiver.late_responses = self._receiver.late_responses, []
         for request, frame in late:
             if isinstance(request, Transaction):

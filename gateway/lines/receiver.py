@@ -81,7 +81,7 @@ class Receiver:
         #: its response. On the idle line: the last frames.
         self._current: Transaction | None = None
         self._began_at: int
-        self._text = bytearray()
+        self._text = b""
         self._frames: list[tuple[Token, Owner]] = []
         #: What came behind the response, together with it.
         self._behind: list[Token] = []
@@ -108,7 +108,7 @@ class Receiver:
             scanner.expect(transaction.expected, sent, echoes=echo.is_configured)
             self._current = transaction
             self._began_at = scanner.position
-            self._text.clear()
+            self._text = b""
             self._frames.clear()
             self.damaged_at = None
         return sent
@@ -170,7 +170,7 @@ class Receiver:
         self.stop()
         copies = [token for token, _ in self._frames if current.is_copy(token.frame)]
         others = [token for token, owner in self._frames if owner != "a late response" and token not in copies]
-        text = bytes(self._text)
+        text = self._text
         if self._echo.is_configured and copies:
             echo = copies.pop(0)
             text = text[: echo.start - self._began_at] + text[echo.end - self._began_at :]
@@ -222,13 +222,13 @@ class Receiver:
 
     def _attribute(self, tokens: list[Token]) -> Outcome:
         """Find the owners of these frames, up to the one that ends the request."""
-        for count, token in enumerate(tokens, 1):
+        for at, token in enumerate(tokens):
             owner = self.attribution.owner(token)
             is_response = owner == "the request"
             if not is_response:
                 self._note(token, owner)
             if self._current is not None and (is_response or self.attribution.doubts):
-                self._behind = tokens[count:]
+                self._behind = tokens[at + 1 :]
                 return self._finish(self._current, token, is_response=is_response)
         return None
 
@@ -251,7 +251,7 @@ class Receiver:
             if self._has_noise(end):
                 current.counts.noise += 1
                 count = end - self._began_at
-                self._recorder.noise(bytes(self._text[:count]), count, current.ends_at)
+                self._recorder.noise(self._text[:count], count, current.ends_at)
             self._notice_echo(current)
         self._behind += self._scanner.end()
         self._current = None
@@ -282,7 +282,7 @@ class Receiver:
         begin = current.expected.since - self._began_at
         if begin and not self._echo.is_configured:
             return False  # what came early may have been another client's request
-        if not self._scanner.is_damaged(bytes(self._text[begin:]), current.expected):
+        if not self._scanner.is_damaged(self._text[begin:], current.expected):
             return False
         sound = [token for token, _ in self._frames if not token.is_damaged]
         if not all(current.is_copy(token.frame) for token in sound):

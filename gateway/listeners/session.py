@@ -292,7 +292,7 @@ class Session(ABC):
 
     def _hold_back(self, request: Request) -> None:
         """Stop reading from the client for a moment if the queue refused this request."""
-        if not isinstance(request.error, QueueFull):
+        if request.error is None or not isinstance(request.error, QueueFull):
             self._back_pressure.recover()
         elif seconds := self._back_pressure.hold():
             self._connection.release_after(seconds)

@@ -1,8 +1,10 @@
 """Error checks of serial frames: CRC-16 for RTU, LRC for ASCII."""
 
+from typing import Final
+
 from fastcrc import crc16 as _crc16
 
-_modbus_crc = _crc16.modbus
+_modbus_crc: Final = _crc16.modbus
 
 
 def crc16(data: bytes) -> int:

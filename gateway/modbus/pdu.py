@@ -1,12 +1,15 @@
 """Protocol data units: what a request asks for, and how its response looks, by the table in `functions`."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from typing import Final
 
 from gateway.errors import IllegalFunction
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.functions import ALL, Function, Items, row_of
 from gateway.modbus.shapes import need
+
+#: So many parsed requests are remembered.
+MOST_PARSED: Final = 2048
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +74,29 @@ class RequestPdu:
         return f"<RequestPdu {self.data.hex(' ').upper()}>"
 
 
-@lru_cache(maxsize=2048)
+#: A dictionary, not `lru_cache`: that is a call of Python for the compiled modules, at four times the instructions.
+_parsed: Final[dict[bytes, RequestPdu]] = {}
+
+
 def parse_request(pdu: bytes) -> RequestPdu:
-    """Parse a request PDU of at least one byte. Results are cached, because clients poll with the same PDUs.
+    """Parse a request PDU of at least one byte. Results are remembered, because clients poll with the same PDUs.
 
     Raises:
         IllegalFunction: the function code is 0 or above 127.
         IllegalDataValue: length, quantity, byte count or the value of a coil is against the specification (A 6).
         IllegalDataAddress: a file record has another reference type than 6.
     """
+    asked = _parsed.get(pdu)
+    if asked is None:
+        asked = parse_anew(pdu)
+        if len(_parsed) >= MOST_PARSED:
+            _parsed.clear()
+        _parsed[pdu] = asked
+    return asked
+
+
+def parse_anew(pdu: bytes) -> RequestPdu:
+    """Parse a request PDU without a look at what is remembered. See parse_request."""
     code = pdu[0]
     if not 0 < code < EXCEPTION_BIT:
         raise IllegalFunction(f"function {code} is not a request")

@@ -24,6 +24,9 @@ _BATCH: Final = 64
 #: The longest wait in seconds, a day as in asyncio: `epoll` takes no more than 24 days.
 _LONGEST: Final = 86400.0
 _NOBODY: Final = (None, None)
+#: What epoll reports: that a descriptor can be read from, and that it can be written to.
+_READABLE: Final = select.EPOLLIN
+_WRITABLE: Final = select.EPOLLOUT
 
 
 class Waiting:
@@ -69,7 +72,9 @@ class Poller:
         now = monotonic()
         self._ends_at = inf if timeout is None else now + timeout
         while True:
-            self._poll(min(self._ends_at, self._due[0][0] if self._due else inf, now + _LONGEST) - now)
+            due = self._due[0][0] if self._due else inf
+            wait = min(self._ends_at, due) - now
+            self._poll(min(wait, _LONGEST))
             now = monotonic()
             self._call_due(now)
             if self.ready or self._ends_at <= now:
@@ -109,8 +114,8 @@ class Poller:
             self._masked.add(descriptor)
         else:
             self._masked.discard(descriptor)
-        reading = 0 if is_masked or reader is None else select.EPOLLIN
-        self._epoll.modify(descriptor, reading if writer is None else reading | select.EPOLLOUT)
+        reading = 0 if is_masked or reader is None else _READABLE
+        self._epoll.modify(descriptor, reading if writer is None else reading | _WRITABLE)
 
     def _poll(self, timeout: float) -> None:
         """Wait once."""
@@ -131,9 +136,9 @@ class Poller:
         ready = []
         for descriptor, events in self._epoll.poll(wait, _BATCH):
             reader, writer = self.callbacks.get(descriptor, _NOBODY)
-            if reader is not None and events & ~select.EPOLLOUT:  # the end of a connection is for both
+            if reader is not None and events & ~_WRITABLE:  # the end of a connection is for both
                 ready.append(reader)
-            if writer is not None and events & ~select.EPOLLIN:
+            if writer is not None and events & ~_READABLE:
                 ready.append(writer)
         for waiting in ready:
             if self._is_behind:

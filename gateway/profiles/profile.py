@@ -25,7 +25,7 @@ class Profile:
     name: str
     title: str = ""
     functions: frozenset[int] | None = None
-    limits: Mapping[int, int] = field(default_factory=dict)
+    limits: dict[int, int] = field(default_factory=dict)
     areas: Mapping[Area, tuple[Range, ...]] = field(default_factory=dict)
     idle_chars: float = 3.5
     timing: TimingTable = field(default_factory=TimingTable)

@@ -1,6 +1,6 @@
 """From a request to its target: one look-up for the route, one for the right."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from gateway import errors, events
@@ -37,7 +37,7 @@ class Router:
     ) -> None:
         """`clock` is that of the requests; `why_no_route` is for the log."""
         self.entry = entry
-        self.routes: Mapping[int, NamedTarget] = {}
+        self.routes: dict[int, NamedTarget] = {}
         self.rights = Rights((), entry)
         self.counts = Counts()
         self._clock = clock

@@ -104,7 +104,7 @@ class Gateway:
             if isinstance(image, PersistentImage):
                 image.start()
         for way in self.ways:
-            way.router.routes = way.routes
+            way.router.routes = dict(way.routes)
             way.router.rights = Rights(self.plan.access, way.router.entry, way.known_as)
         for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
             line.adopt(line_plan, devices)

@@ -16,7 +16,7 @@ from gateway.listeners.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.checks import crc16, lrc
-from gateway.modbus.pdu import parse_request
+from gateway.modbus.pdu import parse_anew, parse_request
 from gateway.modbus.scan import Expected, Scanner
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
@@ -133,7 +133,7 @@ def pieces() -> list[Piece]:
         ("CRC of 23 bytes", lambda: crc16(bytes(23))),
         ("LRC of 23 bytes", lambda: lrc(bytes(23))),
         ("read a request PDU, known", lambda: parse_request(request)),
-        ("read a request PDU, new", lambda: parse_request.__wrapped__(request)),
+        ("read a request PDU, new", lambda: parse_anew(request)),
         ("time limit of a request", lambda: budget.limit(asked, ANSWER_TIME)),
         ("response fits request", lambda: asked.accepts(response)),
         ("RTU frame made", lambda: rtu.encode(UNIT, request)),
