@@ -1,21 +1,21 @@
 """The targets on a line: each of its devices, and all of them at once for broadcasts."""
 
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 from gateway.errors import RequestError
 from gateway.events import Emit, RequestRefused, discard_event
-from gateway.lines.breaker import Breaker
-from gateway.lines.counts import UnitCounts
-from gateway.lines.transaction import BroadcastTransaction, Transaction
+from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
 from gateway.trace.ring import Ring
+
+#: Of broadcasts.
+_NEVER_ANSWERED: Final = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class TakesTransactions(Protocol):
         """Take over a transaction."""
 
 
-class Device:
+class Device(Destination):
     """A unit on a line: a Target. Requests that its profile rejects are never sent."""
 
     def __init__(
@@ -49,14 +49,11 @@ class Device:
         ring: Ring | None = None,
         line_name: str = "",
     ) -> None:
+        is_urgent = settings.priority == "high"
+        super().__init__(
+            settings.unit, settings.name, settings.answer_time, source=settings.source, is_urgent=is_urgent
+        )
         self.settings = settings
-        self.unit = settings.unit
-        self.name = settings.name
-        self.source = settings.source
-        self.answer_time = settings.answer_time
-        self.is_urgent = settings.priority == "high"
-        self.breaker = Breaker()
-        self.counts = UnitCounts()
         self._check = settings.profile.check
         self._line = line
         self._emit = emit
@@ -84,9 +81,6 @@ class Device:
         """Log that the request was rejected with `error`, and nothing was sent."""
         self._emit(RequestRefused.of(request, error))
 
-    def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        """Do nothing: only devices with quirks need this."""
-
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         return Transaction(request, asked, self)
 
@@ -94,23 +88,13 @@ class Device:
         return f"<{type(self).__name__} {self.name} unit={self.unit} as={self.settings.known_as}>"
 
 
-class EveryDevice:
+class EveryDevice(Destination):
     """Unit 0 of one line: a Target that sends broadcasts."""
 
-    unit = BROADCAST_UNIT
-    name = "every device"
-    source = ""
-    is_urgent = False
-    answer_time = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
-
     def __init__(self, line: TakesTransactions) -> None:
-        self.breaker = Breaker()
-        self.counts = UnitCounts()
+        super().__init__(BROADCAST_UNIT, "every device", _NEVER_ANSWERED)
         self._line = line
 
     def submit(self, request: Request, now: float) -> None:
         """Send the request to unit 0. It must be well formed and have a broadcast function."""
         self._line.submit(BroadcastTransaction(request, parse_request(request.pdu), self), now)
-
-    def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        """Do nothing: a broadcast has no response."""

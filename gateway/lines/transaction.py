@@ -1,7 +1,5 @@
 """One request on a line: the unit it is sent to, the response it accepts, and its time limit."""
 
-from typing import Protocol
-
 from gateway.errors import RequestError
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
@@ -13,22 +11,29 @@ from gateway.request import Request
 from gateway.timing.budget import AnswerTime, Budget
 
 
-class Destination(Protocol):
-    """The device that a transaction is sent to, or all devices of a line."""
+class Destination:
+    """The device that a transaction is sent to, or all devices of a line.
 
-    #: Its current unit identifier on the wire.
-    unit: int
-    #: Its name, and where it is configured, for events.
-    name: str
-    source: str
-    #: Its requests go first.
-    is_urgent: bool
-    answer_time: AnswerTime
-    breaker: Breaker
-    counts: UnitCounts
+    `unit` is its current unit identifier on the wire. `name` and `source`, the place in the config, are for events.
+    Requests to one that `is_urgent` go first.
+    """
+
+    def __init__(
+        self, unit: int, name: str, answer_time: AnswerTime, *, source: str = "", is_urgent: bool = False
+    ) -> None:
+        self.unit = unit
+        self.name = name
+        self.source = source
+        self.is_urgent = is_urgent
+        self.answer_time = answer_time
+        self.breaker = Breaker()
+        self.counts = UnitCounts()
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
-        """The transaction has ended; `response` is None if none came. Must not answer requests."""
+        """The transaction has ended; `response` is None if none came. Must not answer requests.
+
+        Nothing follows here: only some devices have to know.
+        """
 
 
 class Transaction:

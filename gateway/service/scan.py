@@ -11,10 +11,11 @@ something was heard that is no answer, the question is asked again before that i
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import aclosing, asynccontextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from struct import unpack
 from typing import Final, Literal
 
+from gateway.devices.scanned import ScannedUnit
 from gateway.errors import (
     BrokenResponse,
     ExceptionCode,
@@ -26,11 +27,8 @@ from gateway.errors import (
     Unwanted,
     WrongQuestion,
 )
-from gateway.lines.breaker import Breaker
-from gateway.lines.counts import UnitCounts
-from gateway.lines.transaction import ScanTransaction, Transaction
+from gateway.lines.transaction import ScanTransaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
-from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request
 from gateway.service.operator import Question
@@ -145,33 +143,6 @@ SIGNS: Final[Mapping[Mode, Mapping[str, Sequence[Sign]]]] = {
 OTHERS: Final = "generic"
 
 
-@dataclass(eq=False)
-class ScannedUnit:
-    """A unit that may not be there, for the questions of a scan. `heard` are its answers to the last one.
-
-    Beside each answer is how many seconds it took.
-    """
-
-    unit: int
-    answer_time: AnswerTime
-    now: Callable[[], float]
-    name: str
-    is_urgent: bool = False
-    source: str = ""
-    breaker: Breaker = field(default_factory=Breaker)
-    counts: UnitCounts = field(default_factory=UnitCounts)
-    heard: list[tuple[Frame, float]] = field(default_factory=list)
-
-    def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        """An answer has come, in time or late; or none."""
-        if response is not None:
-            self.heard.append((response, self.now() - transaction.ends_at))
-
-
-def _scanned(unit: int, answer_time: AnswerTime, now: Callable[[], float]) -> ScannedUnit:
-    return ScannedUnit(unit, answer_time, now, f"unit {unit} of a scan")
-
-
 def _first_question(unit: ScannedUnit) -> bytes:
     return QUESTION_AT_ZERO if unit.unit == BROADCAST_UNIT else FIRST_QUESTION
 
@@ -190,7 +161,7 @@ class Scan:
         self._now = loop.time
         self._of = len(units)
         answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=limit)
-        self._units = [_scanned(unit, answer_time, loop.time) for unit in units]
+        self._units = [ScannedUnit(unit, answer_time, loop.time) for unit in units]
         #: How often something was heard of a unit that is no answer.
         self._garbled: dict[ScannedUnit, int] = {}
         self._windows_end = 0.0
@@ -251,7 +222,7 @@ class Scan:
             code,
             round(elapsed * 1000, 1),
             await self._profile_of(
-                _scanned(frame.unit, unit.answer_time, self._now), {_first_question(unit): frame.pdu}
+                ScannedUnit(frame.unit, unit.answer_time, self._now), {_first_question(unit): frame.pdu}
             ),
             frame.unit if frame.unit != unit.unit else None,
             self._baud,

@@ -2,12 +2,10 @@
 
 import pytest
 
+from gateway.devices.scanned import ScannedUnit
 from gateway.events import BadFrame, LateResponse, RequestTimeout, UnitResting
-from gateway.lines.breaker import Breaker
-from gateway.lines.counts import UnitCounts
 from gateway.lines.idle import OTHERS
-from gateway.lines.transaction import ScanTransaction, Transaction
-from gateway.modbus.frame import Frame
+from gateway.lines.transaction import ScanTransaction
 from gateway.modbus.pdu import parse_request
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
@@ -18,22 +16,7 @@ QUESTION = "03 00 00 00 01"
 ANSWER = "03 02 00 07"
 
 
-class Unit:
-    """Whom a scan asks. `heard` are its responses, None where there was none."""
-
-    is_urgent = False
-    source = ""
-    answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=0.2)
-
-    def __init__(self, unit: int) -> None:
-        self.unit = unit
-        self.name = f"unit {unit}"
-        self.breaker = Breaker()
-        self.counts = UnitCounts()
-        self.heard: list[Frame | None] = []
-
-    def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        self.heard.append(response)
+ANSWER_TIME = AnswerTime(TimingTable(), margin=1.0, timeout=0.2)
 
 
 class Scanning(Bench):
@@ -42,8 +25,9 @@ class Scanning(Bench):
     def scan(self, unit: int = 9, *, awaits_second: bool = True) -> tuple[ScanTransaction, Asker]:
         asker = Asker("control")
         request = asker.ask(QUESTION, unit=unit, now=self.now)
+        asked = ScannedUnit(unit, ANSWER_TIME, lambda: self.now)
         question = ScanTransaction(
-            request, parse_request(request.pdu), Unit(unit), awaits_second=awaits_second, patience=0.0
+            request, parse_request(request.pdu), asked, awaits_second=awaits_second, patience=0.0
         )
         self.line.submit(question, self.now)
         return question, asker
@@ -118,12 +102,13 @@ def test_its_late_answer_is_heard_and_nobody_elses() -> None:
     question, _ = bench.scan(unit=9)
     heard = question.device.heard
     bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
+    assert heard == []
     bench.ask(unit=1)
     bench.pass_time(0.01)
     bench.respond(ANSWER, unit=9)
     bench.pass_time(0.01)
     bench.respond(unit=1)
-    assert [each and each.unit for each in heard] == [None, 9]
+    assert [(response.unit, seconds) for response, seconds in heard] == [(9, pytest.approx(LIMIT + 0.013))]
     assert bench.told(LateResponse) == []
     assert bench.client.answers == ["03 02 01 10"]
 
@@ -143,7 +128,7 @@ def test_a_second_answer_may_come_together_with_the_first() -> None:
     bench = Scanning()
     question, asker = bench.scan(unit=9)
     bench.hear(frame(9, ANSWER) + frame(9, "83 02"))
-    assert [heard.pdu.hex(" ") for heard in question.device.heard] == ["03 02 00 07", "83 02"]
+    assert [response.pdu.hex(" ") for response, _ in question.device.heard] == ["03 02 00 07", "83 02"]
     assert asker.answers == [ANSWER]
 
 
