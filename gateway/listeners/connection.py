@@ -17,11 +17,21 @@ from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Target
 from gateway.routing.identity import ANONYMOUS, Identity
 
-#: The most bytes that are kept for a client that does not read its responses.
+#: The most bytes that are kept for a client that does not read its responses; with a high `in_flight` more.
 UNSENT_BYTES: Final = 64 * 1024
 #: Why a client is closed in the middle of its work.
 EXPIRED: Final = "its certificate has expired"
 _NO_ROOM: Final = memoryview(bytearray())
+
+
+def most_answered(in_flight: int) -> int:
+    """The bytes of all that is answered after reading stops: what is in progress, and a buffer answered at once."""
+    return (in_flight + MOST_AT_ONCE) * MAX_TCP_ADU
+
+
+def most_unsent(in_flight: int) -> int:
+    """The most bytes that are kept for a client that does not read: UNSENT_BYTES, or all that it may have asked."""
+    return max(UNSENT_BYTES, most_answered(in_flight))
 
 
 class Stream(Protocol):
@@ -135,9 +145,8 @@ class TcpConnection:
     def connection_made(self, stream: Stream) -> None:
         """A client has connected."""
         self.stream = stream
-        # what is answered before reading stops: requests in progress, and a buffer of those that are answered at once
-        room = UNSENT_BYTES - (self._listener.settings.in_flight + MOST_AT_ONCE) * MAX_TCP_ADU
-        stream.set_write_buffer_limits(max(room, 0))
+        in_flight = self._listener.settings.in_flight
+        stream.set_write_buffer_limits(most_unsent(in_flight) - most_answered(in_flight))
         self._listener.connected(self)
 
     def get_buffer(self) -> memoryview:
@@ -170,9 +179,12 @@ class TcpConnection:
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
-        if exc is not None:
-            self._leaves()
-        self.session.closed()
+        try:
+            if exc is not None:
+                self._leaves()
+            self.session.closed()
+        except Exception as error:  # noqa: BLE001 - the error boundary of a connection
+            self._listener.failed(f"client {self.client}", error)
         if self._timer is not None:
             self._timer.close()
             self._timer = None

@@ -9,7 +9,7 @@ from contextlib import closing, suppress
 import pytest
 
 from gateway.errors import QueueFull
-from gateway.listeners.connection import UNSENT_BYTES, TcpConnection
+from gateway.listeners.connection import UNSENT_BYTES, TcpConnection, most_unsent
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.modbus.mbap import encode
@@ -75,8 +75,8 @@ class Slow:
 class Listener:
     """Notes what becomes of its connection."""
 
-    def __init__(self):
-        self.settings = ListenSettings("scada", "127.0.0.1", 0)
+    def __init__(self, in_flight):
+        self.settings = ListenSettings("scada", "127.0.0.1", 0, in_flight=in_flight)
         self.failures = []
         self.reasons = []
         self.left = []
@@ -103,9 +103,9 @@ class Listener:
 class Served:
     """A client of a listener."""
 
-    def __init__(self, accepted, target=None):
+    def __init__(self, accepted, target=None, in_flight=16):
         loop = asyncio.get_running_loop()
-        self.target, self.listener = target or Slow(), Listener()
+        self.target, self.listener = target or Slow(), Listener(in_flight)
         self.connection = TcpConnection(self.listener, "127.0.0.1", "127.0.0.1:1", loop.time, self.target)
         self.stream = TcpStream(loop, accepted, self.connection)
         self.connection.connection_made(self.stream)
@@ -350,6 +350,24 @@ async def test_a_client_that_reads_nothing_is_not_kept_more_than_it_is_promised(
     assert 0 < max(kept) <= UNSENT_BYTES
 
 
+async def test_a_client_with_much_in_progress_is_kept_as_much_as_it_has_asked_for(ends):
+    accepted, client = ends
+    served = Served(accepted, in_flight=1000)
+    waiting = served.target.waiting
+    kept = [0]
+    async with asyncio.timeout(PATIENCE):
+        while served.connection.session._back_pressure.blocked_at is None:
+            unsent = encode(1, 1, READ) * 1000
+            while len(waiting) < 1000:
+                with suppress(BlockingIOError):
+                    unsent = unsent[client.send(unsent) :]
+                await asyncio.sleep(0)
+            while waiting:
+                waiting.pop().respond(bytes.fromhex("03 fa") + bytes(250))
+                kept.append(len(served.stream._unsent))
+    assert UNSENT_BYTES < max(kept) <= most_unsent(1000)
+
+
 async def test_a_client_that_resets_its_connection_has_lost_it(ends):
     accepted, client = ends
     served = Served(accepted)
@@ -382,6 +400,18 @@ async def test_a_defect_anywhere_ends_the_connection_and_is_reported(ends, step)
     [(part, error)] = served.listener.failures
     assert (part, type(error)) == ("client 127.0.0.1:1", ZeroDivisionError)
     assert served.listener.reasons == ["a defect in the gateway"]
+
+
+@pytest.mark.interpreted
+async def test_a_defect_while_a_connection_ends_is_reported_and_it_ends(ends):
+    accepted, client = ends
+    served = Served(accepted)
+    served.connection.session = Defective(served.connection.session, "closed")
+    reset(client)
+    await until(lambda: served.listener.reasons)
+    assert served.listener.reasons[0].startswith("lost: ")
+    [(part, error)] = served.listener.failures
+    assert (part, type(error)) == ("client 127.0.0.1:1", ZeroDivisionError)
 
 
 class Defective:
