@@ -50,7 +50,8 @@ class NatsServer:
         self.port, self.leaf_port, self._monitor = free_port(), free_port(), free_port()
         self._config = folder / f"nats-{self.port}.conf"
         self._log = folder / f"nats-{self.port}.log"
-        store = folder / f"nats-{self.port}"
+        self._store = store = folder / f"nats-{self.port}"
+        self._older_store = folder / f"nats-{self.port}.older"
         hub = f"127.0.0.1:{self.leaf_port if leaf_of is None else leaf_of.leaf_port}"
         if config:
             ours = (f"127.0.0.1:{self.port}", hub, f"127.0.0.1:{self._monitor}", str(store), hub)
@@ -113,6 +114,18 @@ class NatsServer:
         """`kill -9`, then start."""
         self.kill()
         self.start()
+
+    def keep_store(self) -> None:
+        """Restart it, and keep a copy of what its JetStream holds now."""
+        self.kill()
+        shutil.rmtree(self._older_store, ignore_errors=True)
+        shutil.copytree(self._store, self._older_store)
+        self.start()
+
+    def roll_back(self) -> None:
+        """While it does not run: give its JetStream what it held when that was kept."""
+        shutil.rmtree(self._store)
+        shutil.copytree(self._older_store, self._store)
 
     def halt(self) -> None:
         """SIGSTOP, and wait until it stands still: its connections stay open, and nothing is answered."""

@@ -4,9 +4,10 @@
     .venv/bin/python tests/soak/standby.py --rounds 500 --server
 
 Each round has one fault: the holder or the standby is killed, or stopped and continued; the holder's wall clock is set;
-NATS is killed, halted or away for a while; the link between one of them and NATS is cut, or held and then passes on all
-that it has held. With `--server` the bus hangs on a device server with a port for each gateway, otherwise on two serial
-adapters. A monitor on the bus sees who has sent each frame. Devices are late now and then, within the late window.
+NATS is killed, halted or away for a while, or comes back with an older store; the link between one of them and NATS is
+cut, or held and then passes on all that it has held. With `--server` the bus hangs on a device server with a port for
+each gateway, otherwise on two serial adapters. A monitor on the bus sees who has sent each frame. Devices are late now
+and then, within the late window.
 
 Prints how often two askers were on the wire at once, or nearer than any change of the holder can be; how often that was
 a gateway that had just been continued, which may have been stopped between its look at the clock and its write; how
@@ -15,6 +16,7 @@ and no answer was wrong.
 """
 
 import argparse
+import json
 import mmap
 import os
 import random
@@ -29,7 +31,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -37,7 +39,7 @@ if __name__ == "__main__":
 from gateway.modbus import mbap
 from kit.link import Link
 from kit.nats import NatsServer
-from kit.process import GatewayProcess
+from kit.process import GatewayProcess, command
 from kit.shared_bus import REGISTERS, UNITS, Bus, Collision, sometimes_late
 
 #: The time to live of the lease, in seconds; behind a device server, where TCP may hold back what was written.
@@ -50,6 +52,8 @@ WORTH_TELLING = 2.5
 JUST_CONTINUED = 0.05
 #: How long nobody may answer after a fault is over, in seconds.
 PATIENCE = 60.0
+#: NATS comes back with what it held when that was kept.
+OLDER_STORE = "NATS comes back older"
 CONFIG = """
 site = "{name}"
 [[listen]]
@@ -142,12 +146,26 @@ class Site:
     @property
     def silences(self) -> list[float]:
         """For how long it had to be silent each time it took the lease since it was started, in seconds."""
-        log = [] if self._gateway is None else self._gateway.log
-        return [event["silent_s"] for event in log if event["event"] == "lease_taken"]
+        return [event["silent_s"] for event in self._log if event["event"] == "lease_taken"]
+
+    @property
+    def losses(self) -> list[str]:
+        """Why it lost the lease each time since it was started."""
+        return [event["reason"] for event in self._log if event["event"] == "lease_lost"]
+
+    @property
+    def _log(self) -> list[dict[str, Any]]:
+        return [] if self._gateway is None else self._gateway.log
+
+    @property
+    def known_holder(self) -> str:
+        """Who holds the lease, as far as it knows."""
+        status = command("status", "--json", "--control", str(self._folder / "control.sock"))
+        return str(json.loads(status.stdout)["leases"][0]["holder"]) if status.returncode == 0 else ""
 
     def tell(self) -> None:
         """Print the last that it has logged."""
-        for event in [] if self._gateway is None else self._gateway.log[-12:]:
+        for event in self._log[-12:]:
             print(f"  {self.name}: {event['timestamp']} {event['event']} {event.get('reason', '')}", flush=True)
 
     def _keep_asking(self) -> None:
@@ -206,6 +224,7 @@ class Stage:
             "the holder's link is held": lambda lasts: self._hold(self.holder, lasts),
             "the standby's link is held": lambda lasts: self._hold(self.standby, lasts),
         }
+        self._faults[OLDER_STORE] = self._roll_back
         if has_clock:
             self._faults["the holder's clock is set"] = lambda lasts: self._set_clock(self.holder, lasts)
 
@@ -221,8 +240,37 @@ class Stage:
     def round(self) -> None:
         """One fault, at any moment."""
         self.wait_for_service()
+        fault = self._choose.choice(list(self._faults))
+        if fault == OLDER_STORE:
+            self.keep_store(released=self._choose.random() < 0.5)
         time.sleep(self._choose.uniform(0.0, 0.5))
-        self.suffer(self._choose.choice(list(self._faults)), self._choose.uniform(0.0, LONGEST_FAULT * self.holder.ttl))
+        self.suffer(fault, self._choose.uniform(0.0, LONGEST_FAULT * self.holder.ttl))
+
+    def keep_store(self, *, released: bool) -> None:
+        """Keep what NATS holds now, which is the lease of the holder or a `released` one; then the holder changes.
+
+        Both gateways have seen that when this returns.
+        """
+        self.wait_for_service()
+        first = self.holder
+        if released:
+            for site in (self.standby, first):
+                site.end()
+        self._nats.keep_store()
+        if released:
+            for site in self.sites:
+                site.start()
+        else:
+            self._stop(first, first.ttl)
+        self.wait_for_service()
+        deadline = time.monotonic() + PATIENCE
+        while not self._agree_on_holder():
+            if time.monotonic() > deadline:
+                raise SystemExit(f"they do not agree on the holder: {[site.known_holder for site in self.sites]}")
+
+    def _agree_on_holder(self) -> bool:
+        first, second = (site.known_holder for site in self.sites)
+        return first == second != ""
 
     def suffer(self, fault: str, lasts: float) -> None:
         """This fault, for so many seconds, and all is well again."""
@@ -280,6 +328,16 @@ class Stage:
         self._nats.kill()
         time.sleep(lasts)
         self._nats.start()
+
+    def _roll_back(self, lasts: float) -> None:
+        """The holder reaches it again so much later than the standby."""
+        holder = self.holder
+        holder.link.cut()
+        self._nats.kill()
+        self._nats.roll_back()
+        self._nats.start()
+        time.sleep(lasts)
+        holder.link.mend()
 
     def _cut(self, site: Site, lasts: float) -> None:
         site.link.cut()

@@ -5,7 +5,7 @@ import os
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -13,24 +13,33 @@ import pytest
 from kit.nats import NatsServer, needs_nats
 from kit.process import PATIENCE
 from kit.shared_bus import Bus, sometimes_late
-from soak.standby import TTL, Site, Stage
+from soak.standby import OLDER_STORE, TTL, Site, Stage
+
+#: A lease that lasts long, in seconds.
+LONG_TTL = 6.0
 
 
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    """Two gateways on one bus, one of which asks. Each test leaves them so."""
-    tmp_path = tmp_path_factory.mktemp("standby")
+@contextmanager
+def stage_in(folder: Path, ttl: float) -> Iterator[Stage]:
+    """Two gateways on one bus, one of which asks; a lease lasts so many seconds."""
     bus = Bus(lateness=sometimes_late(seed=1, share=0.02, longest=0.3))
     with ExitStack() as stack:
-        nats = stack.enter_context(NatsServer(tmp_path))
+        nats = stack.enter_context(NatsServer(folder))
         sites = []
         for name in ("a", "b"):
-            bus.terminal(name, tmp_path / f"tty-{name}")
-            sites.append(Site(name, tmp_path, nats, bus, str(tmp_path / f"tty-{name}"), TTL, None))
+            bus.terminal(name, folder / f"tty-{name}")
+            sites.append(Site(name, folder, nats, bus, str(folder / f"tty-{name}"), ttl, None))
         stack.enter_context(bus)
         for site in sites:
             stack.enter_context(site.running())
         yield Stage(1, nats, bus, (sites[0], sites[1]), has_clock=False)
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    """Each test leaves it as it was."""
+    with stage_in(tmp_path_factory.mktemp("standby"), TTL) as found:
+        yield found
 
 
 @needs_nats
@@ -47,6 +56,23 @@ def test_two_never_ask_at_once_and_one_goes_on(stage: Stage, fault: str) -> None
     stage.suffer(fault, 1.2 * TTL)
     assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
     assert sum(site.answers["wrong"] for site in stage.sites) == 0
+
+
+@needs_nats
+@pytest.mark.parametrize("released", [True, False])
+def test_two_never_ask_at_once_when_the_store_comes_back_older(tmp_path: Path, released: bool) -> None:
+    """The holder cannot reach it; the standby finds a released lease, or an old one of its own, and waits all the same.
+
+    The lease is long, so that who would not wait is met by the holder, or heard.
+    """
+    with stage_in(tmp_path, LONG_TTL) as stage:
+        stage.keep_store(released=released)
+        before = [len(site.losses) for site in stage.sites]
+        stage.suffer(OLDER_STORE, LONG_TTL)
+        assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
+        losses = [why for site, known in zip(stage.sites, before, strict=True) for why in site.losses[known:]]
+        assert not [why for why in losses if "another asker" in why]
+        assert sum(site.answers["wrong"] for site in stage.sites) == 0
 
 
 def hand_over(stage: Stage) -> float:
