@@ -195,9 +195,9 @@ class Receiver:
 
     def take_behind(self) -> int:
         """Attribute what came behind the response, on the idle line. Returns how many bytes that were."""
+        self._frames.clear()
         if self._behind:
             tokens, self._behind = self._behind, []
-            self._frames.clear()
             self._attribute(tokens)
         return self._scanner.position - self.attribution.ended_at
 

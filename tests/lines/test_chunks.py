@@ -69,6 +69,20 @@ def test_a_frame_of_unknown_size_ends_with_the_last_byte_before_a_silence(
     assert len(bench.told(UnitRecovered)) == 1
 
 
+@MODES
+@TOGETHER
+def test_what_came_before_the_end_of_a_request_ends_no_rest_behind_it(timing: LineTiming, is_together: bool) -> None:
+    bench = Bench(timing=timing)
+    let_rest(bench, unit=1)
+    bench.pass_time(5.0)
+    bench.ask()
+    data = [bench.frame(1, "03 00 30 00 01"), bench.frame(1, RESPONSE), "55"]
+    for chunk in [" ".join(data)] if is_together else data:
+        bench.hear(chunk)
+    assert bench.client.answers[-1] == "83 0B"
+    assert bench.told(UnitRecovered) == []
+
+
 def let_rest(bench: Bench, unit: int) -> None:
     for _ in range(FAILURES):
         bench.ask(unit=unit)
