@@ -38,6 +38,8 @@ _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 #: What an address may choose for any page: its language and its theme.
 _CHOICES: Final = ("lang", "theme")
 _FORM: Final = "application/x-www-form-urlencoded"
+#: What a request may call its encoding.
+_CHARSETS: Final = frozenset({"utf-8", "utf8"})
 #: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
 _OF_PROXIES: Final = (
     *("X-Forwarded-For", "X-Forwarded-User", "X-Forwarded-Host", "X-Forwarded-Proto"),
@@ -169,6 +171,8 @@ class Guard:
 async def _take_body(request: web.Request) -> None:
     if request.content_type.startswith("multipart/"):
         raise ProblemError(415, f"forms are {_FORM}")
+    if (request.charset or "utf-8").lower() not in _CHARSETS:  # some codecs take seconds for 32 KiB
+        raise ProblemError(415, "what is sent must be UTF-8")
     try:
         async with asyncio.timeout(_BODY_TIME):
             await request.read()
@@ -176,7 +180,7 @@ async def _take_body(request: web.Request) -> None:
             await request.post()
     except TimeoutError:
         raise ProblemError(408, f"the request has not arrived within {_BODY_TIME:g} s") from None
-    except (ValueError, LookupError):
+    except ValueError:
         raise ProblemError(400, "the form is not UTF-8") from None
 
 
