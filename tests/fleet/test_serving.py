@@ -11,10 +11,12 @@ class Connection:
     def __init__(self) -> None:
         self.may_subscribe = asyncio.Event()
         self.subscribed: list[str] = []
+        self.most_waiting: list[int] = []
 
-    async def subscribe(self, subject, _deliver, _queue, _most):
+    async def subscribe(self, subject, _deliver, _queue, most):
         await self.may_subscribe.wait()
         self.subscribed.append(subject)
+        self.most_waiting.append(most)
 
         async def end() -> None:
             self.subscribed.remove(subject)
@@ -39,6 +41,16 @@ async def test_a_connection_that_is_lost_while_it_subscribes_leaves_nothing_to_t
     await asyncio.gather(first_call, second_call)
     serving.disconnected()
     assert second.subscribed == ["mbgw.s.unit.1.from.*", "mbgw.s.unit.2.from.*"]
+
+
+async def test_256_requests_to_each_unit_wait_at_most():
+    """Four sites send all that they may have under way. What is lost beyond that: system/test_fleet_connection."""
+    serving, connection = Serving("s", "a", None, lambda: 0.0, lambda _: None), Connection()
+    connection.may_subscribe.set()
+    await serving.serve(lambda: [1, 2])
+    await serving.connected(connection)
+    serving.disconnected()
+    assert connection.most_waiting == [256, 256]
 
 
 async def test_the_end_of_a_subscription_that_is_not_taken_is_not_waited_for_longer():

@@ -6,7 +6,7 @@ import json
 import re
 import socket
 import ssl
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
@@ -16,6 +16,7 @@ from nats.errors import NoRespondersError
 from nats.js.api import KeyValueConfig
 from nats.js.errors import KeyWrongLastSequenceError, NoStreamResponseError
 
+from gateway.fleet.bucket import LARGEST_VALUE
 from kit.link import Link
 from kit.nats import CONFIGS, NatsServer, hub_and_leaf, needs_nats
 from kit.pki import pki
@@ -146,6 +147,28 @@ async def test_it_says_at_once_that_nobody_is_there(fleet, asker):
     site = getattr(fleet, asker)
     await site.ask("plant-9")
     assert (await site.hears()).headers["Status"] == "503"
+
+
+@pytest.mark.parametrize("server", ["hub", "leaf"])
+async def test_a_message_of_more_than_64_kib_ends_the_connection_of_its_sender_and_no_other(fleet, server):
+    site, node = (fleet.plant1, fleet.hub) if server == "hub" else (fleet.plant3, fleet.leaf)
+    password = "plant-1" if server == "hub" else "gateway"
+    assert site.client.max_payload == LARGEST_VALUE
+    said = await asyncio.to_thread(publish_beyond, node.port, site.name, password, LARGEST_VALUE + 1)
+    assert b"Maximum Payload" in said
+    assert await asks_and_answers(site, fleet.control) == b"\x03\x02\x12\x34"
+
+
+def publish_beyond(port: int, user: str, password: str, size: int) -> bytes:
+    """Send a message of so many bytes; all that the server says until it ends the connection."""
+    said = b""
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as plain:
+        hello = {"user": user, "pass": password, "verbose": False}
+        plain.sendall(f"CONNECT {json.dumps(hello)}\r\nPUB mbgw.{user}.clock {size}\r\n".encode())
+        with suppress(ConnectionError):
+            while data := plain.recv(4096):
+                said += data
+    return said
 
 
 async def test_a_site_may_not_ask_by_another_name(fleet):
