@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.fleet.exchange import SitePort
 from gateway.fleet.headers import CLIENT, DEADLINE, HOPS, ROLE
@@ -12,10 +11,10 @@ from gateway.fleet.owner import SiteOrigin
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_PDU
 from gateway.modbus.mbap import TcpFrame
-from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import Port
 from gateway.request import Origin
 from gateway.routing.audit import AuditedOrigin
+from gateway.upstreams.driver import UpstreamDriver
 from gateway.upstreams.upstream import Upstream
 
 #: How long before its client may get an answer an owner stops sending a request, in seconds: who has just looked at
@@ -23,37 +22,23 @@ from gateway.upstreams.upstream import Upstream
 GUARD: Final = 0.05
 
 
-class Asker:
+class Asker(UpstreamDriver):
     """Passes messages, time and requests to `upstream`. It is the PortOwner of the port to another site.
 
     A client gets no answer to a request that was sent before the owner's deadline for it: otherwise a write could begin
     after it. So when the connection is lost, requests under way keep their time.
     """
 
-    is_renewing = False
-
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
-        self.upstream = upstream
-        self._loop = loop
+        super().__init__(upstream, loop, emit)
         #: Answers to nothing that is awaited: copies, or to requests of long ago.
         self.unasked = 0
+        self._call_soon = loop.call_soon
         self._port: SitePort | None = None
         self._is_closed = False
         #: The identifiers of requests that may be answered, by their numbers, which are never used again.
         self._identifiers: dict[int, int] = {}
         self._last_number = 0
-        self._boundary = ErrorBoundary(
-            f"upstream {upstream.settings.name}",
-            loop,
-            emit,
-            deadline=upstream.deadline,
-            tick=self._tick,
-            down=self._down,
-        )
-
-    def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction."""
-        self._run(self.upstream.submit, transaction, now)
 
     def port_up(self, port: Port) -> None:
         """The site can be asked."""
@@ -64,10 +49,6 @@ class Asker:
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """See PortOwner: messages are not bytes."""
-
-    def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
-        """It cannot be asked any more; what waits fails at once."""
-        self._boundary.lost()
 
     def answered(self, number: int, pdu: bytes) -> None:
         """See Asking."""
@@ -81,26 +62,13 @@ class Asker:
         """See Asking."""
         identifier = self._identifiers.pop(number, None)
         if identifier is not None:
-            self._run(self.upstream.unsent, identifier, self._loop.time())
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a request has been sent and not been answered."""
-        return self.upstream.under_way > 0
-
-    def finish(self) -> None:
-        """Accept no more requests; those already sent may still be answered."""
-        self._run(self.upstream.finish, self._loop.time())
-
-    def overdue(self, now: float) -> float:
-        """How many seconds it is behind its own deadline."""
-        return self._boundary.overdue(now)
+            self._run(self.upstream.unsent, identifier, self._time())
 
     def close(self) -> None:
         """Stop the timer, once no request is under way."""
         self._is_closed = True
         if not self.is_busy:
-            self._boundary.close()
+            super().close()
 
     def _send(self, identifier: int, transaction: Transaction) -> None:
         passed = passed_on(transaction.requests[0].origin)
@@ -114,23 +82,24 @@ class Asker:
         if port is not None:
             headers[DEADLINE] = port.clocks.until(time_left - GUARD, transaction.ends_at)
         if port is None or not port.ask(self._last_number, transaction.unit, pdu, headers):
-            self._loop.call_soon(self.unsent, self._last_number)
+            self._call_soon(self.unsent, self._last_number)
 
     def _receive(self, frame: TcpFrame) -> None:
-        self.upstream.received((frame,), self._loop.time())
-
-    def _tick(self) -> None:
-        self.upstream.tick(self._loop.time())
+        self.upstream.received((frame,), self._time())
 
     def _down(self) -> None:
-        self.upstream.finish(self._loop.time())
+        """Those under way may still be answered."""
+        self.upstream.finish(self._time())
 
-    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
-        self._boundary.run(step, *arguments)
+    def _step(self, step: Callable[..., None], *arguments: Any) -> None:
+        step(*arguments)
         if self.upstream.is_spent:
             self._identifiers.clear()
             self.upstream.forget_late()
-            self._boundary.wake()
+            self.upstream.tick(self._time())
+
+    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+        super()._run(step, *arguments)
         if self._is_closed:
             self.close()
 

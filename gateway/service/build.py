@@ -34,7 +34,7 @@ from gateway.service.reach import Reach, everything, one_line
 from gateway.service.state import Memory
 from gateway.tls.store import TlsStore
 from gateway.trace.ring import Ring
-from gateway.upstreams.driver import UpstreamDriver
+from gateway.upstreams.tcp_driver import TcpDriver
 
 if TYPE_CHECKING:
     from gateway.fleet.asker import Asker
@@ -45,7 +45,7 @@ Listener = TcpListener | UdpListener
 #: A part that keeps a port or a connection open.
 Part = GatewayLine | GatewayUpstream | GatewayServer
 #: What drives one. The one of a site is loaded only for it.
-Driver = Union[LineDriver, UpstreamDriver, SerialListener, "Asker"]
+Driver = Union[LineDriver, TcpDriver, SerialListener, "Asker"]
 
 
 class Way(NamedTuple):

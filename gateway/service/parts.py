@@ -26,7 +26,7 @@ from gateway.service import remembered
 from gateway.service.state import Memory
 from gateway.timing.characters import CharacterFormat
 from gateway.trace.ring import Ring
-from gateway.upstreams.driver import UpstreamDriver
+from gateway.upstreams.tcp_driver import TcpDriver
 from gateway.upstreams.upstream import Upstream
 
 if TYPE_CHECKING:
@@ -186,10 +186,10 @@ class GatewayUpstream:
         self.plan = plan
         self.name = plan.upstream.name
         upstream = Upstream(plan.upstream, emit, ring)
-        self.driver: UpstreamDriver | Asker = (
+        self.driver: TcpDriver | Asker = (
             import_module("gateway.fleet.asker").Asker(upstream, loop, emit)
             if isinstance(plan.port, SiteSettings)
-            else UpstreamDriver(upstream, loop, emit)
+            else TcpDriver(upstream, loop, emit)
         )
         tell = kept_in(ring, loop.time, emit)
         self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)

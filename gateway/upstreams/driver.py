@@ -1,32 +1,27 @@
-"""Connects an upstream to its TCP connection and to the clock: its only part that knows the event loop."""
+"""Connects an upstream to the clock: with its subclasses its only part that knows the event loop."""
 
 import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from gateway.errors import NotModbus, PortError
-from gateway.events import Emit, UpstreamClosed
+from gateway.errors import PortError
+from gateway.events import Emit
 from gateway.lines.transaction import Transaction
-from gateway.modbus.mbap import MbapFramer, encode
 from gateway.ports.error_boundary import ErrorBoundary
-from gateway.ports.port import Port
 from gateway.upstreams.upstream import Upstream
 
 
 class UpstreamDriver:
-    """Passes bytes, time and requests to `upstream`. It is the PortOwner of the connection.
+    """Passes time and requests to `upstream`. Its subclasses are PortOwners: they know what carries the requests.
 
-    It closes a connection that cannot be used any more; the reconnector opens the next one. An unexpected error is
-    logged here, all requests of the upstream fail, and the connection is closed too.
+    An unexpected error is logged here, all requests of the upstream fail, and the port is closed.
     """
 
     is_renewing = False
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self.upstream = upstream
-        self._emit = emit
         self._time = loop.time
-        self._framer = MbapFramer(strict=True)
         self._boundary = ErrorBoundary(
             f"upstream {upstream.settings.name}",
             loop,
@@ -40,23 +35,8 @@ class UpstreamDriver:
         """Take over a transaction."""
         self._run(self.upstream.submit, transaction, now)
 
-    def port_up(self, port: Port) -> None:
-        """The connection is open."""
-        self._boundary.port = port
-        self._framer = MbapFramer(strict=True)
-        write = port.write
-
-        def send(identifier: int, transaction: Transaction) -> None:
-            write(encode(identifier, transaction.unit, transaction.asked.data))
-
-        self._run(self.upstream.port_up, send)
-
-    def received(self, data: bytes, *, damaged: bool = False) -> None:  # noqa: ARG002 - TCP delivers no damaged bytes
-        """These bytes were received."""
-        self._run(self._take, data)
-
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
-        """The connection was lost; requests fail at once until it is open again."""
+        """The port was lost; requests that wait fail at once until it is open again."""
         self._boundary.lost()
 
     @property
@@ -76,26 +56,16 @@ class UpstreamDriver:
         """Stop the timer."""
         self._boundary.close()
 
-    def _take(self, data: bytes) -> None:
-        self.upstream.received(self._framer.cut(data), self._time())
+    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+        self._boundary.run(self._step, step, *arguments)
 
     def _tick(self) -> None:
         self._step(self.upstream.tick, self._time())
 
-    def _down(self) -> None:
-        self.upstream.port_down(self._time())
-
-    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
-        self._boundary.run(self._step, step, *arguments)
-
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:
-        try:
-            step(*arguments)
-        except NotModbus as error:
-            self._hang_up(f"what came is no Modbus TCP: {error}")
-        if self.upstream.is_spent:
-            self._hang_up("too many answers are overdue on it")
+        """Do one step, and what follows from it."""
+        step(*arguments)
 
-    def _hang_up(self, reason: str) -> None:
-        self._emit(UpstreamClosed(self.upstream.settings.name, reason))
-        self._boundary.hang_up()
+    def _down(self) -> None:
+        """The port was lost: what becomes of requests."""
+        self.upstream.port_down(self._time())

@@ -10,7 +10,7 @@ from gateway.errors import PortError
 from gateway.events import Event, PartFailed, UpstreamClosed
 from gateway.modbus.mbap import encode
 from gateway.upstreams import upstream as upstream_module
-from gateway.upstreams.driver import UpstreamDriver
+from gateway.upstreams.tcp_driver import TcpDriver
 from gateway.upstreams.upstream import Upstream, UpstreamSettings
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, UpstreamBench
@@ -42,7 +42,7 @@ class Driven:
         self.loop = asyncio.get_running_loop()
         self.events: list[Event] = []
         self.upstream = Upstream(UpstreamSettings("plant-1", timeout=0.5), self.events.append)
-        self.driver = UpstreamDriver(self.upstream, self.loop, self.events.append)
+        self.driver = TcpDriver(self.upstream, self.loop, self.events.append)
         self.port = FakePort()
         self.driver.port_up(self.port)
         self.client = Asker()
