@@ -19,13 +19,16 @@ pytest_plugins = ["kit.skips"]
 _TESTS = Path(__file__).parent
 #: Folders whose tests meet sockets, terminals and processes: they run in real time, after all others.
 _REAL_TIME = frozenset({"system", "bench"})
-#: Files that take longest, in that order: in real time each is run by one worker, and none of these shall begin last.
+#: Files that take longest, in that order: none of these shall begin last.
 _LONGEST = (
-    *("test_accepted_configs", "test_pages_in_browser", "test_systemd", "test_logins_in_browser"),
-    *("test_tls", "test_mqtt", "test_doctor", "test_kiosk", "test_web_api", "test_traffic_page", "test_history"),
-    *("test_read_write", "test_moving_listeners", "test_demo", "test_trace", "test_scan", "test_web", "test_store"),
-    *("test_go", "test_device_server", "test_calibrate"),
+    *("test_accepted_configs", "test_systemd", "test_pages_in_browser", "test_web_api", "test_tutorials", "test_fleet"),
+    *("test_doctor", "test_history", "test_tls", "test_demo", "test_traffic_page", "test_kiosk", "test_flood"),
+    *("test_logins_in_browser", "test_overview_page", "test_scan", "test_tcp", "test_writing_page", "test_strip"),
+    *("test_moving_listeners", "test_read_write", "test_plant_forms", "test_run", "test_control", "test_store"),
+    *("test_device_server", "test_trace", "test_release_checks", "test_go", "test_mqtt", "test_bench"),
 )
+#: Files whose tests share nothing, and wait long: each goes to the next worker in real time. All others stay together.
+_APART = frozenset({"test_tutorials", "test_fleet", "test_doctor", "test_history"})
 
 #: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.
 os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])
@@ -47,6 +50,9 @@ def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=_order)  # stable: otherwise as collected
+    for item in items:
+        if _in_real_time(item) and item.path.stem not in _APART:
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
 def pytest_collection_finish() -> None:

@@ -150,7 +150,7 @@ def until(is_so: Callable[[], object], otherwise: Callable[[], str]) -> None:
     end = time.monotonic() + PATIENCE
     while not is_so():
         assert time.monotonic() < end, otherwise()
-        time.sleep(0.05)
+        time.sleep(0.2)  # each look starts some processes
 
 
 @contextmanager

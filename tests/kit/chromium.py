@@ -6,7 +6,6 @@ PYTHONPATH=.:tests .venv/bin/python tests/kit/chromium.py docs/pictures
 import os
 import re
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import urlsplit
 
-from kit.process import COMMAND, PATIENCE
+from kit.process import PATIENCE, started
 
 #: The browser without windows is a third of the other one.
 CHROMIUM = next(
@@ -29,15 +28,14 @@ MISSING = "Chromium is not installed (apt install chromium-headless-shell)"
 @contextmanager
 def demo_page() -> Iterator[str]:
     """The address of the page of a demo that runs."""
-    with (
-        TemporaryDirectory() as folder,
-        subprocess.Popen(
-            [*COMMAND, "demo"], stdout=subprocess.PIPE, text=True, env=os.environ | {"RUNTIME_DIRECTORY": folder}
-        ) as demo,
-    ):
-        assert demo.stdout is not None
+    said, its_output = os.pipe()
+    with os.fdopen(said) as output, TemporaryDirectory() as folder:
         try:
-            shown = "".join(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
+            demo = started(["demo"], os.environ | {"RUNTIME_DIRECTORY": folder}, stdout=its_output)
+        finally:
+            os.close(its_output)
+        try:
+            shown = "".join(iter(output.readline, "Ctrl-C ends everything.\n"))
             match = re.search(r"^  page +(http://\S+)$", shown, re.MULTILINE)
             assert match is not None, shown
             yield match[1]

@@ -1,7 +1,8 @@
 """A gateway for one line, for a benchmark to measure: `naive_gateway.py run CONFIG`. It takes one request at a time.
 
 With `FAULTY=1` in its environment it has every fault that a benchmark must notice: some requests are never answered,
-some get an exception, some the answer to another one, and it keeps no silence on the line.
+some get an exception, some the answer to another one, and it keeps no silence on the line. A busy machine would make
+one: so some requests are sent twice at once.
 """
 
 import os
@@ -39,6 +40,9 @@ def main() -> None:
 
 def serve(number: int, adu: bytes, client: socket.socket, line: int) -> None:
     fault = number % 10 if IS_FAULTY else None
+    if fault == 4:
+        os.write(line, framed(adu[6:]) * 2)
+        return
     pdu = ask(adu[6:], line)
     if fault == 1:
         return
@@ -53,11 +57,15 @@ def ask(request: bytes, line: int) -> bytes:
     """The response PDU to a read request, unit and PDU."""
     if not IS_FAULTY:
         time.sleep(SILENCE)
-    os.write(line, request + fastcrc.crc16.modbus(request).to_bytes(2, "little"))
+    os.write(line, framed(request))
     response = b""
     while len(response) < 5 + 2 * request[5]:
         response += os.read(line, 256)
     return response[1:-2]
+
+
+def framed(request: bytes) -> bytes:
+    return request + fastcrc.crc16.modbus(request).to_bytes(2, "little")
 
 
 if __name__ == "__main__":

@@ -39,8 +39,8 @@ def main(tests: list[str]) -> int:
         pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
         subprocess.run([*pip, "--requirement", CHECKOUT / "deploy/requirements-dev.txt"], check=True)
         subprocess.run([*pip, *wanted], check=True)
-        pytest = [python, "-m", "pytest", "--quiet", *(tests or (*TESTS, *REAL_TIME))]
-        return subprocess.run(pytest, cwd=CHECKOUT, check=False).returncode
+        pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadgroup"]
+        return subprocess.run([*pytest, *(tests or (*TESTS, *REAL_TIME))], cwd=CHECKOUT, check=False).returncode
 
 
 if __name__ == "__main__":
