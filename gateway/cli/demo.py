@@ -44,8 +44,8 @@ from gateway.tls.store import TlsStore, load_all
 #: The ports of the demo and of its page; any free port if one is in use.
 _PORT: Final = 5020
 _PAGE_PORT: Final = 8502
-#: How long simulators and gateway may take to start, in seconds.
-_PATIENCE: Final = 20.0
+#: How long each simulator and the gateway may take to start, in seconds: small computers take long for five processes.
+_STARTING_DEADLINE: Final = 60.0
 
 
 class DemoError(GatewayError):
@@ -134,7 +134,7 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )
     try:
-        async with asyncio.timeout(_PATIENCE):
+        async with _starting(f"the simulator of the line {line.name}"):
             if not process.stdout or not await process.stdout.readline():
                 raise DemoError(f"the simulator of the line {line.name} did not start")
         yield
@@ -142,6 +142,16 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
         if process.returncode is None:
             process.terminate()
         await process.wait()
+
+
+@asynccontextmanager
+async def _starting(what: str) -> AsyncIterator[None]:
+    """What starts here has a deadline."""
+    try:
+        async with asyncio.timeout(_STARTING_DEADLINE):
+            yield
+    except TimeoutError:
+        raise DemoError(f"{what} did not start within {_STARTING_DEADLINE:g} s") from None
 
 
 def _write_config(folder: Path, lines: Sequence[DemoLine], certificates: Path | None, *, has_page: bool) -> Path:
@@ -220,7 +230,7 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     reloader = Reloader(config, running, rebuild, Notifier({}), text=text, contexts=contexts, read=read_here)
     serving = asyncio.create_task(serve(running, stop, None, reloader), name="gateway")
     try:
-        async with asyncio.timeout(_PATIENCE):
+        async with _starting("the gateway"):
             await ready.wait()
         async with web_pages(plan.web, running, reloader, fan_out, contexts):
             yield running, verbs(running, reloader)

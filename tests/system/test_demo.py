@@ -12,6 +12,7 @@ from socket import AF_UNIX, socket
 import pytest
 from pymodbus.client import ModbusTcpClient
 
+from gateway.cli.main import main
 from kit.process import COMMAND, PATIENCE, command
 from kit.vectors import SeedFrame, meaning, seed_frames
 
@@ -126,3 +127,12 @@ def _simulators_in(folder: Path) -> list[str]:
                 continue
             found += [words] if str(folder) in words else []
     return found
+
+
+def test_a_simulator_that_does_not_start_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("gateway.cli.demo._STARTING_DEADLINE", 0.0)
+    assert main(["demo", "--once"]) == 1
+    error = capsys.readouterr().err
+    assert re.fullmatch(r"modbus-gateway: error: the simulator of the line \w+ did not start within 0 s\n", error)
