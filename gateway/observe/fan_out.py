@@ -7,7 +7,7 @@ many events in a second only the first ones are handed on.
 import asyncio
 import json
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from typing import Final
@@ -18,13 +18,19 @@ from gateway.events import Emit, Event, Level
 MOST_WAITING: Final = 256
 #: Events in a second that are handed on; the others are counted.
 MOST_IN_A_SECOND: Final = 100
+#: The fields that have bytes of a line: None for whom may not read every unit.
+_BYTES: Final = ("heard", "frame")
 
 
 class Follower:
-    """Somebody who follows. `is_lost` once there were more events than can wait; nothing comes from then on."""
+    """Somebody who follows. `is_lost` once there were more events than can wait; nothing comes from then on.
 
-    def __init__(self) -> None:
+    `may_see_bytes` tells whether the bytes that were on a line may be told now.
+    """
+
+    def __init__(self, may_see_bytes: Callable[[], bool]) -> None:
         self.is_lost = False
+        self.may_see_bytes: Final = may_see_bytes
         self._waiting: deque[str] = deque()
         self._has_some = asyncio.Event()
 
@@ -69,10 +75,10 @@ class FanOut:
                 self._loop.call_soon_threadsafe(self._spread, event)
 
     @contextmanager
-    def following(self) -> Iterator[Follower]:
-        """In its context somebody follows. To be entered in the event loop."""
+    def following(self, may_see_bytes: Callable[[], bool] = lambda: True) -> Iterator[Follower]:
+        """In its context somebody follows, see Follower. To be entered in the event loop."""
         self._loop = asyncio.get_running_loop()
-        follower = Follower()
+        follower = Follower(may_see_bytes)
         self._followers.add(follower)
         try:
             yield follower
@@ -98,8 +104,10 @@ class FanOut:
 
     def _put(self, fields: dict[str, object]) -> None:
         text = json.dumps(fields, default=repr)
+        hidden = {name: None for name in _BYTES if name in fields}
+        without = json.dumps({**fields, **hidden}, default=repr) if hidden else text
         for follower in self._followers:
-            follower.put(text)
+            follower.put(text if not hidden or follower.may_see_bytes() else without)
 
 
 def _now() -> str:

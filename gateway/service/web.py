@@ -30,7 +30,7 @@ from gateway.service.reload import Outcome, Reloader
 from gateway.service.rights import Verdict, rights_in_words, routers, verdict
 from gateway.service.running import Running
 from gateway.service.trace import Fact
-from gateway.service.trace_reader import Texts, TraceReader, capture, latest
+from gateway.service.trace_reader import Texts, TraceReader, capture, latest, may_see_all
 from gateway.timing.history import History, Past
 from gateway.tls.store import TlsStore, load_all
 from gateway.web.answers import Answer, Asker, Which
@@ -264,8 +264,8 @@ class _Answers:
     def verdict(self, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
         return verdict(self._running.gateway, host, listener, unit, function, role)
 
-    def events(self) -> AbstractContextManager[Follower]:
-        return self._fan_out.following()
+    def events(self, host: str) -> AbstractContextManager[Follower]:
+        return self._fan_out.following(lambda: may_see_all(self._running.gateway, host))
 
     def may(self, unit: int, function: int, host: str) -> bool:
         return unit_facts.may(self._running.gateway, unit, function, host)

@@ -356,5 +356,5 @@ class Answers(UnitAnswers, Protocol):
             WrongQuestion: `host` is no address, or there is no such listener.
         """
 
-    def events(self) -> AbstractContextManager[EventSource]:
-        """In its context events come."""
+    def events(self, host: str) -> AbstractContextManager[EventSource]:
+        """In its context events come, as a reader at the address `host` may see them."""

@@ -233,8 +233,8 @@ class Api:
 
     async def events(self, request: web.Request) -> web.StreamResponse:
         """The gateway's events as they come."""
-        with self._answers.events() as source:
-            visitor = request[VISITOR]
+        visitor = request[VISITOR]
+        with self._answers.events(visitor.host) as source:
             return await self._streams.serve(request, source, visitor, partial(self._guard.is_valid, visitor))
 
     async def trace(self, request: web.Request) -> web.StreamResponse:

@@ -48,6 +48,39 @@ async def test_events_come_as_json_from_the_level_info_on(bench):
     wire.close()
 
 
+HEARD = "07 03 04 DE AD BE EF 00 00"
+#: The events that tell bytes of a line.
+OF_BYTES = [
+    events.BadFrame("hall", 7, "press", 3, 1.0, 2.0, "", HEARD, "wrong CRC"),
+    events.ForeignFrame("hall", 7, "press", 3, HEARD),
+    events.OtherClientHeard("hall", 7, "press", HEARD),
+]
+ROWS = """
+[[access]]
+listen = ["web"]
+from = ["10.2.0.7"]
+allow = ["read"]
+[[access]]
+listen = ["web"]
+units = "8"
+allow = ["read"]
+"""
+
+
+async def test_bytes_of_a_line_are_told_only_to_those_who_may_read_every_unit(tmp_path):
+    async with web_bench(CONFIG + ROWS, tmp_path, token="t") as bench:
+        all_units, some = [
+            bench.browser(host).open(EVENTS, headers={"Authorization": "Bearer t"}) for host in ("10.2.0.7", "10.2.0.8")
+        ]
+        await asyncio.sleep(1)
+        for event in OF_BYTES:
+            bench.fan_out.emit(event)
+        await asyncio.sleep(1)
+        assert [event.get("heard") or event.get("frame") for event in told(all_units)] == [HEARD] * 3
+        hidden = [{**each, name: None} for each in told(all_units) for name in ("heard", "frame") if name in each]
+        assert told(some) == hidden
+
+
 async def test_a_quiet_stream_has_a_heartbeat(bench):
     wire = bench.browser().open(EVENTS)
     await asyncio.sleep(HEARTBEAT * 3 + 1)
