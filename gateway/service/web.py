@@ -79,7 +79,7 @@ async def _open(
         hosts=plan.hosts,
         token=_token(plan),
         users=_users(plan),
-        tls=_renewed(plan, contexts),
+        tls=_context_now(plan, contexts),
         proxy=plan.proxy,
         write=plan.write,
     )
@@ -106,8 +106,8 @@ def _token(plan: WebPlan) -> str:
     return token
 
 
-def _renewed(plan: WebPlan, contexts: TlsStore) -> ssl.SSLContext | None:
-    """The context for the server; None for http://. Each connection has what was loaded last, by a reload.
+def _context_now(plan: WebPlan, contexts: TlsStore) -> Callable[[], ssl.SSLContext] | None:
+    """Gives each connection what was loaded last, by a reload; None for http://.
 
     Raises:
         TlsError: a file cannot be used.
@@ -116,16 +116,14 @@ def _renewed(plan: WebPlan, contexts: TlsStore) -> ssl.SSLContext | None:
     if tls is None:
         return None
     contexts.add(load_all(plan.secured))
+    latest = contexts[tls]
 
-    first = latest = contexts[tls]
-
-    def renew(connection: ssl.SSLObject, _name: str | None, _context: ssl.SSLContext) -> None:
+    def context() -> ssl.SSLContext:
         nonlocal latest
         latest = contexts.get(tls, latest)  # files that a reload has renamed are used after a restart
-        connection.context = latest.context
+        return latest.context
 
-    first.context.sni_callback = renew
-    return first.context
+    return context
 
 
 def _users(plan: WebPlan) -> Path | None:

@@ -6,7 +6,6 @@ handshake takes a place like any other.
 
 import asyncio
 import ssl
-from asyncio.sslproto import SSLProtocol
 from collections import defaultdict
 from collections.abc import Callable, Container
 from typing import Final, cast
@@ -17,14 +16,14 @@ from aiohttp import web
 from gateway.listeners.origin import Origins
 from gateway.ports.keepalive import notice_vanished_peers
 from gateway.web.problems import Handler
+from gateway.web.secured import SecuredConnections
 
 #: Connections at a time. For a new one, an address that has more than so many loses its oldest; otherwise it is closed
 #: itself at once. Browsers open six.
 MOST_CONNECTIONS: Final = 128
 MOST_OF_ONE_ADDRESS: Final = 8
-#: How long a connection may take for its first request, and for its TLS handshake, in seconds.
+#: How long a connection may take for its first request, with its TLS handshake, in seconds.
 FIRST_REQUEST_WITHIN: Final = 20.0
-HANDSHAKE_WITHIN: Final = 5
 #: How long a client may take nothing of what is sent to it, in seconds.
 UNREAD_FOR: Final = 20
 #: A client that is silent for so long is asked whether it is still there, so often and so many times.
@@ -32,8 +31,10 @@ _SILENT_FOR: Final = 60
 _ASKED_EVERY: Final = 10
 _ASKED_TIMES: Final = 3
 
+#: The context for a connection that begins now.
+Context = Callable[[], ssl.SSLContext]
 #: Makes the protocol of a new connection; with a context for TLS it is served after the handshake.
-Connect = Callable[[ssl.SSLContext | None], asyncio.Protocol]
+Connect = Callable[[Context | None], asyncio.Protocol]
 
 
 async def listen(host: str, port: int, connected: Callable[[], asyncio.Protocol]) -> asyncio.Server:
@@ -56,6 +57,7 @@ class Connections:
 
     def __init__(self, serve: Callable[[], web.RequestHandler]) -> None:
         self._serve = serve
+        self._secured = SecuredConnections(serve)
         #: What is open, the oldest first.
         self._open: list[_Connection] = []
         #: Those that have asked something, as their handlers know them.
@@ -63,7 +65,7 @@ class Connections:
         self._origins = Origins()
         self._look_again: asyncio.TimerHandle | None = None
 
-    def connected(self, tls: ssl.SSLContext | None = None) -> asyncio.Protocol:
+    def connected(self, tls: Context | None = None) -> asyncio.Protocol:
         """The protocol of a new connection; with `tls` it is served after the handshake."""
         return _Connection(self, tls)
 
@@ -78,17 +80,25 @@ class Connections:
         """Serve a new connection, or close it if there is no room."""
         now = asyncio.get_running_loop().time()
         self._open = [each for each in self._open if each.is_open]
-        if len(self._open) >= MOST_CONNECTIONS and not self._make_room(now):
+        origin = self._origins.of(new.host, now)
+        has_room = new.tls is None or self._secured.has_room(origin)
+        if not has_room or (len(self._open) >= MOST_CONNECTIONS and not self._make_room(now)):
             new.close()
             return
         self._open.append(new)
         new.closes_at = now + FIRST_REQUEST_WITHIN
         if self._look_again is None:
             self._look_again = asyncio.get_running_loop().call_at(new.closes_at, self._close_silent)
-        new.serve(self._serve())
+        if new.tls is None:
+            new.hand_over(new.transport, self._serve())
+        else:
+            stream = self._secured.stream(new.tls())
+            new.hand_over(stream, stream)
+            self._secured.begin(stream, new.host, origin)
 
     def close(self) -> None:
-        """Look no more; the server ends the connections."""
+        """Look no more; the server ends the connections that are served."""
+        self._secured.close()
         if self._look_again is not None:
             self._look_again.cancel()
 
@@ -117,16 +127,16 @@ class Connections:
 
 
 class _Connection(asyncio.Protocol):
-    """A connection, and its protocol until it has a place: then `handler` serves it, with or without TLS."""
+    """A connection, and its protocol until it has a place. `stream` is what its handler knows it as."""
 
     transport: asyncio.Transport
-    handler: web.RequestHandler
+    stream: asyncio.Transport
 
-    def __init__(self, connections: Connections, tls: ssl.SSLContext | None) -> None:
+    def __init__(self, connections: Connections, tls: Context | None) -> None:
         self.closes_at = 0.0
         self.host = ""
+        self.tls = tls
         self._connections = connections
-        self._tls = tls
 
     @property
     def is_open(self) -> bool:
@@ -141,26 +151,15 @@ class _Connection(asyncio.Protocol):
         self.host = host.partition("%")[0]
         self._connections.begin(self)
 
-    def serve(self, handler: web.RequestHandler) -> None:
-        """Let a handler go on with it, at once: some versions of Python receive although reading is paused."""
-        self.handler = handler
-        lower: asyncio.BaseProtocol = handler
-        if self._tls is not None:  # as create_server does, which would count it after the handshake only
-            loop, nobody_waits = asyncio.get_running_loop(), None
-            lower = SSLProtocol(
-                loop,
-                handler,
-                self._tls,
-                nobody_waits,  # type: ignore[arg-type]
-                server_side=True,
-                ssl_handshake_timeout=HANDSHAKE_WITHIN,
-            )
-        self.transport.set_protocol(lower)
-        lower.connection_made(self.transport)
+    def hand_over(self, stream: asyncio.Transport, protocol: asyncio.BaseProtocol) -> None:
+        """Let a protocol go on with it, at once: some versions of Python receive although reading is paused."""
+        self.stream = stream
+        self.transport.set_protocol(protocol)
+        protocol.connection_made(self.transport)
 
     def has_asked(self, asked: Container[asyncio.BaseTransport]) -> bool:
         """Whether it is among those that have `asked`."""
-        return self.handler.transport is not None and self.handler.transport in asked
+        return self.stream in asked
 
     def close(self) -> None:
         """Close it at once."""

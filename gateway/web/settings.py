@@ -1,7 +1,7 @@
 """Where the server listens, and who is let in."""
 
 import ssl
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
@@ -9,10 +9,11 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
-    """The settings of the server. Without `users` nobody can log in; with a context for `tls` it is https://.
+    """The settings of the server. Without `users` nobody can log in; with `tls` it is https://.
 
     `hosts` are names by which it may be called. Programs that send the `token` may read. Requests of a `proxy` name
-    their user in X-Forwarded-User. Operators may `write` if that is set.
+    their user in X-Forwarded-User. Operators may `write` if that is set. `tls` gives the context of a connection that
+    begins.
     """
 
     host: str
@@ -20,7 +21,7 @@ class WebSettings:
     hosts: tuple[str, ...] = ()
     token: str = field(default="", repr=False)
     users: Path | None = None
-    tls: ssl.SSLContext | None = None
+    tls: Callable[[], ssl.SSLContext] | None = None
     proxy: tuple[IPv4Network | IPv6Network, ...] = ()
     write: bool = False
 

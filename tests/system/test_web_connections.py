@@ -3,13 +3,17 @@
 import asyncio
 import socket
 import ssl
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from threading import current_thread
 
 import pytest
 
+from gateway.listeners import handshakes
+from gateway.listeners.handshakes import MOST_OF_ONE
+from gateway.listeners.tls_stream import TlsStream
 from gateway.web import connections
 from gateway.web.connections import MOST_CONNECTIONS, listen
 from kit.browser import WebBench, web_bench
@@ -48,10 +52,10 @@ async def until_none(bench: WebBench) -> None:
         await asyncio.sleep(0.05)
 
 
-def server_tls() -> ssl.SSLContext:
+def server_tls() -> Callable[[], ssl.SSLContext]:
     tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     tls.load_cert_chain(pki() / "server.crt", pki() / "server.key")
-    return tls
+    return lambda: tls
 
 
 async def open_connection(
@@ -83,10 +87,11 @@ async def test_a_response_that_nobody_reads_ends_its_connection(
         await until_none(bench)
 
 
-async def test_handshakes_count_and_one_address_does_not_keep_others_out_with_them(
+async def test_one_address_does_not_keep_others_out_with_handshakes(
     bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack
 ) -> None:
-    monkeypatch.setattr(connections, "HANDSHAKE_WITHIN", PATIENCE)
+    monkeypatch.setattr(handshakes, "DEADLINE", PATIENCE)
+    monkeypatch.setattr(connections, "FIRST_REQUEST_WITHIN", PATIENCE)
     server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
     opened.callback(server.close)
     address = server.sockets[0].getsockname()
@@ -98,7 +103,41 @@ async def test_handshakes_count_and_one_address_does_not_keep_others_out_with_th
         opened.callback(writer.close)
         writer.write(ASK % b"/healthz")
         assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
-        assert number(bench) == MOST_CONNECTIONS
+        assert number(bench) == MOST_OF_ONE + 1
+
+
+async def test_handshakes_are_done_beside_the_loop(
+    bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack
+) -> None:
+    threads = set[str]()
+    step = TlsStream.step
+
+    def watched(stream: TlsStream) -> str | None:
+        threads.add(current_thread().name)
+        return step(stream)
+
+    monkeypatch.setattr(TlsStream, "step", watched)
+    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(server.close)
+    async with asyncio.timeout(PATIENCE):
+        reader, writer = await open_connection(server.sockets[0].getsockname()[1], is_secure=True)
+        opened.callback(writer.close)
+        writer.write(ASK % b"/healthz")
+        assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
+    assert {name.rpartition("_")[0] for name in threads} == {"tls handshakes"}
+
+
+async def test_a_handshake_that_is_not_done_in_time_is_ended(
+    bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack
+) -> None:
+    monkeypatch.setattr(handshakes, "DEADLINE", 0.1)
+    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(server.close)
+    async with asyncio.timeout(PATIENCE):
+        reader, writer = await open_connection(server.sockets[0].getsockname()[1])
+        opened.callback(writer.close)
+        assert await reader.read() == b""
+        await until_none(bench)
 
 
 async def test_a_handshake_that_fails_leaves_nothing_behind(bench: WebBench, opened: ExitStack) -> None:
