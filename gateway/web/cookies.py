@@ -1,6 +1,5 @@
 """The cookies of a request, and those that keep what a visitor has chosen."""
 
-from http.cookies import CookieError
 from typing import Final
 
 from aiohttp import web
@@ -10,11 +9,15 @@ _KEPT: Final = 365 * 24 * 3600
 
 
 def cookie(request: web.Request, name: str) -> str:
-    """The value of a cookie; empty if there is none, or if the header is malformed."""
-    try:
-        return request.cookies.get(name, "")
-    except CookieError:
-        return ""
+    """The value of a cookie of ours, which needs no quotes; empty if there is none.
+
+    (aiohttp's `cookies` take 25 ms for 8 KiB of them.)
+    """
+    for each in request.headers.get("Cookie", "").split(";"):
+        found, _, value = each.strip(" ").partition("=")
+        if found == name:
+            return value
+    return ""
 
 
 def keep(request: web.Request, response: web.Response, name: str, value: str, *, is_encrypted: bool) -> None:

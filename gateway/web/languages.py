@@ -17,6 +17,8 @@ from gateway.web.cookies import cookie, keep
 FOLDER: Final = Path(__file__).parent / "translations"
 #: What a browser keeps the choice in.
 COOKIE: Final = "mbgw-lang"
+#: So many languages of an Accept-Language are looked at: browsers send fewer.
+_MOST_PREFERRED: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,7 @@ def keep_language(request: web.Request, response: web.Response, *, is_encrypted:
 def preferred(header: str) -> Language:
     """The language that an Accept-Language prefers among ours; English if it names none of them."""
     best, weight = ENGLISH, 0.0
-    for part in header.split(","):
+    for part in header.split(",", _MOST_PREFERRED)[:_MOST_PREFERRED]:
         tag, _, parameter = part.partition(";")
         language = LANGUAGES.get(tag.strip().lower().partition("-")[0])
         if language is not None and (quality := _quality(parameter)) > weight:

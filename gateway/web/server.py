@@ -41,6 +41,9 @@ _SHUTDOWN: Final = 1.0
 #: The largest request body, in bytes: 1968 coils as JSON.
 _LARGEST_BODY: Final = 32 * 1024
 
+#: The most parameters in an address: what they cost is paid before any login.
+_MOST_PARAMETERS: Final = 32
+
 #: What ends only when its reader leaves, or costs as much for its head as for all of it.
 _STREAMS: Final = frozenset({"/api/v1/events", "/api/v1/trace", "/api/v1/trace.pcapng"})
 
@@ -128,6 +131,7 @@ def _application(
     app = web.Application(
         middlewares=[
             connections.middleware,
+            _bound_query,
             problem_pages(renderer, guard.visitor),
             problems(answers),
             guard.middleware(needs),
@@ -141,6 +145,14 @@ def _application(
             app.router.add_route(method, path, handler)
     app.on_response_prepare.append(_add_headers)
     return app
+
+
+@web.middleware
+async def _bound_query(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Refuses more parameters than a page of ours has, before anything looks at them."""
+    if request.rel_url.raw_query_string.count("&") >= _MOST_PARAMETERS:
+        return web.Response(status=414, text=f"at most {_MOST_PARAMETERS} parameters\n")
+    return await handler(request)
 
 
 def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:

@@ -243,3 +243,8 @@ def test_every_language_has_its_files_and_no_others():
     assert sorted(path.name for path in FOLDER.iterdir()) == sorted(LANGUAGES)
     for script in (STATIC / "texts").iterdir():
         assert script.name.split(".")[1:] in [[code, "js"] for code in LANGUAGES]
+
+
+def test_only_the_first_of_many_languages_are_looked_at():
+    assert preferred(f"{'fr,' * 31}zh").code == "zh"
+    assert preferred(f"{'fr,' * 32}zh").code == "en"
