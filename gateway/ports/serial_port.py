@@ -16,9 +16,6 @@ from gateway.ports.port import CharacterErrors, PortUser
 from gateway.ports.reasons import DriverError, why_lost
 from gateway.ports.serial_transport import PortTransport
 
-#: Looked up once, not for each request.
-_read: Final = os.read
-_write: Final = os.write
 #: More than a line delivers between two looks, and little enough that Python has room for it at hand.
 READ_SIZE: Final = 256
 #: So many pieces are what a terminal keeps (N_TTY_BUF_SIZE, 4096 bytes): all that had come when somebody looked.
@@ -119,7 +116,7 @@ class SerialPort:
     def _read(self) -> bytes:
         """What the driver has; empty if that is nothing, or if the port is lost."""
         try:
-            data = _read(self._descriptor, READ_SIZE)
+            data = os.read(self._descriptor, READ_SIZE)
         except (BlockingIOError, InterruptedError):
             return b""
         except DriverError as error:
@@ -132,7 +129,7 @@ class SerialPort:
     def _send(self, data: bytes) -> int:
         """Write what the driver takes; returns how many bytes."""
         try:
-            return _write(self._descriptor, data)
+            return os.write(self._descriptor, data)
         except (BlockingIOError, InterruptedError):
             return 0
         except DriverError as error:
