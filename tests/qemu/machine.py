@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from kit.system_tree import make, system_tree
 
 #: How long a machine may say nothing, in seconds.
-PATIENCE: Final = 300
+PATIENCE: Final = 900
 CHECKOUT: Final = Path(__file__).resolve().parents[2]
 #: What every machine needs of the Debian. Its kernel has the drivers of UARTs built in.
 TREE: Final = (
@@ -83,6 +83,7 @@ def pack(debian: Path, init: str, files: Mapping[str, Path], folder: Path, more:
             _copy(source, root / source.relative_to(debian))
     for place, source in files.items():
         _copy(source, root / place)
+    _compile(root)
     (root / "init").write_text(MOUNT + init + OFF)
     (root / "init").chmod(0o755)
     packed = folder / "initrd"
@@ -99,6 +100,15 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copytree(source, target, symlinks=True, dirs_exist_ok=True, ignore=ignored)
     else:
         shutil.copy(source, target, follow_symlinks=False)
+
+
+def _compile(root: Path) -> None:
+    """Add byte code, as the package does at its installation: an emulated machine takes minutes for it.
+
+    Debian's Python uses it if it has this Python's version.
+    """
+    command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", root]
+    subprocess.run(command, stdout=subprocess.DEVNULL, check=False)  # a library may hold files of another Python
 
 
 def package_for(machine: Machine, package: str | None, folder: Path) -> dict[str, Path]:
