@@ -6,6 +6,8 @@ are hexadecimal. Nothing is decoded here: that is done where it is read, and not
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from ipaddress import ip_address
 from typing import Any, Final
 
 from gateway.errors import RequestError, WrongQuestion
@@ -110,7 +112,13 @@ def stories(
     if not isinstance(count, int) or not 1 <= count <= MOST_STORIES:
         raise WrongQuestion(f'"count" must be 1 to {MOST_STORIES}')
     is_wanted = _filter(gateway, question.get("line"), None)
-    unit, names = _unit_called(gateway, who), UnitNames(gateway.plan)
+    try:
+        unit = find_unit(gateway.plan, int(who) if who.isdecimal() else who)
+    except WrongQuestion:
+        unit = None
+        if not _is_client(gateway, who):
+            raise
+    names = UnitNames(gateway.plan)
     is_his = _asked_by_any(who) if unit is None else names.is_of(unit)
     found = []
     for record in gateway.ring.failures():
@@ -223,12 +231,12 @@ def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], 
     return is_wanted
 
 
-def _unit_called(gateway: Gateway, who: str) -> int | None:
-    """The unit of this number or name; None if it is none."""
-    try:
-        return find_unit(gateway.plan, int(who) if who.isdecimal() else who)
-    except WrongQuestion:
-        return None
+def _is_client(gateway: Gateway, who: str) -> bool:
+    """Whether it is an address, with or without a port, or what a client is called whose requests have failed."""
+    for address in (who, who.rpartition(":")[0].strip("[]")):
+        with suppress(ValueError):
+            return bool(ip_address(address))
+    return any(map(_asked_by_any(who), gateway.ring.failures()))
 
 
 def _asked_by(record: Record, who: str) -> bool:

@@ -4,7 +4,10 @@ import asyncio
 import re
 from collections.abc import Iterator
 
+import pytest
+
 from gateway.cli.trace_rows import rows
+from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import encode
 from gateway.service.stories import sentences, told
 from gateway.service.trace import page, stories
@@ -260,6 +263,14 @@ async def test_who_is_found_by_number_name_client_and_address_and_nobody_else() 
         await home.client("[fe80::1]:502").asks(9, READ)
         found = {who: len(why(home, who)) for who in ("41", "silo", "10.2.0.7", CLIENT, "fe80::1", "43", "10.2.0.70")}
         assert found == {"41": 1, "silo": 1, "10.2.0.7": 1, CLIENT: 1, "fe80::1": 1, "43": 0, "10.2.0.70": 0}
+        assert why(home, "10.2.0.7:1") == why(home, "[fe80::1]:1") == []
+        for who, error in {
+            "sil": 'nothing has the name "sil"; did you mean "silo"?',
+            "10.2.0.300": 'nothing has the name "10.2.0.300"',
+            "256": '"unit" must be a number from 0 to 255, or a name',
+        }.items():
+            with pytest.raises(WrongQuestion, match=re.escape(error)):
+                why(home, who)
         answer = stories(home.gateway, {"who": "43"}, clock())
         assert answer["clients_that_failed"] == [CLIENT, "[fe80::1]:502"]
 
