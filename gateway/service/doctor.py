@@ -6,7 +6,6 @@ What can be seen of ports from outside, `service/outside.py` says; the caller pu
 import asyncio
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from typing import Any, Final
 
 from gateway.diagnosis.broker import BrokerEvidence, about_broker
@@ -102,10 +101,13 @@ async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks
     now = asyncio.get_running_loop().time
     began, found, said = now(), None, []
     if asks and line.reconnector.is_open:
-        asked = await _ask_units(running, line, is_there)
+        asked, is_cut_short = await _ask_units(running, line, is_there)
         if asked:
             await asyncio.sleep(max(0.0, began + LISTENING - now()))  # other clients may ask now and then
-            said.append("one read of a configured unit" if asked == 1 else f"{asked} reads of configured units")
+            limit = f" in {LONGEST_ASKING:g} s, which was too short for all" if is_cut_short else ""
+            said.append(
+                ("one read of a configured unit" if asked == 1 else f"{asked} reads of configured units") + limit
+            )
         found = await _look_for_silent_units(running, line, is_there)
         if found is not None:
             said += _told(found)
@@ -116,14 +118,14 @@ async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks
     return findings
 
 
-async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> int:
-    """Read the units of which too little is known; returns the number of requests."""
+async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> tuple[int, bool]:
+    """Read the units of which too little is known; the number of requests, and whether LONGEST_ASKING was too short."""
 
     def is_wanted() -> bool:
         return is_there() and running.keeps(line)
 
     asked = 0
-    with suppress(TimeoutError):
+    try:
         async with asyncio.timeout(LONGEST_ASKING):
             for settings in () if line.plan.passes_through else line.plan.shared:
                 device, pdu = line.devices[settings.known_as], harmless_read(settings.profile)
@@ -135,7 +137,9 @@ async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> 
                     asked += 1
                     if error is not None:
                         await _wait_for_late_answer(line)
-    return asked
+    except TimeoutError:
+        return asked, True
+    return asked, False
 
 
 async def _wait_for_late_answer(line: GatewayLine) -> None:

@@ -115,6 +115,17 @@ async def test_a_unit_that_answers_again_is_asked_and_is_ok():
         assert fixes(await found(bench)) == []
 
 
+async def test_it_tells_that_its_time_was_too_short_for_all_silent_units():
+    rows = ", ".join(f"{{ unit = {unit} }}" for unit in range(1, 31))
+    async with gateway_bench(CONFIG[: CONFIG.index("devices")] + f"devices = [{rows}]") as bench:
+        began = asyncio.get_running_loop().time()
+        (note,) = [what for level, _, what in await found(bench) if level == "note" and "doctor has sent" in what]
+        reads = int(note.removeprefix("doctor has sent ").partition(" ")[0])
+        assert f"{reads} reads of configured units in 30 s, which was too short for all" in note
+        assert 10 <= reads < 30
+        assert asyncio.get_running_loop().time() - began > 30
+
+
 async def test_nothing_is_sent_when_that_is_not_wanted():
     async with gateway_bench(CONFIG) as bench:
         assert await found(bench, ask=False) == [("note", "hall", "not asked yet: 2 of 2 units")]
