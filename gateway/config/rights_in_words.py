@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from gateway.config.plan import Plan
-from gateway.config.reserved import FLEET, MQTT
+from gateway.config.reserved import FLEET, MQTT, WEB
 from gateway.config.unitset import show_units
 from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, Network, Right, Row
 
@@ -81,6 +81,10 @@ def _rest(plan: Plan) -> Iterator[RightsRow]:
     for server in plan.servers:
         if not _is_named(server.line.name, plan):
             yield RightsRow("the line", server.line.name, show_units(server.line.serves), "read, write, broadcast")
+    if plan.web is not None and not _is_named(WEB, plan):
+        if plan.web.write:
+            yield RightsRow("operators", WEB, "all", "read, write")
+        yield RightsRow("others with access", WEB, "all", "read")
     if plan.mqtt is not None and not _is_named(MQTT, plan):
         units = show_units(device.unit for device in plan.mqtt.devices)
         yield RightsRow("the broker", MQTT, units, "read, write" if plan.mqtt.write else "read")

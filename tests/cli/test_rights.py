@@ -83,6 +83,22 @@ def test_a_broker_that_no_row_names_does_what_mqtt_allows(
     assert [" ".join(each.split()) for each in table if "the broker" in each] == row
 
 
+@pytest.mark.parametrize(
+    ("more", "rows"),
+    [
+        ("", ["others with access web all read"]),
+        ('write = true\nusers = "/u"\n', ["operators web all read, write", "others with access web all read"]),
+        ('[[access]]\nlisten = ["web"]\nallow = ["read"]\n', ["anywhere web all read"]),
+    ],
+)
+def test_operators_of_a_web_page_that_no_row_names_do_what_web_allows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: str, rows: list[str]
+) -> None:
+    web = f'\n[web]\nbind = "http://127.0.0.1:8502"\n{more}'
+    table = rights(tmp_path, capsys, f'{FILE}{web}[[access]]\nallow = ["read"]\n').splitlines()
+    assert [" ".join(each.split()) for each in table if " web " in each] == rows
+
+
 def test_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert rights(tmp_path, capsys, FILE) == dedent(
         """\
