@@ -133,7 +133,7 @@ def _check_sites(row: Access) -> Iterator[Problem]:
 def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
     """Why no client from `network` can connect to a listener; empty when one can."""
     bind, version = listen.bind, listen.bind.ip_version
-    if bind.is_loopback and not any(_overlap(network, own) for own in LOOPBACK):
+    if bind.is_loopback and not any(overlap(network, own) for own in LOOPBACK):
         return f"{listen.label} is for programs on this machine ({bind})"
     takes_both = bind.is_wildcard and not any(bind.takes_ipv4_of(other.bind) for other in everyone)
     if version == network.version or version is None or (version == 6 and takes_both):
@@ -193,8 +193,9 @@ def _covers_clients(earlier: Access, row: Access) -> bool:
 
 
 def _contains(big: Network, small: Network) -> bool:
-    return _overlap(big, small) and big.prefixlen <= small.prefixlen
+    return overlap(big, small) and big.prefixlen <= small.prefixlen
 
 
-def _overlap(one: Network, other: Network) -> bool:
+def overlap(one: Network, other: Network) -> bool:
+    """Whether some address is in both."""
     return one.version == other.version and one.overlaps(other)

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 
+from gateway.config.check_access import overlap
 from gateway.config.problem import Problem, error, warning
 from gateway.config.schema import Config, Web
+from gateway.routing.access import LOOPBACK
 
 
 def check_web(config: Config) -> Iterator[Problem]:
@@ -12,6 +14,7 @@ def check_web(config: Config) -> Iterator[Problem]:
         yield from _check_reach(config.web)
         yield from _check_encryption(config.web)
         yield from _check_writing(config.web)
+        yield from _check_proxy(config.web)
 
 
 def _check_reach(web: Web) -> Iterator[Problem]:
@@ -37,3 +40,10 @@ def _check_writing(web: Web) -> Iterator[Problem]:
     if web.write and not web.users:
         what = "nobody can log in, so nobody can write"
         yield error((*web.path, "write"), what, 'add users = "/etc/modbus-gateway/users"')
+
+
+def _check_proxy(web: Web) -> Iterator[Problem]:
+    if web.proxy and any(overlap(network, own) for network in web.proxy for own in LOOPBACK):
+        what = "every account and program on this machine can name itself any user, operators too"
+        remedy = "give the proxy an address of its own, as in a container, or let nobody else use this machine"
+        yield warning((*web.path, "proxy"), what, remedy)

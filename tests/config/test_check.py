@@ -699,6 +699,11 @@ def test_what_other_machines_can_reach_needs_users_or_a_token(bind):
         ('bind = "http://0.0.0.0:1"\nusers = "u"', ["warning: web.bind: passwords come in plain text"]),
         ('bind = "http://0.0.0.0:1"\nusers = "u"\nproxy = ["10.0.0.2"]', []),
         ('bind = "http://0.0.0.0:1"\nproxy = ["10.0.0.2"]', []),
+        (
+            'bind = "http://127.0.0.1:1"\nproxy = ["127.0.0.1"]',
+            ["warning: web.proxy: every account and program on this"],
+        ),
+        ('bind = "http://0.0.0.0:1"\nproxy = ["::/0"]', ["warning: web.proxy: every account and program on this"]),
         ('bind = "http://127.0.0.1:1"\nwrite = true', ["error: web.write: nobody can log in, so nobody can write"]),
         ('bind = "http://127.0.0.1:1"\nwrite = true\nusers = "u"', []),
     ],
