@@ -21,6 +21,11 @@ MOST_FAILURES_OF_ONE_USER: Final = 20
 FAILURES_COUNT_FOR: Final = 300.0
 #: Addresses whose failures are remembered at a time.
 MOST_ADDRESSES: Final = 1000
+#: An address is a user's own for so many seconds after he has logged in from there, and so many are at a time.
+OWN_FOR: Final = 30 * 24 * 3600.0
+MOST_OWN: Final = 8
+#: This machine is everybody's own.
+_HERE: Final = ("127.0.0.1", "::1")
 
 
 @dataclass(slots=True)
@@ -78,31 +83,63 @@ class Sessions:
 
 
 @dataclass(slots=True)
+class _OwnAddress:
+    """When a user has logged in from there, and when he failed to since."""
+
+    used: float
+    failures: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_FAILURES))
+
+
+@dataclass(slots=True)
 class Attempts:
-    """Wrong passwords, by the address that they came from, and by the user that they were for, if there is one."""
+    """Wrong passwords, by the address that they came from, and by the user that they were for, if there is one.
+
+    At each address of his own, a user's are counted for themselves: nobody elsewhere can keep him from logging in.
+    """
 
     _of_addresses: dict[str, deque[float]] = field(default_factory=dict)
     _of_users: dict[str, deque[float]] = field(default_factory=dict)
+    _own: dict[str, dict[str, _OwnAddress]] = field(default_factory=dict)
 
     def wait(self, address: str, user: User | None, now: float) -> float:
         """How long to wait before the next attempt; 0 if it may be now."""
-        of_user = self._of_users.get(user.name) if user else None
-        return max(
-            _wait(self._of_addresses.get(address), MOST_FAILURES, now),
-            _wait(of_user, MOST_FAILURES_OF_ONE_USER, now),
-        )
+        by_address = _wait(self._of_addresses.get(address), MOST_FAILURES, now)
+        if user is None:
+            return by_address
+        if self._is_own(address, user, now):
+            own = self._own.get(user.name, {}).get(address)
+            return max(by_address, _wait(own.failures if own else None, MOST_FAILURES, now))
+        return max(by_address, _wait(self._of_users.get(user.name), MOST_FAILURES_OF_ONE_USER, now))
 
     def failed(self, address: str, user: User | None, now: float) -> None:
         """A wrong password was sent."""
         if address not in self._of_addresses and len(self._of_addresses) >= MOST_ADDRESSES:
             del self._of_addresses[min(self._of_addresses, key=lambda one: self._of_addresses[one][-1])]
         self._of_addresses.setdefault(address, deque(maxlen=MOST_FAILURES)).append(now)
-        if user is not None:
+        if user is None:
+            return
+        if self._is_own(address, user, now):
+            self._own_address(address, user, now).failures.append(now)
+        else:
             self._of_users.setdefault(user.name, deque(maxlen=MOST_FAILURES_OF_ONE_USER)).append(now)
 
-    def succeeded(self, address: str) -> None:
+    def succeeded(self, address: str, user: User, now: float) -> None:
         """The right one was sent."""
         self._of_addresses.pop(address, None)
+        own = self._own_address(address, user, now)
+        own.used = now
+        own.failures.clear()
+
+    def _is_own(self, address: str, user: User, now: float) -> bool:
+        own = self._own.get(user.name, {}).get(address)
+        return address in _HERE or (own is not None and now - own.used < OWN_FOR)
+
+    def _own_address(self, address: str, user: User, now: float) -> _OwnAddress:
+        """What is known of it. For a new one, the one that was used the longest time ago is forgotten."""
+        all_own = self._own.setdefault(user.name, {})
+        if address not in all_own and len(all_own) >= MOST_OWN:
+            del all_own[min(all_own, key=lambda one: all_own[one].used)]
+        return all_own.setdefault(address, _OwnAddress(now))
 
 
 def _wait(failures: deque[float] | None, most: int, now: float) -> float:

@@ -1,12 +1,16 @@
 """Sessions and wrong passwords: how long they count, and how many there can be."""
 
+import pytest
+
 from gateway.web.sessions import (
     FAILURES_COUNT_FOR,
     MOST_ADDRESSES,
     MOST_FAILURES,
     MOST_FAILURES_OF_ONE_USER,
     MOST_OF_ONE_USER,
+    MOST_OWN,
     MOST_SESSIONS,
+    OWN_FOR,
     Attempts,
     Sessions,
 )
@@ -59,7 +63,7 @@ def test_a_success_forgets_the_failures_of_the_address():
     attempts = Attempts()
     for _ in range(MOST_FAILURES):
         attempts.failed("10.0.0.1", ANNA, 0.0)
-    attempts.succeeded("10.0.0.1")
+    attempts.succeeded("10.0.0.1", ANNA, 0.5)
     assert attempts.wait("10.0.0.1", None, 1.0) == 0
 
 
@@ -70,6 +74,61 @@ def test_many_addresses_do_not_guess_the_password_of_one_user():
         attempts.failed(f"10.0.0.{number}", ANNA, 0.0)
     assert attempts.wait("10.9.9.9", ANNA, 1.0) == FAILURES_COUNT_FOR - 1
     assert attempts.wait("10.9.9.9", User("vera", "viewer", CHEAP_HASH), 1.0) == 0
+
+
+VERA = User("vera", "viewer", CHEAP_HASH)
+
+
+def guess(attempts, user, now, address="10.66.0.%d", number=1000):
+    """How many of so many attempts with a wrong password, each from an address of its own, were looked at."""
+    looked_at = 0
+    for each in range(number):
+        where = address % each if "%" in address else address
+        if not attempts.wait(where, user, now):
+            attempts.failed(where, user, now)
+            looked_at += 1
+    return looked_at
+
+
+@pytest.mark.parametrize("address", ["10.0.0.1", "127.0.0.1"])
+def test_nobody_elsewhere_keeps_a_user_from_logging_in_at_an_address_of_his_own(address):
+    attempts = Attempts()
+    if address == "10.0.0.1":
+        attempts.succeeded(address, ANNA, 0.0)
+    for now in range(0, 7 * 24 * 3600, 3600):
+        assert guess(attempts, ANNA, now) == MOST_FAILURES_OF_ONE_USER
+        assert attempts.wait("10.0.0.2", ANNA, now) > 0
+        assert attempts.wait(address, ANNA, now) == 0
+
+
+def test_an_address_is_a_users_own_for_a_while_and_nobody_elses():
+    attempts = Attempts()
+    attempts.succeeded("10.0.0.1", ANNA, 0.0)
+    guess(attempts, VERA, 1.0)
+    assert attempts.wait("10.0.0.1", VERA, 2.0) > 0
+    guess(attempts, ANNA, OWN_FOR)
+    assert attempts.wait("10.0.0.1", ANNA, OWN_FOR) > 0
+
+
+def test_at_an_address_of_his_own_a_users_password_is_not_guessed_either():
+    """Not even by somebody there who logs in as himself between guesses."""
+    attempts = Attempts()
+    attempts.succeeded("10.0.0.1", ANNA, 0.0)
+    looked_at = 0
+    for _ in range(100):
+        looked_at += guess(attempts, ANNA, 1.0, "10.0.0.1", MOST_FAILURES - 1)
+        attempts.succeeded("10.0.0.1", VERA, 1.0)
+    assert looked_at == MOST_FAILURES
+    assert attempts.wait("10.0.0.2", ANNA, 1.0) == 0
+
+
+def test_addresses_of_ones_own_have_a_bound():
+    attempts = Attempts()
+    for number in range(MOST_OWN + 1):
+        attempts.succeeded(f"10.0.0.{number}", ANNA, float(number))
+    guess(attempts, ANNA, 100.0)
+    waits = [attempts.wait(f"10.0.0.{number}", ANNA, 100.0) for number in range(MOST_OWN + 1)]
+    assert [wait > 0 for wait in waits] == [True] + [False] * MOST_OWN
 
 
 def test_addresses_that_are_remembered_have_a_bound():

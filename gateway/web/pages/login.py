@@ -80,7 +80,7 @@ class LoginPage:
             self._attempts.failed(address, user, now())
             self._answers.login_failed(visitor.client, user.name if user else "")
             return await self._refused(request, 401, "User or password is wrong.")
-        self._attempts.succeeded(address)
+        self._attempts.succeeded(address, user, now())
         self._sessions.close(visitor.token)
         token, session = self._sessions.open(user, now())
         self._answers.logged_in(visitor.client, name)
