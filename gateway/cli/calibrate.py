@@ -15,6 +15,7 @@ from gateway.cli.columns import align
 from gateway.cli.daemon import Conversation, add_control_argument
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.measured_profile import profile_text
+from gateway.cli.terminal import unescaped
 from gateway.cli.unit import DaemonUnit
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.config.duration import parse_duration, show_duration
@@ -227,11 +228,11 @@ def _wait(source: Source, seconds: float) -> None:
     while (left := end - time.monotonic()) > 0:
         if shown:
             text = f"\r{source.count} responses, {show_duration(max(1, round(left)))} left    "
-            print(text, end="", file=sys.stderr, flush=True)
+            print(text, end="", file=unescaped(sys.stderr), flush=True)
         time.sleep(min(_STEP, left))
         source.look()
     if shown:
-        print("\r" + " " * 40 + "\r", end="", file=sys.stderr, flush=True)
+        print("\r" + " " * 40 + "\r", end="", file=unescaped(sys.stderr), flush=True)
 
 
 def _profile(table: Calibration) -> str:

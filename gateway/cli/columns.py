@@ -2,13 +2,16 @@
 
 from collections.abc import Collection, Sequence
 
+from gateway.observe.printable import printable
+
 _BETWEEN = "  "
 #: No column gets narrower than this, in characters.
 _NARROWEST = 8
 
 
 def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
-    """The rows as text with aligned columns; the first row has the headings."""
+    """The rows as text with aligned columns; the first row has the headings. A cell is one line, whatever is in it."""
+    rows = [[printable(cell).replace("\n", r"\n") for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(indent + _BETWEEN.join(map(str.ljust, row, widths)).rstrip() for row in rows)
 

@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from gateway import __version__
 from gateway.cli.examples import examples_text
+from gateway.cli.terminal import no_control_characters
 from gateway.errors import GatewayError
 
 FINE: Final = 0
@@ -58,6 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Only this program's own code reads its config. To look for plugins of other packages takes 20 ms of each start.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     args = _parser(words).parse_args(words)
+    with no_control_characters():
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         code: int = module_of(args.verb).run(args)
         print(end="", flush=True)

@@ -11,6 +11,7 @@ from typing import Any, Final
 from gateway.cli.columns import align
 from gateway.cli.daemon import Conversation, add_control_argument
 from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.terminal import unescaped
 from gateway.cli.usage import (
     WrongUsageError,
     add_port_arguments,
@@ -136,13 +137,13 @@ class _Progress:
         found = ", ".join(map(str, progress["found"])) or "none yet"
         left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
         text = f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"[:78]
-        print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
+        print("\r" + text.ljust(self._width), end="", file=unescaped(sys.stderr), flush=True)
         self._width = len(text)
 
     def clear(self) -> None:
         """Take the line away."""
         if self._width:
-            print("\r" + " " * self._width + "\r", end="", file=sys.stderr, flush=True)
+            print("\r" + " " * self._width + "\r", end="", file=unescaped(sys.stderr), flush=True)
 
 
 @contextmanager

@@ -15,8 +15,10 @@ from gateway.cli.advice import ADVICE, count_failed, count_ok, show_age
 from gateway.cli.columns import align, narrow
 from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
 from gateway.cli.main import FINE
+from gateway.cli.terminal import unescaped
 from gateway.config.duration import show_duration
 from gateway.errors import DaemonError
+from gateway.observe.printable import printable
 
 #: The interval of `-w`, in seconds.
 _WATCH_STEP: Final = 1.0
@@ -57,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print(json.dumps(status, indent=None if args.watch else 2), flush=True)
         elif in_place:
-            print(end=_redraw(show_status(status, columns), rows), flush=True)
+            print(end=_redraw(show_status(status, columns), rows), file=unescaped(sys.stdout), flush=True)
         else:
             print(show_status(status, columns), end="\n\n" if args.watch else "\n", flush=True)
         if not args.watch:
@@ -75,7 +77,7 @@ def _ask(args: argparse.Namespace) -> Mapping[str, Any]:
 
 def _redraw(text: str, rows: int) -> str:
     """`text` with the sequences that draw it over the present content of a terminal with so many rows."""
-    lines = text.splitlines()
+    lines = printable(text).splitlines()
     if len(lines) >= rows:
         lines = [*lines[: rows - 2], f"{len(lines) - rows + 2} more lines: make the window higher"]
     return _HOME + "".join(f"{line}{_CLEAR_LINE}\n" for line in lines) + _CLEAR_BELOW

@@ -13,6 +13,7 @@ from typing import Literal
 from gateway.events import Emit, Event, Level, WriteAudit
 from gateway.observe.backlog import Entry
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
+from gateway.observe.printable import printable
 from gateway.observe.writer import StandardError, Stream, Writer
 
 LogFormat = Literal["auto", "console", "json", "journald"]
@@ -96,7 +97,8 @@ def _make_console_renderer(stream: Stream) -> Callable[[Entry], str]:
         on_the_wall = datetime.fromtimestamp(entry.clock, UTC).astimezone()
         stamp = on_the_wall.isoformat(timespec="milliseconds")
         told = {key: value for key, value in entry.fields.items() if value not in ("", (), None)}
-        shown = {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in told.items()}
+        joined = {key: ", ".join(value) if isinstance(value, tuple) else value for key, value in told.items()}
+        shown = {key: printable(value) if isinstance(value, str) else value for key, value in joined.items()}
         return f"{renderer(None, entry.name, {**shown, **_what_and_when(entry, stamp)})}\n"
 
     return render

@@ -8,6 +8,7 @@ import pytest
 
 from gateway.cli import on_unit
 from gateway.cli.main import main
+from gateway.errors import GatewayError
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 from kit.control import FakeDaemon
@@ -222,3 +223,22 @@ def test_help_shows_an_example_in_80_columns(capsys):
         text = capsys.readouterr().out
         assert f"  modbus-gateway {verb} silo-1 " in text
         assert max(map(len, text.splitlines())) <= 80, text
+
+
+def test_registers_do_not_steer_the_terminal(daemon, capsys):
+    text = b"\x1b[2\nJ\x07"
+    words = [int.from_bytes(text[at : at + 2].ljust(2, b"\0")) for at in range(0, len(text), 2)]
+    daemon.image.tables[Area.HOLDING].assign(0, words)
+    assert main(["read", "41", "holding", f"0-{len(words) - 1}", "string"]) == 0
+    told = capsys.readouterr().out
+    assert told.replace("\n", "").isprintable()
+    assert r"\x1b[2\nJ\x07" in told
+
+
+def test_what_a_unit_or_the_gateway_says_does_not_steer_the_terminal_either(daemon, capsys, monkeypatch):
+    def refuse(*_):
+        raise GatewayError("no \x1b[2J\u202eunit")
+
+    monkeypatch.setattr(on_unit, "Conversation", refuse)
+    assert main(["read", "41", "holding", "0"]) == 1
+    assert capsys.readouterr().err == "modbus-gateway: error: no \\x1b[2J\\u202eunit\n"

@@ -14,6 +14,7 @@ from gateway.events import (
     AccessDenied,
     ClientConnected,
     ClientRejected,
+    CommandRefused,
     ConfigRejected,
     LineLost,
     Ready,
@@ -95,6 +96,15 @@ def test_console_is_plain_text_when_it_is_no_terminal() -> None:
     assert "ready" in line
     assert "listeners='tcp://127.0.0.1:502, tcp://[::1]:502'" in line
     assert "\x1b" not in line
+
+
+def test_control_characters_of_clients_do_not_reach_the_terminal() -> None:
+    stream = io.StringIO()
+    with open_log("info", "console", stream) as emit:
+        emit(CommandRefused("mqtt", "s/\x1b[2J\x9b31m\u202eX/silo/set", "\x1b[1mno\x07"))
+    (line,) = stream.getvalue().splitlines()
+    assert line.isprintable()
+    assert r"s/\x1b[2J\x9b31m\u202eX/silo/set" in line
 
 
 def test_what_is_empty_is_left_out_for_people() -> None:

@@ -1,0 +1,38 @@
+"""What commands print: registers and peers may say anything, but a terminal gets no control characters of theirs."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from typing import Any, TextIO, cast
+
+from gateway.observe.printable import printable
+
+
+class _Escaping:
+    """A stream whose text has escapes in place of control characters; `inner` has the stream itself."""
+
+    def __init__(self, inner: TextIO) -> None:
+        self.inner = inner
+
+    def write(self, text: str) -> int:
+        """Write the text."""
+        return self.inner.write(printable(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+
+@contextmanager
+def no_control_characters() -> Iterator[None]:
+    """In its context what is printed has none; `unescaped` is for our own."""
+    with ExitStack() as stack:
+        if sys.stdout is not None:
+            stack.enter_context(redirect_stdout(cast("TextIO", _Escaping(sys.stdout))))
+        if sys.stderr is not None:
+            stack.enter_context(redirect_stderr(cast("TextIO", _Escaping(sys.stderr))))
+        yield
+
+
+def unescaped(stream: TextIO) -> TextIO:
+    """The stream for text of ours that moves the cursor."""
+    return stream.inner if isinstance(stream, _Escaping) else stream

@@ -1,0 +1,17 @@
+"""Text from devices, clients and other sites for a terminal: without characters that would steer it."""
+
+from typing import Final
+
+#: What stays although it is not seen: ends of lines, tabs, and spaces that do not break.
+_KEPT: Final = "\n\t\u00a0\u2009\u202f"
+
+
+def printable(text: str) -> str:
+    r"""The text with escapes, such as `\x1b`, in place of control and format characters."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() or each in _KEPT else _escaped(each) for each in text)
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
