@@ -10,9 +10,11 @@ class MbapSession(Session):
     """A Modbus TCP client.
 
     Responses carry the client's own transaction and unit identifiers, and are sent in the order in which they arrive.
+    A client that uses an identifier again, as those do that do not count, has given up the request before: only the
+    latest one with it gets a response. So reading goes on while the session finishes.
     """
 
-    __slots__ = ("_framer",)
+    __slots__ = ("_framer", "_latest")
 
     def __init__(
         self,
@@ -27,6 +29,8 @@ class MbapSession(Session):
         """See Session."""
         super().__init__(client, host=host, router=router, connection=connection, settings=settings, now=now)
         self._framer = mbap.MbapFramer()
+        #: The latest request with each transaction identifier in progress.
+        self._latest: dict[int, Request] = {}
 
     @property
     def has_begun(self) -> bool:
@@ -45,20 +49,35 @@ class MbapSession(Session):
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response to one of the session's requests."""
         self._in_flight -= 1
+        is_latest = self._latest.get(request.transaction) is request
+        if is_latest:
+            del self._latest[request.transaction]
         if self._life == GONE:
             return
-        if pdu is not None and not is_kept_back(request, self._settings.on_failure):
+        if is_latest and pdu is not None and not is_kept_back(request, self._settings.on_failure):
             self._out.append(mbap.encode(request.transaction, request.unit, pdu))
         self._hold_back(request)
         self._go_on()
+
+    def wants(self, request: Request) -> bool:
+        """See Session; also False if another request with its identifier has replaced it."""
+        return super().wants(request) and self._latest.get(request.transaction) is request
+
+    @property
+    def _takes_more(self) -> bool:
+        return (self._in_flight < self._limit or self._limit == 0) and not self._back_pressure.is_on
 
     def _drain(self, now: float) -> None:
         while self._takes_more:
             adu = self._framer.next()
             if adu is None:
                 return
+            if self._limit == 0:  # no more requests are taken, but one may have been given up
+                self._latest.pop(adu.transaction, None)
+                continue
             self.last_asked = now
             self.asked += 1
             self._in_flight += 1
-            self._router.submit(Request(adu.unit, adu.pdu, self, now, adu.transaction), now)
+            request = self._latest[adu.transaction] = Request(adu.unit, adu.pdu, self, now, adu.transaction)
+            self._router.submit(request, now)
         self._pause()

@@ -141,7 +141,8 @@ class OverTcpSession(Session):
     def _takes_more(self) -> bool:
         """Whether reading goes on. It does while the client is held back: otherwise its time-out would not be seen."""
         is_blocked = self._back_pressure.blocked_at is not None
-        return not is_blocked and (self._in_flight < self._limit or self._unanswered < self._limit)
+        has_room = self._in_flight < self._limit or self._unanswered < self._limit
+        return not is_blocked and (has_room or self._limit == 0)
 
     @property
     def _unanswered(self) -> int:
@@ -192,7 +193,7 @@ class OverTcpSession(Session):
         if self._arrivals.noise > MOST_NOISE:
             self._give_up()
             raise NotModbus(f"{self._arrivals.noise} bytes without a request")
-        if arrived and self._limit > 0:
+        if arrived:
             self._queue(arrived, now)
         if (self._awaited is not None or self._waiting) and self._arrivals.has_begun_later:
             self._give_up()
@@ -212,6 +213,8 @@ class OverTcpSession(Session):
         self.asked += len(arrived)
 
     def _must_wait(self, request: Request) -> bool:
+        if self._limit == 0:
+            return False  # the gateway takes no more requests
         if self._gets_response(request):
             return self._state != UNANSWERED
         return self._in_flight < self._limit + MOST_BROADCASTS

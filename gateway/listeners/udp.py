@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -9,7 +10,7 @@ from typing import Any, Final
 from gateway import events
 from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.origin import Origins
-from gateway.listeners.peer import Peer
+from gateway.listeners.peer import Peer, UnderWay
 from gateway.listeners.rejections import Rejections
 from gateway.listeners.session import Counts, ListenSettings
 from gateway.listeners.sockets import (
@@ -37,6 +38,8 @@ _NO_INTERFACE: Final = bytes(4)
 
 #: Ancillary data of `recvmsg`: the local address that a datagram was sent to; `sendmsg` takes the same.
 Asked = list[tuple[int, int, bytes]]
+#: The address of a peer, and what it has asked: `Asked`.
+PeerKey = tuple[Any, ...]
 
 
 @dataclass(slots=True)
@@ -64,7 +67,10 @@ class UdpListener:
         self.emit = emit
         self.counts = DatagramCounts()
         self.rejections = Rejections()
-        self._peers: dict[tuple[Any, ...], Peer] = {}
+        self._peers: dict[PeerKey, Peer] = {}
+        #: What the peers of an earlier listener at this address have in progress, until they are heard again.
+        self._inherited: dict[PeerKey, UnderWay] = {}
+        self._is_finishing = False
         self._admission: Admission[Peer] = Admission(Origins().of)
         self._addresses: list[AddressInfo] = []
         self._sockets: list[socket.socket] = []
@@ -116,6 +122,22 @@ class UdpListener:
     def listen(self) -> None:
         """Does nothing: datagrams arrive and wait from `bind` on."""
 
+    def follow(self, earlier: Iterable["UdpListener"]) -> None:
+        """Take the place of those that finish at this address: what a peer has in progress there counts here, too.
+
+        So a datagram that is repeated is not executed again, and another request replaces the one with its identifier.
+        """
+        for listener in earlier:
+            self._inherited |= listener.hand_over(self._sockets)
+
+    def hand_over(self, sockets: Iterable[socket.socket]) -> dict[PeerKey, UnderWay]:
+        """What peers have in progress, for a listener whose `sockets` are at this address, which reads from now on."""
+        names = {sock.getsockname() for sock in self._sockets}
+        if names.isdisjoint(sock.getsockname() for sock in sockets):
+            return {}
+        self._stop_reading()
+        return self._inherited | {key: peer.under_way for key, peer in self._peers.items() if not peer.is_idle}
+
     def start(self) -> None:
         """Take requests."""
         loop = asyncio.get_running_loop()
@@ -125,14 +147,14 @@ class UdpListener:
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
-        """Take no more requests; those in progress are still answered."""
-        loop = asyncio.get_running_loop()
-        for sock in self._sockets:
-            loop.remove_reader(sock)
+        """Take no more requests; those in progress are still answered, unless others replace them."""
+        self._is_finishing = True
+        for peer in self._peers.values():
+            peer.finish()
 
     def close(self) -> None:
         """Take no more requests and answer none."""
-        self.finish()
+        self._stop_reading()
         if self._sweeping is not None:
             self._sweeping.cancel()
         for key in list(self._peers):
@@ -140,6 +162,11 @@ class UdpListener:
         for sock in self._sockets:
             sock.close()
         self._sockets = []
+
+    def _stop_reading(self) -> None:
+        loop = asyncio.get_running_loop()
+        for sock in self._sockets:
+            loop.remove_reader(sock)
 
     def _readable(self, sock: socket.socket) -> None:
         """Process one datagram; the loop calls again for the next one, after it has served all others."""
@@ -163,10 +190,10 @@ class UdpListener:
             peer.received(adu, now)
 
     def _peer(self, sock: socket.socket, asked: Asked, address: tuple[Any, ...], now: float) -> Peer | None:
-        """The sender of a datagram; None if it has no rights, or the listener is full."""
+        """The sender of a datagram; None if it has no rights, or the listener is full or finishing."""
         key = (*address, *asked)
         peer = self._peers.get(key)
-        if peer is not None:
+        if peer is not None or self._is_finishing:
             return peer
         client, host = join_host_port(*address[:2]), show_host(address[0])
         why_not = self._admission.refusal(host, self.router.rights, self.settings, now, self._dismiss)
@@ -183,6 +210,7 @@ class UdpListener:
             send=send,
             in_flight=self.settings.in_flight,
             on_failure=self.settings.on_failure,
+            under_way=self._inherited.pop(key, None),
         )
         self._peers[key] = peer
         self._admission.enter(peer, now)
@@ -199,7 +227,7 @@ class UdpListener:
     def _dismiss(self, peer: Peer) -> None:
         self._forget(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
 
-    def _forget(self, key: tuple[Any, ...], reason: str) -> None:
+    def _forget(self, key: PeerKey, reason: str) -> None:
         peer = self._peers.pop(key)
         self._admission.leave(peer, asyncio.get_running_loop().time())
         peer.closed()

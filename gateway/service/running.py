@@ -11,6 +11,7 @@ from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
+from gateway.listeners.udp import UdpListener
 from gateway.ports.reconnector import Reconnector
 from gateway.service.announced import AnnouncedDevices
 from gateway.service.build import Driver, Gateway, Listener, Part
@@ -194,6 +195,8 @@ class Running:
         for mirror in set(old.mirrors).difference(new.mirrors):
             mirror.close()
         for listener in come:
+            if isinstance(listener, UdpListener):
+                listener.follow(each for each in gone if isinstance(each, UdpListener))
             listener.start()
         self._going += gone
         async with asyncio.TaskGroup() as group:

@@ -19,6 +19,7 @@ from gateway.request import Request
 
 READ = bytes.fromhex("03 00 10 00 01")
 RESPONSE = bytes.fromhex("03 02 01 10")
+OTHER_RESPONSE = bytes.fromhex("03 02 02 20")
 
 
 class Target:
@@ -262,10 +263,34 @@ def test_a_session_that_finishes_answers_what_is_under_way_and_takes_no_more(cli
     client.target.requests[0].respond(RESPONSE)
     client.ask_again()
     assert [request.transaction for request in client.target.requests] == [1, 2]
-    assert all(map(client.session.wants, client.target.requests))
+    assert client.session.wants(client.target.requests[1])
     client.target.requests[1].respond(RESPONSE)
     assert client.connection.sent == [encode(1, 7, RESPONSE), encode(2, 7, RESPONSE)]
-    assert client.connection.log == ["pause", "send", "send", "close"]
+    assert client.connection.log == ["send", "send", "close"]
+
+
+def test_of_two_requests_with_one_identifier_only_the_later_one_gets_a_response(client: Client) -> None:
+    client.ask(0, 0)
+    first, second = client.target.requests
+    assert [client.session.wants(each) for each in (first, second)] == [False, True]
+    first.respond(OTHER_RESPONSE)
+    assert client.connection.sent == []
+    second.respond(RESPONSE)
+    assert client.connection.sent == [encode(0, 7, RESPONSE)]
+    assert client.session.is_idle
+
+
+def test_a_request_while_the_session_finishes_shows_that_the_one_with_its_identifier_is_given_up(
+    client: Client,
+) -> None:
+    client.ask(0, 1)
+    client.session.finish()
+    client.ask(0)
+    client.target.requests[0].respond(OTHER_RESPONSE)
+    assert client.connection.log == []
+    client.target.requests[1].respond(RESPONSE)
+    assert client.connection.sent == [encode(1, 7, RESPONSE)]
+    assert client.connection.log == ["send", "close"]
 
 
 def test_a_session_that_finishes_without_requests_is_closed_at_once(client: Client) -> None:

@@ -894,3 +894,23 @@ def test_a_response_that_is_kept_leaves_though_the_client_is_held_back(client: C
     client.respond(1, OTHER_RESPONSE)
     assert client.heard(OTHER_RESPONSE)
     assert client.session.is_idle
+
+
+def test_a_request_while_the_session_finishes_shows_that_the_awaited_one_is_given_up(client: Client) -> None:
+    client.ask(READ)
+    client.session.finish()
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(0)
+    assert client.heard()
+
+
+def test_it_shows_that_those_that_wait_behind_are_given_up_too(client: Client) -> None:
+    client.ask(READ, READ)
+    client.session.finish()
+    client.respond(0)
+    client.wait(0.0)
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(1)
+    assert client.heard(RESPONSE)

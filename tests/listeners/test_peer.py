@@ -1,5 +1,7 @@
 """One client of Modbus UDP: one response to each request, one execution of each, and all of it bounded."""
 
+from typing import Any
+
 import pytest
 
 from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
@@ -8,8 +10,10 @@ from gateway.modbus.mbap import TcpFrame, encode
 from gateway.request import Request
 
 READ = bytes.fromhex("03 00 10 00 01")
+OTHER_READ = bytes.fromhex("03 00 20 00 01")
 WRITE = bytes.fromhex("06 00 10 00 01")
 RESPONSE = bytes.fromhex("03 02 01 10")
+OTHER_RESPONSE = bytes.fromhex("03 02 02 20")
 BUSY = bytes.fromhex("83 06")
 
 
@@ -24,7 +28,7 @@ class Target:
 class Client:
     """A peer with a client in the test's hands; at most three requests under way."""
 
-    def __init__(self, **settings: str) -> None:
+    def __init__(self, **settings: Any) -> None:
         self.target = Target()
         self.sent: list[bytes] = []
         self.peer = Peer(
@@ -161,3 +165,31 @@ def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit() -> None:
     assert client.sent == [
         encode(1, 7, bytes.fromhex("8301")), encode(2, 7, bytes.fromhex("8303")), encode(3, 7, BUSY),
     ]  # fmt: skip
+
+
+def test_at_an_earlier_listener_a_request_is_given_up_as_at_this_one(client: Client) -> None:
+    later = Client(under_way=client.peer.under_way)
+    client.ask(1)
+    client.ask(2)
+    later.ask(1, OTHER_READ)
+    later.ask(2)
+    assert [client.peer.wants(each) for each in client.target.requests] == [False, True]
+    client.respond(0)
+    client.respond(1)
+    later.respond(0, OTHER_RESPONSE)
+    assert client.sent == [encode(2, 7, RESPONSE)]
+    assert later.sent == [encode(1, 7, OTHER_RESPONSE)]
+
+
+def test_a_peer_that_finishes_takes_no_request_but_gives_up_the_one_that_is_replaced(client: Client) -> None:
+    client.ask(1)
+    client.ask(2)
+    client.peer.finish()
+    client.ask(1, OTHER_READ)
+    client.ask(2)
+    client.ask(3)
+    assert len(client.target.requests) == 2
+    client.respond(0)
+    client.respond(1)
+    assert client.sent == [encode(2, 7, RESPONSE)]
+    assert client.peer.is_idle

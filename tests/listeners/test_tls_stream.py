@@ -197,7 +197,7 @@ def test_a_buffer_full_of_requests_is_not_taken_for_the_end() -> None:
             await asyncio.sleep(0)
             await asyncio.sleep(0)
             assert target.waiting[0].transaction == number
-            assert target.waiting[0].origin.wants(Request(1, WRITE, target.waiting[0].origin, 0.0))
+            assert target.waiting[0].origin.takes_responses
             target.answer_first()
         assert not network.is_over
 

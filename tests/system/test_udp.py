@@ -1,6 +1,7 @@
 """The real UDP listener on real sockets: one datagram, one request, one response, to the one who sent it."""
 
 import asyncio
+import dataclasses
 import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -11,6 +12,7 @@ from gateway.errors import ListenError
 from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRejected, Event, ListenerUp, PartFailed
 from gateway.listeners import udp as udp_module
 from gateway.listeners.session import ListenSettings
+from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
@@ -23,8 +25,10 @@ from kit.router import router
 #: Units of the scripted target.
 PROMPT, PATIENT, DEFECTIVE, UNKNOWN = 1, 2, 3, 4
 READ = bytes.fromhex("03 0000 007D")
+OTHER_READ = bytes.fromhex("03 1000 0001")
 WRITE = bytes.fromhex("06 0000 0001")
 RESPONSE = bytes.fromhex("03 FA") + bytes(250)
+OTHER_RESPONSE = bytes.fromhex("03 02 01 10")
 SWEEP = 0.02
 #: How long nothing must come for a test to believe that nothing will, in seconds.
 SILENCE = 0.15
@@ -304,6 +308,30 @@ async def test_a_listener_that_finishes_answers_what_is_under_way_and_takes_no_m
         assert await client.hears() == encode(1, PATIENT, RESPONSE)
         assert await client.hears_nothing()
         assert not bench.listener.has_clients
+
+
+async def test_at_a_new_listener_of_this_address_a_datagram_is_repeated_or_replaces_another_one_as_before() -> None:
+    async with listening() as bench:
+        client = bench.client()
+        client.ask(PATIENT, 1)
+        client.ask(PATIENT, 2)
+        await until(lambda: len(bench.plant.requests) == 2)
+        bench.listener.finish()
+        settings = dataclasses.replace(bench.listener.settings, port=bench.port)
+        later = UdpListener(settings, bench.listener.router, bench.events.append)
+        await later.find()
+        later.bind(OpenSockets(leaving=bench.listener.sockets))
+        later.follow([bench.listener])
+        later.start()
+        client.ask(PATIENT, 1)
+        client.ask(PATIENT, 2, OTHER_READ)
+        await until(lambda: len(bench.plant.requests) == 3)
+        for request in bench.plant.requests:
+            request.respond(OTHER_RESPONSE if request.pdu == OTHER_READ else RESPONSE)
+        heard = {await client.hears(), await client.hears()}
+        later.close()
+    assert heard == {encode(1, PATIENT, RESPONSE), encode(2, PATIENT, OTHER_RESPONSE)}
+    assert [request.pdu for request in bench.plant.requests] == [READ, READ, OTHER_READ]
 
 
 async def test_a_listener_that_closes_forgets_everybody() -> None:
