@@ -8,6 +8,7 @@ from gateway.events import Emit
 from gateway.fleet.exchange import SitePort
 from gateway.fleet.headers import CLIENT, DEADLINE, HOPS, ROLE
 from gateway.fleet.owner import SiteOrigin
+from gateway.images.mirror import ForwardedOrigin
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_PDU
 from gateway.modbus.mbap import TcpFrame
@@ -115,6 +116,8 @@ class PassedOn(NamedTuple):
 def passed_on(origin: Origin) -> PassedOn:
     """What the origin of a request says of it."""
     role = ""
+    if isinstance(origin, ForwardedOrigin):
+        origin = origin.origin
     if isinstance(origin, AuditedOrigin):
         role, origin = origin.identity.role, origin.origin
     if isinstance(origin, SiteOrigin):

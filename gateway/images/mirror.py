@@ -181,7 +181,7 @@ class Mirror:
         parse_request(row.waiting[0].pdu)
         request = row.take()
         row.under_way += 1
-        self._device.submit(Request(request.unit, request.pdu, _Passed(request, self._poller), now), now)
+        self._device.submit(Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now), now)
 
     def _fail(self, request: Request, error: RequestError, now: float) -> None:
         self.counts.exceptions += 1
@@ -195,19 +195,23 @@ class Mirror:
         return f"<Mirror {self.settings.name} of {self.settings.of} polls={counts.polls} failed={counts.failed_polls}>"
 
 
-class _Passed:
+class ForwardedOrigin:
     """The Origin of a request that is passed on to the device for a client."""
 
     def __init__(self, original: Request, poller: Poller) -> None:
+        #: The client's.
+        self.origin = original.origin
         self._original = original
         self._poller = poller
         self.client = original.origin.client
         self.host = original.origin.host
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - the client of the original request decides
-        return self._original.origin.wants(self._original)
+        """See Origin."""
+        return self.origin.wants(self._original)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
+        """See Origin."""
         self._original.error = request.error
         self._poller.passed(self._original, pdu)
 

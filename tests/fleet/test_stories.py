@@ -3,11 +3,13 @@
 import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
+from itertools import chain
 
 import pytest
 
 from gateway.events import AccessDenied, WriteAudit
 from gateway.fleet import link
+from gateway.fleet.headers import MOST_HOPS
 from gateway.fleet.messages import Message
 from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.service.doctor import examine
@@ -45,6 +47,7 @@ units = [{{ as = "41-43", unit = "41-43" }}, {{ as = 200, unit = 200 }}]
 {FLEET}
 """
 READ = "03 00 00 00 01"
+OTHER_READ = "03 00 01 00 01"
 WRITE = "06 00 05 00 09"
 
 
@@ -461,3 +464,51 @@ async def test_a_reload_that_drops_the_fleet_leaves_it(nats):
         client = a.client()
         assert await client.asks(41, READ) == "83 0A"
         assert len(nats.connections) == 1
+
+
+# --- through mirrors ---
+
+#: What a mirror of another site's units looks like; `{}` is the unit that it mirrors.
+MIRROR = '[[image]]\nunit = 60\nof = "b/{}"\nstale = "60 s"\nread = [{{ holding = "0-9", every = "30 s" }}]\n'
+ANYBODY_WRITES = '[[access]]\nlisten = ["fleet"]\nallow = ["read", "write"]\n'
+
+
+async def test_the_first_deadline_holds_behind_a_mirror(nats):
+    """Site a asks m, whose unit 60 mirrors unit 41 of b, which is busy for longer than a waits."""
+    asker = """
+site = "a"
+[[upstream]]
+name = "m"
+to = "fleet://m"
+timeout = "500 ms"
+units = [{ as = "60", unit = "60" }]
+[[upstream]]
+name = "b"
+to = "fleet://b"
+timeout = "5 s"
+units = [{ as = 42, unit = 42 }]
+"""
+    middle = ASKER.replace('"a"', '"m"').replace("1 s", "5 s") + MIRROR.format(41) + ANYBODY_WRITES
+    async with sites(asker + LOCAL + FLEET, middle, OWNER + ANYBODY_WRITES) as (a, _, b):
+        devices = on_line(b, delay=0.8)
+        busy, writer = a.client("10.0.0.1:1"), a.client("10.0.0.2:1")
+        busy.ask(42, READ)
+        busy.ask(42, OTHER_READ)
+        writer.ask(60, WRITE)
+        assert await writer.answer() == "86 0B"
+        await asyncio.sleep(10.0)
+        assert all(frame.pdu[0] == 3 for frame in chain.from_iterable(device.heard for device in devices))
+
+
+async def test_sites_that_mirror_each_other_pass_a_write_on_only_so_often(nats):
+    def one(name: str, other: str) -> str:
+        upstream = (
+            f'[[upstream]]\nname = "b"\nto = "fleet://{other}"\ntimeout = "5 s"\nunits = [{{ as = 61, unit = 60 }}]\n'
+        )
+        return f'site = "{name}"\n{upstream}{MIRROR.format(61)}{ANYBODY_WRITES}{LOCAL}{FLEET}'
+
+    async with sites(one("a", "c"), one("c", "a")) as (a, _):
+        a.client().ask(60, WRITE)
+        await asyncio.sleep(20.0)
+    writes = [sent for sent in nats.sent if ".unit." in sent.subject and sent.body[:1] == b"\x06"]
+    assert len(writes) == MOST_HOPS + 1, "the last one is refused"
