@@ -6,9 +6,11 @@ import os
 import signal
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
+from xdist.scheduler import LoadScopeScheduling
 
 import gateway
 from gateway.ports.exact_loop import exact_loop
@@ -27,7 +29,7 @@ _LONGEST = (
     *("test_moving_listeners", "test_read_write", "test_plant_forms", "test_run", "test_control", "test_store"),
     *("test_device_server", "test_trace", "test_release_checks", "test_go", "test_mqtt", "test_bench"),
 )
-#: Files whose tests share nothing, and wait long: each goes to the next worker in real time. All others stay together.
+#: Files whose tests share nothing, and wait long: with `--dist loadfile` each of these tests goes to the next worker.
 _APART = frozenset({"test_tutorials", "test_fleet", "test_doctor", "test_history"})
 
 #: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.
@@ -50,9 +52,16 @@ def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=_order)  # stable: otherwise as collected
-    for item in items:
-        if _in_real_time(item) and item.path.stem not in _APART:
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+
+
+class _ByFile(LoadScopeScheduling):
+    def _split_scope(self, nodeid: str) -> str:
+        file = Path(nodeid.partition("::")[0])
+        return nodeid if file.stem in _APART else str(file)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling | None:
+    return _ByFile(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 def pytest_collection_finish() -> None:

@@ -39,7 +39,7 @@ def main(tests: list[str]) -> int:
         pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
         subprocess.run([*pip, "--requirement", CHECKOUT / "deploy/requirements-dev.txt"], check=True)
         subprocess.run([*pip, *wanted], check=True)
-        pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadgroup"]
+        pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadfile"]
         return subprocess.run([*pytest, *(tests or (*TESTS, *REAL_TIME))], cwd=CHECKOUT, check=False).returncode
 
 
