@@ -32,7 +32,7 @@ class Asker(UpstreamDriver):
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         super().__init__(upstream, loop, emit)
-        #: Answers to nothing that is awaited: copies, or to requests of long ago.
+        #: Answers to nothing that is awaited: copies, to requests of long ago, or no PDUs.
         self.unasked = 0
         self._call_soon = loop.call_soon
         self._port: SitePort | None = None
@@ -53,10 +53,10 @@ class Asker(UpstreamDriver):
 
     def answered(self, number: int, pdu: bytes) -> None:
         """See Asking."""
-        identifier = self._identifiers.pop(number, None)
+        identifier = self._identifiers.pop(number, None) if 1 <= len(pdu) <= MAX_PDU else None
         if identifier is None:
             self.unasked += 1
-        elif 1 <= len(pdu) <= MAX_PDU:
+        else:
             self._run(self._receive, TcpFrame(identifier, BROADCAST_UNIT, pdu))
 
     def unsent(self, number: int) -> None:

@@ -38,8 +38,6 @@ class Exchange:
     def __init__(self, site: str, why_down: Callable[[], str]) -> None:
         """`why_down` says why there is no connection."""
         self.site = site
-        #: Nobody who is not asked knows it, and no other process of this site has the same.
-        self._token = os.urandom(8).hex()
         self._why_down = why_down
         self._connection: Connection | None = None
         self._clocks: dict[str, Clocks] = {}
@@ -48,7 +46,6 @@ class Exchange:
         self._changed = asyncio.Event()
         #: By how the reply subjects of their requests begin.
         self._ports: dict[str, SitePort] = {}
-        self._last_port = 0
 
     async def connected(self, connection: "Connection") -> None:
         """See Member."""
@@ -78,8 +75,8 @@ class Exchange:
             raise PortError(f"fleet://{site}: {why}") from None
         except FleetError as error:
             raise PortError(f"fleet://{site}: {error}") from error
-        self._last_port += 1
-        folder = f"{answer_folder(self.site, site)}{self._token}.{self._last_port}"
+        # Only the site that is asked learns it: no other one can have the server publish an answer there.
+        folder = f"{answer_folder(self.site, site)}{os.urandom(8).hex()}"
         now = asyncio.get_running_loop().time()
         self._ports = {each: port for each, port in self._ports.items() if now - port.lost_at < _KEPT_FOR}
         opened = self._ports[folder] = SitePort(self.site, site, folder, user, clocks, self._publish)
@@ -110,7 +107,8 @@ class Exchange:
         return self._connection is not None and self._connection.publish(message)
 
     def _heard(self, clocks: Clocks, message: Message) -> None:
-        if clocks.hear(message.body, asyncio.get_running_loop().time()):
+        """A heartbeat. One with headers is no gateway's: JetStream has published what another site has stored."""
+        if not message.headers and clocks.hear(message.body, asyncio.get_running_loop().time()):
             self._wake_all()
 
     def _wake_all(self) -> None:
@@ -119,7 +117,9 @@ class Exchange:
         self._changed = asyncio.Event()
 
     def _answered(self, message: Message) -> None:
-        """An answer, or that there is nobody to answer."""
+        """An answer, or that there is nobody to answer. Gateways send no headers with one."""
+        if message.headers and not message.has_no_responders:
+            return
         folder, _, number = message.subject.rpartition(".")
         port = self._ports.get(folder)
         if port is not None and number.isdecimal():

@@ -329,6 +329,64 @@ async def test_an_answer_of_another_site_is_no_answer(nats):
         assert await client.answer() == "03 02 00 00"
 
 
+async def test_what_one_site_is_asked_tells_it_nothing_of_what_another_is_asked(nats):
+    """Which JetStream would publish for it: so where answers are awaited is known to the site that is asked alone."""
+    second = ASKER.partition("[[upstream]]")[2].partition("[fleet]")[0].replace('"b"', '"c"').replace("//b", "//c")
+    second = second.replace("units = [", "units = [{ as = 51, unit = 41 }]#")
+    other = OWNER.replace('site = "b"', 'site = "c"')
+    async with sites(f"{ASKER}[[upstream]]{second}", OWNER, other) as (a, b, c):
+        on_line(b)
+        on_line(c, delay=0.2)
+        client = a.client()
+        await client.asks(41, READ)
+        client.ask(51, READ)
+        await asyncio.sleep(0.05)
+        known, wanted = (each.reply for each in nats.sent if ".unit." in each.subject)
+        folder, number = known.rpartition(".")[0], wanted.rpartition(".")[2]
+        for guess in (folder, folder[:-1] + "2"):
+            forged = f"{guess}.{number}".replace(".answer.b.", ".answer.c.")
+            assert forged != wanted
+            nats.take(Message(forged, b"\x03\x02\x00\x63"))
+        assert await client.answer() == "03 02 00 00"
+
+
+async def answer_that_is_forged(nats, client, forged: Message) -> str:
+    """What the client gets when this comes to where the answer to its request is awaited."""
+    client.ask(41, READ)
+    await asyncio.sleep(0.05)
+    asked = [each for each in nats.sent if ".unit." in each.subject][-1]
+    forged.subject = asked.reply
+    nats.take(forged)
+    return await client.answer()
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        Message("", b"\x03\x02\x00\x63", headers={"Nats-Stream": "KV_mbgw-status"}),
+        Message("", b"x" * 254),
+        Message("", b""),
+    ],
+    ids=["with headers", "too long", "empty"],
+)
+async def test_what_no_site_would_answer_does_not_end_a_request(nats, forged):
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b, delay=0.2)
+        assert await answer_that_is_forged(nats, a.client(), forged) == "03 02 00 00"
+
+
+async def test_a_heartbeat_with_headers_is_none(nats):
+    """No gateway sends one: JetStream has published what some site has stored."""
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        stored = {"Nats-Stream": "KV_mbgw-status"}
+        nats.take(Message("mbgw.b.clock", b"abcdef 99999999.0", headers=stored))
+        await asyncio.sleep(0.1)
+        await a.client().asks(41, READ)
+        [asked] = [each for each in nats.sent if ".unit." in each.subject]
+        assert "abcdef" not in asked.headers["Deadline"]
+
+
 async def test_a_request_whose_answer_would_go_to_a_third_site_is_dropped(nats):
     async with sites(OWNER + WRITERS) as (b,):
         devices = on_line(b)
