@@ -218,6 +218,14 @@ class FleetRefused(Event):
     reason: str
 
 
+class FleetBucketUnsafe(Event):
+    """A bucket of NATS has settings by which a site can harm others; logged once for each connection."""
+
+    level = Level.WARNING
+    server: str
+    reason: str
+
+
 class CommandRefused(Event):
     """Somebody wants to write what the broker's `topic` names, but there is no such point, or it must not be written.
 

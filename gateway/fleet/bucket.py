@@ -5,28 +5,50 @@ from collections.abc import Awaitable, Callable
 from typing import Final, TypeVar
 
 from nats.js import JetStreamContext
-from nats.js.api import KeyValueConfig, StorageType
+from nats.js.api import DiscardPolicy, StorageType, StreamConfig
 from nats.js.kv import KeyValue
 
 from gateway.errors import FleetError
 from gateway.fleet.calls import ChangedError, NoBucketError, NoKeyError, result
 from gateway.fleet.messages import Entry
 
-#: The largest value in a bucket, in bytes.
+#: The largest value in a bucket with its headers, in bytes: the state of a line with 247 devices fits.
 LARGEST_VALUE: Final = 64 * 1024
+#: For how long the server remembers the identifiers of messages, which gateways do not give them, in seconds.
+_REMEMBERED: Final = 0.1
 #: How many entries are asked for at once.
 _QUESTIONS: Final = 32
 
 T = TypeVar("T")
 
 
-async def open_bucket(stream: JetStreamContext, name: str, forget: Callable[[], object]) -> "Bucket":
-    """A bucket, which is made if it is not there; see Bucket.
+async def open_bucket(
+    stream: JetStreamContext, name: str, forget: Callable[[], object], warn: Callable[[str], None]
+) -> "Bucket":
+    """A bucket, which is made if it is not there; see Bucket. `warn` is told what is wrong with one that is there.
 
     Raises:
         FleetError: the server has no JetStream, or this site may not use or make the bucket.
     """
-    return Bucket(name, stream, await _open_store(stream, name), forget)
+    try:
+        config = (await result(stream.stream_info(f"KV_{name}"))).config
+    except NoBucketError:
+        config = await _make(stream, name)
+    if wrong := faults(config):
+        warn(f"the bucket {name} {' and '.join(wrong)}: delete it, and the next gateway makes it as it must be")
+    # Never by direct get: then no site needs that right, by which the server publishes what a site has stored.
+    return Bucket(name, stream, KeyValue(name, f"KV_{name}", f"$KV.{name}.", stream, direct=False), forget)
+
+
+def faults(config: StreamConfig) -> list[str]:
+    """What a bucket with this configuration lets sites do to one another, or does by itself, and should not."""
+    found = {
+        "lets each site empty it by a roll-up": config.allow_rollup_hdrs,
+        "can be emptied by an answer of the server itself": not config.deny_purge or not config.deny_delete,
+        "forgets entries with time": bool(config.max_age),
+        "drops old entries when it is full": config.discard != DiscardPolicy.NEW,
+    }
+    return [what for what, is_so in found.items() if is_so]
 
 
 class Bucket:
@@ -112,13 +134,24 @@ class Bucket:
             raise FleetError(f"the bucket {self.name} was deleted") from error
 
 
-async def _open_store(stream: JetStreamContext, name: str) -> KeyValue:
+async def _make(stream: JetStreamContext, name: str) -> StreamConfig:
+    """Make a bucket in which a site can change nothing but the keys that it may write.
+
+    What the library would make allows roll-up, and purges.
+    """
+    config = StreamConfig(
+        name=f"KV_{name}",
+        subjects=[f"$KV.{name}.>"],
+        max_msgs_per_subject=1,
+        max_msg_size=LARGEST_VALUE,
+        discard=DiscardPolicy.NEW,
+        storage=StorageType.FILE,
+        duplicate_window=_REMEMBERED,
+        deny_delete=True,
+        deny_purge=True,
+        allow_rollup_hdrs=False,
+    )
     try:
-        return await result(stream.key_value(name))
-    except NoBucketError:
-        pass
-    config = KeyValueConfig(bucket=name, history=1, storage=StorageType.FILE, max_value_size=LARGEST_VALUE)
-    try:
-        return await result(stream.create_key_value(config))
+        return (await result(stream.add_stream(config))).config
     except FleetError as error:
         raise FleetError(f"there is no bucket {name}, and it cannot be made: {error}") from error

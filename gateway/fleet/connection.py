@@ -45,8 +45,8 @@ class Connection:
     """A connection to `server`. What it loses is not sent again: the next connection begins with nothing.
 
     Answers come to subjects below `inbox`, which begins with the site, so that the permissions of NATS can keep others
-    from listening there. `refused` is called when the server refuses a subject, with the reason. Messages that are not
-    delivered are counted in `messages`.
+    from listening there. `refused` is called when the server refuses a subject, with the reason; `warn` when a bucket
+    is not as it must be. Messages that are not delivered are counted in `messages`.
     """
 
     def __init__(
@@ -55,6 +55,7 @@ class Connection:
         login: Login,
         refused: Callable[[str], None] = lambda _: None,
         messages: LostMessages | None = None,
+        warn: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.server = server
         self.inbox = f"_INBOX.{login.site}"
@@ -62,6 +63,7 @@ class Connection:
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._login = login
         self._refused = refused
+        self._warn = warn
         self._messages = messages or LostMessages()
         self._client = TolerantClient(self._messages)
         self._has_begun = self._is_open = False
@@ -131,7 +133,8 @@ class Connection:
         known = self._buckets.get(name)
         if known is None:
             stream = self._client.jetstream(timeout=ANSWER_TIME)
-            known = self._buckets[name] = await open_bucket(stream, name, partial(self._buckets.pop, name, None))
+            forget = partial(self._buckets.pop, name, None)
+            known = self._buckets[name] = await open_bucket(stream, name, forget, self._warn)
         return known
 
     async def close(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from gateway.errors import FleetError, TlsError
-from gateway.events import Emit, FleetLost, FleetRefused, FleetUp, PartFailed
+from gateway.events import Emit, FleetBucketUnsafe, FleetLost, FleetRefused, FleetUp, PartFailed
 from gateway.fleet.connection import Connection
 from gateway.fleet.counts import LostMessages
 from gateway.fleet.settings import Login, Server
@@ -82,7 +82,7 @@ class Link:
         self.server = self._servers[(self._first + self.attempts) % len(self._servers)]
         self.attempts += 1
         self._refusals.clear()
-        connection = Connection(self.server, login, self._refused, self.messages)
+        connection = Connection(self.server, login, self._refused, self.messages, self._warn)
         try:
             await connection.open()
             await self._use(connection, members)
@@ -113,6 +113,10 @@ class Link:
         if reason not in self._refusals and len(self._refusals) < _MOST_REFUSALS:
             self._refusals.add(reason)
             self._emit(FleetRefused(str(self.server), reason))
+
+    def _warn(self, reason: str) -> None:
+        """A bucket is not as it must be."""
+        self._emit(FleetBucketUnsafe(str(self.server), reason))
 
     def _up(self, connection: Connection) -> None:
         self.connection = connection

@@ -12,7 +12,7 @@ from gateway.fleet.settings import Login, Server
 
 async def test_a_server_without_jetstream_is_named_with_what_mends_it(monkeypatch):
     class Without(JetStreamContext):
-        async def key_value(self, bucket):
+        async def stream_info(self, name):
             raise ServiceUnavailableError
 
     monkeypatch.setattr(Client, "jetstream", lambda self, **_: Without(self))

@@ -75,7 +75,7 @@ class FakeConnection:
 
     nats: FakeNats
 
-    def __init__(self, server, login, refused=lambda _: None, messages=None) -> None:
+    def __init__(self, server, login, refused=lambda _: None, messages=None, warn=lambda _: None) -> None:
         self.login = login
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.is_full = False

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
+from nats.js.api import KeyValueConfig
 
 from gateway.errors import FleetError
 from gateway.fleet.connection import PING_INTERVAL, Connection
@@ -314,4 +315,43 @@ async def test_a_connection_that_is_not_read_any_more_is_lost_at_once():
         await connection.open()
         async with asyncio.timeout(PING_INTERVAL):
             assert await connection.lost == "it cannot be read any more"
+        await connection.close()
+
+
+async def test_in_a_bucket_of_a_gateway_nothing_can_be_emptied(tmp_path):
+    """Who may write one key could empty it by a header, or have the server's own answer come as a request to purge."""
+    with NatsServer(tmp_path) as nats:
+        warned: list[str] = []
+        connection = Connection(server_of(nats), Login("a"), warn=warned.append)
+        await connection.open()
+        bucket = await connection.bucket("mbgw-lease")
+        await bucket.create("b.hall", b"held")
+        roll_up = b"NATS/1.0\r\nNats-Rollup: all\r\n\r\n"
+        await asyncio.to_thread(
+            publish_raw, nats, b"HPUB $KV.mbgw-lease.a %d %d\r\n%b\r\n" % (*2 * (len(roll_up),), roll_up)
+        )
+        purge = b"$JS.API.STREAM.PURGE.KV_mbgw-lease"
+        await asyncio.to_thread(publish_raw, nats, b"PUB $KV.mbgw-lease.a %b 1\r\nx\r\n" % purge)
+        await asyncio.to_thread(publish_raw, nats, b"PUB $JS.API.INFO %b 0\r\n\r\n" % purge)
+        await bucket.put("a", b"last")
+        assert {each.key: each.value for each in await bucket.entries()} == {"a": b"last", "b.hall": b"held"}
+        assert warned == []
+        await connection.close()
+
+
+async def test_a_bucket_that_lets_sites_empty_it_is_used_with_a_warning(tmp_path):
+    """So do the library and `nats kv add` make them."""
+    with NatsServer(tmp_path) as nats:
+        warned: list[str] = []
+        connection = Connection(server_of(nats), Login("a"), warn=warned.append)
+        await connection.open()
+        await connection._client.jetstream().create_key_value(KeyValueConfig("mbgw-lease", direct=True, ttl=60.0))
+        bucket = await connection.bucket("mbgw-lease")
+        assert await bucket.create("a.hall", b"held")
+        assert (await bucket.get("a.hall")).value == b"held"
+        [warning] = warned
+        assert warning.startswith(
+            "the bucket mbgw-lease lets each site empty it by a roll-up and can be emptied by an "
+        )
+        assert " forgets entries with time: delete it, " in warning
         await connection.close()
