@@ -318,18 +318,64 @@ async def test_without_the_way_to_the_hub_a_site_has_its_leases_and_itself(fleet
     assert await asks_and_answers(fleet.control, fleet.plant3)
 
 
-async def test_the_server_itself_writes_for_a_site_to_any_subject_but_says_for_whom(fleet):
-    """What no rights of NATS exclude: so an owner also looks at the subject for the reply (gateway/fleet/owner.py)."""
-    await create(fleet.control, "mbgw-status")
-    store = await buckets(fleet.plant1, "mbgw-status")
-    await store.put("plant-1", b"\x06\x00\x01\x00\x02")
-    forged = "mbgw.control.unit.3.from.plant-3"
-    await fleet.plant1.client.publish("$JS.API.DIRECT.GET.KV_mbgw-status.$KV.mbgw-status.plant-1", b"", reply=forged)
-    request = b'{"last_by_subj": "$KV.mbgw-status.plant-1"}'
-    await fleet.plant1.client.publish("$JS.API.STREAM.MSG.GET.KV_mbgw-status", request, reply=forged)
-    got = await fleet.control.hears()
-    assert got.subject == forged
-    assert not got.reply
+#: To what a site could have the server's answers go: what is another's, and what would empty a bucket.
+NOT_ITS_OWN = (
+    "mbgw.control.unit.3.from.plant-3",
+    "mbgw.control.answer.plant-3.7",
+    "mbgw.plant-3.clock",
+    "$KV.mbgw-lease.control.hall-a",
+    "$KV.mbgw-status.control",
+    "$JS.API.STREAM.PURGE.KV_mbgw-lease",
+    "$JS.API.STREAM.PURGE.KV_mbgw-status",
+)
+
+
+async def test_what_the_server_answers_a_site_goes_to_no_other_and_changes_no_other_key(fleet):
+    """The server looks at no reply subject, so in an account of all sites it would: hence an account for each."""
+    for name, key in ("mbgw-lease", "control.hall-a"), ("mbgw-status", "control"):
+        await (await create(fleet.control, name)).create(key, b"mine")
+    site = fleet.plant1.client
+    for reply in NOT_ITS_OWN:
+        for subject, body in (
+            ("$KV.mbgw-lease.plant-1.hall-a", b"x"),
+            ("$KV.mbgw-status.plant-1", b"x"),
+            ("$JS.API.STREAM.INFO.KV_mbgw-status", b""),
+            ("$JS.API.STREAM.MSG.GET.KV_mbgw-status", b'{"last_by_subj": "$KV.mbgw-status.plant-1"}'),
+        ):
+            await site.publish(subject, body, reply=reply)
+    assert await fleet.control.hears_nothing()
+    for name, key in ("mbgw-lease", "control.hall-a"), ("mbgw-status", "control"):
+        assert (await (await buckets(fleet.plant1, name)).get(key)).value == b"mine"
+    own = await buckets(fleet.plant1, "mbgw-lease")
+    assert (await own.get("plant-1.hall-a")).value == b"x", "the server has taken none of it"
+
+
+@pytest.mark.parametrize("holder", ["plant1", "plant3"])
+async def test_a_site_writes_no_more_keys_than_the_leases_that_are_named(fleet, holder):
+    """Else it could fill the store, and nobody could renew a lease."""
+    site = getattr(fleet, holder)
+    await create(fleet.control if site is fleet.plant1 else site, "mbgw-lease")
+    await site.client.publish(f"$KV.mbgw-lease.{site.name}.another", b"x")
+    assert "publish" in await site.is_refused()
+
+
+async def test_a_site_reads_no_bucket_by_direct_get(fleet):
+    """By which the server publishes what the site has stored, as it is, to any subject."""
+    for site in fleet.control, fleet.plant1, fleet.plant3:
+        await site.client.publish("$JS.API.DIRECT.GET.KV_mbgw-status.$KV.mbgw-status.plant-1", b"")
+        assert "publish" in await site.is_refused()
+
+
+def test_a_connection_has_a_bound_of_subscriptions(tmp_path):
+    with (
+        NatsServer(tmp_path, config=(CONFIGS / "hub.conf").read_text()) as hub,
+        socket.create_connection(("127.0.0.1", hub.port), timeout=PATIENCE) as plain,
+        plain.makefile("rb") as lines,
+    ):
+        login = json.dumps({"user": "plant-1", "pass": "plant-1"}).encode()
+        subscriptions = b"".join(b"SUB mbgw.*.clock %d\r\n" % number for number in range(2001))
+        plain.sendall(b"CONNECT " + login + b"\r\n" + subscriptions + b"PING\r\n")
+        assert any(b"maximum subscriptions exceeded" in line for line in iter(lines.readline, b"PONG\r\n"))
 
 
 async def test_nobody_gets_in_without_a_password(fleet):
@@ -360,16 +406,17 @@ async def test_with_the_lines_for_tls_nothing_is_said_in_the_clear(tmp_path):
 
 
 def rights(site: str) -> tuple[list[str], list[str]]:
-    """What this site may publish and hear, by the config of the hub."""
+    """What this site may publish and hear, by the config of the hub, but for making buckets."""
     told = (CONFIGS / "hub.conf").read_text().partition(f"\n{site}: {{")[2]
     publish, _, subscribe = told.partition("subscribe:")
-    return re.findall(r'"([^"]+\.[^"]+)"', publish), re.findall(r'"([^"]+)"', subscribe.partition("]")[0])
+    may = [each for each in re.findall(r'"([^"]+\.[^"]+)"', publish) if ".CREATE." not in each]
+    return may, re.findall(r'"([^"]+)"', subscribe.partition("]")[0])
 
 
 async def test_one_template_gives_each_site_with_credentials_only_its_own_rights(tmp_path):
     """For fleets whose sites are not in the server's config: what their tokens may do follows from the name there."""
     operators = pytest.importorskip("kit.nats_tokens", reason="it needs cryptography")
-    publish, subscribe = ([right.replace("plant-1", "{{name()}}") for right in some] for some in rights("plant-1"))
+    publish, subscribe = ([right.replace("control", "{{name()}}") for right in some] for some in rights("control"))
     operator = operators.Operator(publish, subscribe)
     with NatsServer(tmp_path, operator.settings) as server:
         north, south = Site("north"), Site("south")
