@@ -86,8 +86,6 @@ class Line:
         self._current: Transaction | None = None
         self._diagnosis = NOTHING
         self._quiet_at = 0.0
-        #: When silence ends what came on the idle line; inf unless a unit rests that it may be from.
-        self._silent_at = inf
         self._renewed_until: float
         self._tune(latency=0.0)
 
@@ -246,8 +244,8 @@ class Line:
         """When to call `tick`, or None."""
         if self._current is None and self._state != "renewing":
             deadline = self._scheduler.deadline(self._quiet_at)
-            if self._silent_at < inf:
-                deadline = earliest(deadline, self._silent_at)
+            if self._receiver.silent_at < inf:
+                deadline = earliest(deadline, self._receiver.silent_at)
         else:
             deadline = earliest(self._next_step(), self._scheduler.next_expiry())
         return earliest(deadline, self._receiver.late_deadline()) if self._windows.windows else deadline
@@ -260,7 +258,7 @@ class Line:
         """Let time pass: a silence, a time limit or a late window may have ended."""
         outcome = self._receiver.tick(now)
         self._report_late(now)
-        if now >= self._silent_at:
+        if now >= self._receiver.silent_at:
             self._end_idle_frames()
         for transaction in self._scheduler.take_underway(now):
             expected = self._receiver.expected(transaction.answers_from, transaction.asked)
@@ -337,7 +335,7 @@ class Line:
         if permits is not None and not permits():
             self._withhold(transaction, now)
             return
-        if self._silent_at < inf:
+        if self._receiver.silent_at < inf:
             self._end_idle_frames()
         self._current, self._state = transaction, "awaiting"
         try:
@@ -382,13 +380,11 @@ class Line:
         self._report_late(now)
         resting = self._scheduler.resting if size else None
         if resting:
-            self._scheduler.record_frames(self._receiver.responding(resting))
-            self._silent_at = self._receiver.silent_at(now)
+            self._scheduler.record_frames(self._receiver.responding(resting, now))
         self._go_on(now)
 
     def _end_idle_frames(self) -> None:
         """The line is silent: a frame of unknown size, of a unit that rests, is complete."""
-        self._silent_at = inf
         self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
 
     def _report_late(self, now: float) -> None:

@@ -60,7 +60,8 @@ class Receiver:
     """Receives from one line. A request is on the line from `begin` until `stop` or `diagnose`.
 
     `late_responses` are for the caller to take out. `damaged_at` is when silence will have shown that the response came
-    with a wrong check sum; None unless it looks so.
+    with a wrong check sum; None unless it looks so. `silent_at` is when silence ends what came on the idle line; inf
+    unless it may be from a unit that rests.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Receiver:
         is_ascii = settings.timing.mode == "ascii"
         self.late_responses: list[LateResponse] = []
         self.damaged_at: float | None
+        self.silent_at = inf
         self._windows = windows
         self._echo = echo
         self._report = report
@@ -149,17 +151,15 @@ class Receiver:
             return self._pace.read_idle_at(now)
         return self._pace.read_at(self._scanner.missing, now)
 
-    def responding(self, units: set[int]) -> set[int]:
-        """Those of `units` whose responses the last bytes on the idle line complete."""
+    def responding(self, units: set[int], now: float) -> set[int]:
+        """Those of `units` whose responses the last bytes on the idle line, read `now`, complete."""
+        self.silent_at = now + self._scanner.silence
         frames = [token.frame for token, _ in self._frames]
         return {frame.unit for frame in frames if frame.unit in units and _is_response(frame)}
 
-    def silent_at(self, now: float) -> float:
-        """When silence ends a frame whose last byte is read `now`."""
-        return now + self._scanner.silence
-
     def ended_by_silence(self, units: set[int]) -> set[int]:
         """Those of `units` whose responses, of unknown size, the silence after the last byte completes."""
+        self.silent_at = inf
         return {frame.unit for frame in self._scanner.ended_by_silence(units) if _is_response(frame)}
 
     def diagnose(self) -> Diagnosis:

@@ -256,8 +256,8 @@ def test_while_another_client_waits_for_the_unit_at_address_0_nothing_is_repeate
 def test_who_responds_is_who_has_sent_the_last_bytes(timing) -> None:
     bench = Bench(timing=timing)
     bench.respond(unit=2)
-    assert bench.line._receiver.responding({1, 3}) == set()
+    assert bench.line._receiver.responding({1, 3}, 0.0) == set()
     bench.respond()
-    assert bench.line._receiver.responding({1, 2}) == {1}
+    assert bench.line._receiver.responding({1, 2}, 0.0) == {1}
     bench.hear("55")
-    assert bench.line._receiver.responding({1, 2}) == set()
+    assert bench.line._receiver.responding({1, 2}, 0.0) == set()
