@@ -9,6 +9,7 @@ from pydantic import PlainValidator, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from gateway.config.masking import is_secret
 from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_mean, error
 from gateway.config.schema import Table
 
@@ -80,7 +81,12 @@ def unknown_key(path: Path, known: list[str]) -> Problem:
 def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Problem:
     """The value at `path` must be text: if it is a number, a date or a word, it lacks its quotes."""
     is_scalar = not isinstance(value, (list, dict))
-    return error(path, "must be text", f'put it in quotes: "{written(path)}"' if is_scalar else "")
+    shown = "..." if is_secret(_dotted(path)) else written(path)
+    return error(path, "must be text", f'put it in quotes: "{shown}"' if is_scalar else "")
+
+
+def _dotted(path: Path) -> str:
+    return ".".join(map(str, path))
 
 
 def syntax_problem(found: ValueError, text: str) -> Problem:
@@ -147,7 +153,8 @@ def _explain(what: str, line: str) -> Problem:
         return error((), "the text has no closing quote", "put the quote that it begins with at its end too")
     colon = _COLON.fullmatch(line)
     if colon is not None and what.startswith("Expected '='"):
-        return error((), "a key and its value have = between them", f"write {colon[1]} = {colon[2].rstrip(',')}")
+        value = '"..."' if is_secret(colon[1]) else colon[2].rstrip(",")
+        return error((), "a key and its value have = between them", f"write {colon[1]} = {value}")
     return error((), what[:1].lower() + what[1:], _missing_quotes(line))
 
 
@@ -164,7 +171,7 @@ def _as_toml(key: str, written: str) -> str:
     if key in _number_keys():
         return f"{key} is a number: digits only, not {written}"
     what = "put the value in quotes" if value == written else "put the value in straight quotes"
-    return f'{what}: {key} = "{value}"'
+    return f'{what}: {key} = "{"..." if is_secret(key) else value}"'
 
 
 def _number_keys() -> set[str]:
