@@ -133,6 +133,13 @@ def test_telegraf_may_only_read():
     assert rights.partition("\n\n")[0] == "topic read modbus/#"
 
 
+def test_each_right_at_the_broker_is_one_users():
+    """What a `pattern` grants, every user has: also one that only reads."""
+    rights = (DEPLOY / "mosquitto" / "acl").read_text(encoding="utf-8").splitlines()
+    assert {line.split(" ")[0] for line in rights if line} == {"#", "user", "topic"}
+    assert next(line for line in rights if not line.startswith("#") and line).startswith("user ")
+
+
 def test_a_site_that_has_another_name_in_home_assistant_may_announce_its_devices():
     rights = (DEPLOY / "mosquitto" / "acl").read_text(encoding="utf-8")
     folder = Discovery(Topics("werk.1"), "homeassistant").folder

@@ -254,12 +254,11 @@ def test_our_config_of_the_broker_works_beside_that_of_debian(tmp_path):
     added = tmp_path / "conf.d" / "modbus-gateway.conf"
     added.parent.mkdir()
     added.write_text(ours)
-    login = ("-u", "plant-2", "-P", "right")
-    subprocess.run(
-        ["mosquitto_passwd", "-b", "-c", str(files["password_file"]), login[1], login[3]],
-        check=True,
-        capture_output=True,
-    )
+    files["password_file"].touch()
+    logins = {user: ("-u", user, "-P", "right") for user in ("plant-2", "telegraf", "homeassistant")}
+    for user in logins:
+        make = ["mosquitto_passwd", "-b", str(files["password_file"]), user, "right"]
+        subprocess.run(make, check=True, capture_output=True)
     debian = (
         f"pid_file {tmp_path}/mosquitto.pid",
         "persistence true",
@@ -267,9 +266,16 @@ def test_our_config_of_the_broker_works_beside_that_of_debian(tmp_path):
         f"include_dir {added.parent}",
     )
     with Mosquitto(tmp_path, *debian) as broker:
-        broker.publish(STATUS, "online", *login)
+        broker.publish(STATUS, "online", *logins["plant-2"])
         with pytest.raises(subprocess.CalledProcessError):
             broker.publish(STATUS, "online")
+        for user in "telegraf", "plant-2":
+            broker.publish(f"homeassistant/device/{user}/silo/config", "{}", "-r", *logins[user])
+        with Subscriber(broker, "homeassistant/#", logins["homeassistant"]) as announced:
+            announced.wait_for("homeassistant/device/plant-2/silo/config")
+            broker.publish("homeassistant/status", "online", *logins["homeassistant"])
+            announced.wait_for("homeassistant/status")
+            assert "homeassistant/device/telegraf/silo/config" not in announced.latest, "who reads announces nothing"
 
 
 @pytest.mark.parametrize(("keys", "who"), [(('user = "gw"',), 'user "gw"'), ((), "a client without a user")])
