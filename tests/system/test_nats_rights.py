@@ -378,6 +378,21 @@ def test_a_connection_has_a_bound_of_subscriptions(tmp_path):
         assert any(b"maximum subscriptions exceeded" in line for line in iter(lines.readline, b"PONG\r\n"))
 
 
+async def test_a_site_does_not_take_the_connections_of_others(fleet):
+    async with AsyncExitStack() as stack:
+        for _ in range(19):
+            site = Site("plant-1")
+            await site.connect(fleet.hub.port, "plant-1")
+            stack.push_async_callback(site.client.close)
+        with socket.create_connection(("127.0.0.1", fleet.hub.port), timeout=PATIENCE) as plain:
+            plain.sendall(b'CONNECT {"user":"plant-1","pass":"plant-1"}\r\n')
+            with plain.makefile("rb") as lines:
+                assert b"maximum account active connections exceeded" in lines.read()
+        another = Site("control")
+        await another.connect(fleet.hub.port, "control")
+        await another.client.close()
+
+
 async def test_nobody_gets_in_without_a_password(fleet):
     for server in fleet.hub, fleet.leaf:
         for login in {}, {"user": "control", "pass": "guess"}:
