@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from math import ceil
 from typing import Any, Final
 
-from gateway.config.duration import show_duration
+from gateway.config.duration import show_age, show_duration
 from gateway.lines.counts import RESULTS
 from gateway.timing.verdict import verdict
 
@@ -85,6 +85,8 @@ def for_unit(unit: _Row) -> Iterator[str]:
 def _about_failures(unit: _Row) -> Iterator[str]:
     error = str(unit["last_error"])
     cause = _CAUSES.get(error, "see the log")
+    if error == "timeout" and not count_ok(unit):
+        cause += ", and the unit identifier in the client"
     if unit["state"] == "resting":
         yield f"rests, next try in {show_duration(ceil(unit['rests_ms'] / 1000))}; {error}: {cause}"
     elif unit["state"] == "failing":
@@ -95,15 +97,6 @@ def _about_failures(unit: _Row) -> Iterator[str]:
 
 def _ago(milliseconds: float | None) -> str:
     return "" if milliseconds is None else f", {show_age(milliseconds)} ago"
-
-
-def show_age(milliseconds: float) -> str:
-    """Elapsed time as one number and unit: `3 s`, `2 h`."""
-    seconds = milliseconds / 1000
-    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 #: The notes for the rows of each section.

@@ -33,10 +33,11 @@ examples:
 
 Each row is ok, note or fix; below a fix is the remedy, and the exit
 status is 1 then. Without --passive the running gateway may send reads of one
-item: to configured units that were asked less than four times, or whose last
-request failed; when a unit is silent, to at most 16 addresses that are not
-configured; when no unit of a line answers, also at other rates and formats,
-for at most 30 s. It never writes. A note tells what was sent.
+item: to configured units that were asked less than four times, and to units
+whose last request failed, or that have not answered for a minute or since
+another one has failed; when a unit is silent, to at most 16 addresses that
+are not configured; when no unit of a line answers, also at other rates and
+formats, for at most 30 s. It never writes. A note tells what was sent.
 """
 
 
@@ -88,7 +89,9 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
     except DaemonError as error:
         if args.control:
             raise
-        return [_without_daemon(str(error)), *_in_config(DEFAULT_CONFIG, args.line)]
+        is_installed = Path(DEFAULT_CONFIG).exists()
+        found = _in_config(DEFAULT_CONFIG, args.line) if is_installed else []
+        return [_without_daemon(str(error), is_installed=is_installed), *found]
     if daemon is None:
         return _in_config(args.config, args.line)
     with daemon:
@@ -119,6 +122,9 @@ def _finding(row: Mapping[str, Any]) -> Finding:
     )
 
 
-def _without_daemon(why: str) -> Finding:
-    what = f"{why}; only what can be seen without one was looked at"
-    return Finding("note", "gateway", what, "systemctl start modbus-gateway")
+def _without_daemon(why: str, *, is_installed: bool) -> Finding:
+    if is_installed:
+        what = f"{why}; only what can be seen without one was looked at"
+        return Finding("note", "gateway", what, "systemctl start modbus-gateway")
+    remedy = "start it: modbus-gateway run FILE; or look at its config: modbus-gateway doctor --config FILE"
+    return Finding("fix", "gateway", why, remedy)

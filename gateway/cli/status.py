@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import ceil
 from typing import Any, Final
 
-from gateway.cli.advice import ADVICE, count_failed, count_ok, show_age
+from gateway.cli.advice import ADVICE, count_failed, count_ok
 from gateway.cli.columns import align, narrow
 from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
 from gateway.cli.main import FINE
 from gateway.cli.terminal import unescaped
-from gateway.config.duration import show_duration
+from gateway.config.duration import show_age, show_duration
 from gateway.errors import DaemonError
 from gateway.observe.printable import printable
 

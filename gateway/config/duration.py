@@ -123,3 +123,12 @@ def _three_figures(number: float) -> str:
     digits = 2 if number < 10 else 1 if number < 100 else 0
     text = f"{number:.{digits}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def show_age(milliseconds: float) -> str:
+    """Elapsed time as one number and unit: `3 s`, `2 h`."""
+    seconds = milliseconds / 1000
+    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"

@@ -15,12 +15,13 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class PortInUse:
-    """A serial port of the config, and whether the gateway has it open."""
+    """A serial port of the config. The gateway has it open, or `is_standby`: another gateway may have."""
 
     line: str
     source: str
     port: str
     is_open: bool
+    is_standby: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class PortEvidence:
     `stable_path` is a link to it that survives a replug, empty if there is none. `user` runs the gateway and `may_open`
     it or not; its group is `group`. `latency_timer` is that of an FTDI adapter, None for others. `is_ours`: the
     gateway has it open. `holders` are other programs that have, `probers` programs that open serial ports when they
-    appear.
+    appear. If it `is_standby`, another gateway may have it.
     """
 
     line: str
@@ -47,6 +48,7 @@ class PortEvidence:
     is_ours: bool = False
     holders: tuple[Holder, ...] = ()
     probers: tuple[str, ...] = ()
+    is_standby: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,8 @@ class UnitEvidence:
     `answered` includes `exceptions`; `late` answers came after the limit, the slowest one after `latest`. `limit` is
     the last one, 0 before the first request, and `limit_share` what 99 of 100 answers took of theirs. `twice` are
     answers that came a second time. `instead` is what was received lately in place of answers. The last `in_a_row`
-    requests failed.
+    requests failed. The last answer came so many seconds `ago`, None if none did. Of units that are not `is_configured`
+    only clients say that they exist.
     """
 
     unit: int
@@ -76,6 +79,8 @@ class UnitEvidence:
     twice: int = 0
     instead: tuple[bytes, ...] = ()
     in_a_row: int = 0
+    ago: float | None = None
+    is_configured: bool = True
 
     @property
     def asked(self) -> int:
@@ -91,6 +96,11 @@ class UnitEvidence:
     def is_silent(self) -> bool:
         """Whether requests were sent to it, and nothing was received."""
         return bool(self.timeouts) and not (self.answered or self.late or self.bad_frames or self.ambiguous)
+
+    @property
+    def is_answering(self) -> bool:
+        """Whether it has answered, and its last request too."""
+        return bool(self.answered) and not self.in_a_row
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +123,9 @@ class Search:
 class LineEvidence:
     """A client line. `reason` says why it is down, or why it `is_standby`; it is empty while the line is up.
 
-    `sent` requests have left; `copies` of them came back, `others` are requests of other clients that were heard.
+    `sent` requests have left; `copies` of them came back, of the last `copies_in_a_row` each. `others` are requests of
+    other clients that were heard. The last ones were heard `copied_ago` and `others_ago`, in seconds, and so many
+    requests were sent since then.
     `errors` are what the driver says of received characters, None where it does not count them.
     """
 
@@ -128,7 +140,12 @@ class LineEvidence:
     busy_share: float | None = None
     sent: int = 0
     copies: int = 0
+    copies_in_a_row: int = 0
+    copied_ago: float = 0.0
+    sent_since_copy: int = 0
     others: int = 0
+    others_ago: float = 0.0
+    sent_since_other: int = 0
     errors: CharacterErrors | None = None
     units: tuple[UnitEvidence, ...] = ()
     search: Search | None = None
@@ -137,6 +154,15 @@ class LineEvidence:
     def is_silent(self) -> bool:
         """Whether requests were sent to several units, and to all of them, and nothing was received."""
         return len(self.units) > 1 and not self.others and all(unit.is_silent for unit in self.units)
+
+    @property
+    def has_stopped(self) -> bool:
+        """Whether several units were asked, some have answered before, and the last requests of all of them failed."""
+        asked = [unit for unit in self.units if unit.asked]
+        if len(asked) < 2 or self.others or not any(unit.answered for unit in asked):
+            return False
+        failed = sum(unit.in_a_row or unit.timeouts for unit in asked)
+        return failed >= 3 and all(unit.in_a_row or unit.is_silent for unit in asked)
 
 
 @dataclass(frozen=True, slots=True)

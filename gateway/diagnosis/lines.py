@@ -3,14 +3,19 @@
 from collections.abc import Callable, Iterator
 from typing import Final
 
+from gateway.config.duration import show_age
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
-from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.finding import Finding, Level
 from gateway.diagnosis.units import about_unit
 
 #: An adapter that echoes returns every request: some may be lost in noise.
 ECHOED: Final = 0.8
 #: So many are no chance.
 ENOUGH: Final = 3
+#: So many seconds after the last time something may be over: after as many requests without it, or in any case.
+RECENT: Final = 60.0
+OVER: Final = 300.0
+REQUESTS: Final = 100
 #: From which share of the received characters on errors are no chance, and from which share of the time on a line is
 #: full.
 WRONG: Final = 0.01
@@ -31,22 +36,29 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
     yield from findings
     asked = [unit for unit in line.units if unit.asked]
     fixes = [finding for finding in findings if finding.level == "fix"]
-    if asked and not fixes:
-        yield Finding("ok", line.name, _how_it_is(asked))
+    answering = [unit for unit in asked if unit.is_answering]
+    if answering and not fixes:
+        yield _how_it_is(line, answering)
     elif all(finding.unit for finding in fixes):
         yield from _who_answers(line, asked, {finding.unit for finding in fixes})
     if len(asked) < len(line.units):
         yield Finding("note", line.name, f"not asked yet: {len(line.units) - len(asked)} of {len(line.units)} units")
 
 
-def _how_it_is(units: list[UnitEvidence]) -> str:
+def _how_it_is(line: LineEvidence, units: list[UnitEvidence]) -> Finding:
+    """How many of its requests the units have answered; what is long ago is no proof that they do it now."""
     requests, answered = sum(unit.asked for unit in units), sum(unit.answered for unit in units)
-    share = 100 * answered // requests
-    return f"{len(units)} {'unit answers' if len(units) == 1 else 'units answer'}: {share} % of {requests} requests"
+    counted = f"{100 * answered // requests} % of {requests} requests"
+    ago = min(unit.ago or 0.0 for unit in units)
+    if ago > RECENT:
+        have = "unit has answered" if len(units) == 1 else "units have answered"
+        what = f"{len(units)} {have}: {counted}, the last one {show_age(1000 * ago)} ago"
+        return Finding("note", line.name, what, f"without --passive, doctor {line.name} asks again")
+    return Finding("ok", line.name, f"{len(units)} {'unit answers' if len(units) == 1 else 'units answer'}: {counted}")
 
 
 def _who_answers(line: LineEvidence, asked: list[UnitEvidence], ill: set[str]) -> Iterator[Finding]:
-    well = [unit for unit in asked if unit.answered and not unit.in_a_row and unit.name not in ill]
+    well = [unit for unit in asked if unit.is_answering and (unit.ago or 0.0) <= RECENT and unit.name not in ill]
     if well:
         numbers = ", ".join(str(unit.unit) for unit in well)
         what = f"unit {numbers} answers" if len(well) == 1 else f"units {numbers} answer"
@@ -56,15 +68,33 @@ def _who_answers(line: LineEvidence, asked: list[UnitEvidence], ill: set[str]) -
 def _echo(line: LineEvidence) -> Iterator[Finding]:
     if _is_echoing(line) and not line.echo:
         what = f"the adapter returns what is sent: {line.copies} of {line.sent} requests came back"
-        yield Finding("fix", line.name, what, f"{line.source}: echo = true")
+        yield _heard(line, what, f"{line.source}: echo = true", line.copied_ago, line.sent_since_copy)
+
+
+def _copies(line: LineEvidence) -> Iterator[Finding]:
+    """Too few for an adapter that was there all the time; it may have been changed."""
+    if line.copies >= ENOUGH and line.others < ENOUGH and not (_is_echoing(line) or line.echo):
+        what = f"{line.copies} of {line.sent} requests came back: the adapter echoes, or another client asks the same"
+        remedy = f"{line.source}: echo = true; if the adapter does not echo, disconnect the other client"
+        yield _heard(line, what, remedy, line.copied_ago, line.sent_since_copy)
 
 
 def _second_client(line: LineEvidence) -> Iterator[Finding]:
-    others = line.others + (0 if _is_echoing(line) else line.copies)
-    if others >= ENOUGH:
-        what = f"another client sends requests on this line: {others} were heard"
-        remedy = 'disconnect it, or connect it to a line of its own with role = "server"'
-        yield Finding("fix", line.name, what, remedy)
+    if line.others < ENOUGH:
+        return
+    copies_too = not (_is_echoing(line) or line.echo)
+    others = line.others + (line.copies if copies_too else 0)
+    what = f"another client sends requests on this line: {others} were heard"
+    remedy = 'disconnect it, or connect it to a line of its own with role = "server"'
+    yield _heard(line, what, remedy, line.others_ago, line.sent_since_other)
+
+
+def _heard(line: LineEvidence, what: str, remedy: str, ago: float, sent_since: int) -> Finding:
+    """A `note` once it is probably over."""
+    if ago <= RECENT:
+        return Finding("fix", line.name, what, remedy)
+    level: Level = "note" if ago > OVER or sent_since >= REQUESTS else "fix"
+    return Finding(level, line.name, f"{what}, the last one {show_age(1000 * ago)} ago", remedy)
 
 
 def _parity(line: LineEvidence) -> Iterator[Finding]:
@@ -112,6 +142,10 @@ def _silence(line: LineEvidence) -> Iterator[Finding]:
         what = f"none of its {len(line.units)} units answers at {line.baud} {line.format}"
         remedy = f"{_check_line(line)}; without --passive, doctor {line.name} tries other rates"
         yield Finding("fix", line.name, what, remedy)
+    elif line.has_stopped:
+        asked = sum(1 for unit in line.units if unit.asked)
+        what = f"none of its {asked} units answers any more, though some have answered"
+        yield Finding("fix", line.name, what, "check the power of the line, the adapter and the wires")
 
 
 def _check_line(line: LineEvidence) -> str:
@@ -126,7 +160,7 @@ def _full(line: LineEvidence) -> Iterator[Finding]:
 
 
 def _is_echoing(line: LineEvidence) -> bool:
-    return line.copies >= ENOUGH and line.copies >= ECHOED * line.sent
+    return line.copies >= ENOUGH and (line.copies >= ECHOED * line.sent or line.copies_in_a_row >= ENOUGH)
 
 
 _OTHER_PARITIES: Final = ("8E1", "8N1", "8O1")
@@ -135,6 +169,7 @@ _RULES: Final[tuple[Callable[[LineEvidence], Iterator[Finding]], ...]] = (
     _speed,
     _silence,
     _echo,
+    _copies,
     _second_client,
     _parity,
     _framing,

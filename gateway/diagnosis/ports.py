@@ -9,8 +9,12 @@ from gateway.diagnosis.finding import Finding
 #: The longest that an FTDI adapter may hold received bytes back, in seconds, without a word about it.
 LATENCY: Final = 0.002
 
+#: How the program of a gateway is named.
+GATEWAY: Final = "modbus-gateway"
+
 #: How programs that open serial ports are kept away from them.
 _KEEPING_AWAY: Final = {
+    GATEWAY: "give one of the two another port, or stop the other: systemctl stop modbus-gateway, or Ctrl-C",
     "ModemManager": "systemctl disable --now ModemManager",
     "brltty": "systemctl disable --now brltty-udev.service brltty.service",
     "gpsd": "systemctl disable --now gpsd.socket gpsd.service",
@@ -24,7 +28,7 @@ def about_ports(port: PortEvidence) -> Iterator[Finding]:
         return
     troubles = [finding for rule in _RULES for finding in rule(port)]
     yield from troubles
-    if not any(finding.level == "fix" for finding in troubles):
+    if not port.is_standby and not any(finding.level == "fix" for finding in troubles):
         yield Finding("ok", _name(port), f"{port.port}: no other program has it open, and {port.user} may open it")
 
 
@@ -42,6 +46,8 @@ def _permission(port: PortEvidence) -> Iterator[Finding]:
 
 def _other_programs(port: PortEvidence) -> Iterator[Finding]:
     for holder in port.holders:
+        if holder.name == GATEWAY and port.is_standby:
+            continue  # it has the lease
         remedy = _KEEPING_AWAY.get(holder.name, f"end it: kill {holder.pid}")
         yield _fix(port, f"{holder.name} (pid {holder.pid}) has {port.port} open, too", remedy)
     for name in port.probers:

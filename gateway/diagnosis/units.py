@@ -16,6 +16,8 @@ WRONG: Final = 0.05
 SOME: Final = 0.01
 #: Less than that says nothing yet.
 ENOUGH: Final = 3
+#: So many units are named in a row.
+MOST: Final = 5
 #: A limit is so many times what an answer takes.
 _MARGIN: Final = 1.5
 
@@ -97,8 +99,14 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         return
     search = line.search
     what = f"does not answer at address {unit.on_the_wire}"
-    if line.is_silent if search is None else search.speeds:
+    if line.has_stopped or (line.is_silent if search is None else search.speeds):
         return  # the row of the line says it
+    others = [str(each.unit) for each in line.units if each.is_answering]
+    if others and not unit.is_configured:
+        what = f"a client asks for it and gets no answer; on this line {', '.join(others[:MOST])} can answer"
+        remedy = "check the unit identifier in the client, then the address of the device"
+        yield _Found(unit.asked, _row("note", unit, what, remedy))
+        return
     if search is not None and search.found:
         found = ", ".join(map(str, search.found))
         what += f", but a device that is not configured answers at {found}: are addresses swapped?"
@@ -118,7 +126,7 @@ def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
 
 def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """However many requests were answered before."""
-    if not unit.in_a_row or unit.is_silent or _others_tell(unit, line):
+    if not unit.in_a_row or unit.is_silent or line.has_stopped or _others_tell(unit, line):
         return
     if unit.in_a_row < ENOUGH:
         what = "its last request was not answered" if unit.in_a_row == 1 else "its last 2 requests were not answered"
@@ -129,7 +137,7 @@ def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]
 
 
 def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    if unit.is_silent or _others_tell(unit, line):
+    if unit.is_silent or line.has_stopped or _others_tell(unit, line):
         return
     damaged = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else 0
     failed = unit.failed - min(damaged + unit.late, unit.failed)  # the others have rows of their own

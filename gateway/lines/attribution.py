@@ -88,6 +88,7 @@ class Attribution:
         self._echo_until = echo_until
         self._had_echo = False
         self._asked = transaction
+        self.overheard.count_sent()
         self._place = position
         self._is_on_line = transaction.expects_answer
         self.ended_at = NEVER
@@ -191,7 +192,8 @@ class Attribution:
             return False  # it may be another client's request
         is_first, self._had_echo = not self._had_echo, True
         is_echo = is_first and token.at < self._echo_until
-        self.overheard.copies += is_echo
+        if is_echo:
+            self.overheard.count_copy(token.at)
         return is_echo
 
     def _is_request(self, token: Token) -> bool:
@@ -203,8 +205,10 @@ class Attribution:
         if asked.function not in KNOWN_FUNCTIONS:
             return False
         is_copy = self._asked is not None and self._asked.is_copy(frame)
-        self.overheard.copies += is_copy
-        self.overheard.requests += not is_copy
+        if is_copy:
+            self.overheard.count_copy(token.at)
+        else:
+            self.overheard.count_request(token.at)
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
         if self.heard_asker is not None:

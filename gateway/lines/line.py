@@ -99,6 +99,11 @@ class Line:
         """Counters of frames that are not responses to its requests."""
         return self._receiver.attribution.overheard
 
+    @property
+    def copies_in_a_row(self) -> int:
+        """Of how many requests in a row a copy was received besides the response."""
+        return self._receiver.attribution.echoes_in_a_row
+
     def late_windows(self, now: float) -> int:
         """How many late windows are open."""
         return self._windows.count(now)

@@ -8,12 +8,13 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from gateway.devices.device import Device
 from gateway.diagnosis.broker import BrokerEvidence, about_broker
 from gateway.diagnosis.clients import about_client
-from gateway.diagnosis.evidence import PortInUse, Search, UnitEvidence
+from gateway.diagnosis.evidence import PortInUse, Search
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.fleet import FleetEvidence, about_fleet
-from gateway.diagnosis.lines import about_line
+from gateway.diagnosis.lines import RECENT, about_line
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings, SiteSettings
@@ -26,6 +27,7 @@ from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.questions import harmless_read, outcome_of
 from gateway.service.running import Running
 from gateway.service.search import search
+from gateway.timing.measured import NEVER
 
 #: A unit that was asked less often is asked until it was, or did not answer so often.
 SAMPLES: Final = 4
@@ -127,10 +129,11 @@ async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> 
     asked = 0
     try:
         async with asyncio.timeout(LONGEST_ASKING):
-            for settings in () if line.plan.passes_through else line.plan.shared:
-                device, pdu = line.devices[settings.known_as], harmless_read(settings.profile)
-                before = asked
-                while pdu is not None and is_wanted() and _needs_more(unit_evidence(line, device), asked - before):
+            for device in _doubtful_first(line):
+                await asyncio.sleep(0)  # let others run: a line may have hundreds
+                settings, before = device.settings, asked
+                pdu = harmless_read(settings.profile)
+                while pdu is not None and is_wanted() and _needs_more(line, device, asked - before):
                     error, _ = await outcome_of(running.gateway.control, settings.known_as, pdu, is_there)
                     if error is not None and not _was_sent(error.result):
                         break  # it rests, or the operator may not read
@@ -140,6 +143,18 @@ async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> 
     except TimeoutError:
         return asked, True
     return asked, False
+
+
+def _doubtful_first(line: GatewayLine) -> list[Device]:
+    """The units to ask: if one of them does not answer, the others must answer after that."""
+    shared = {settings.known_as for settings in line.plan.shared}
+    devices = [device for device in shown_devices(line) if device.settings.known_as in shared]
+    return sorted(devices, key=_has_answered)
+
+
+def _has_answered(device: Device) -> bool:
+    times = device.counts.times.values()
+    return not device.breaker.failures and any(each.answered_at != NEVER for each in times)
 
 
 async def _wait_for_late_answer(line: GatewayLine) -> None:
@@ -175,10 +190,19 @@ def _told(found: Search) -> list[str]:
     return told
 
 
-def _needs_more(unit: UnitEvidence, asked_here: int) -> bool:
+def _needs_more(line: GatewayLine, device: Device, asked_here: int) -> bool:
+    unit = unit_evidence(line, device)
     if unit.answered and unit.in_a_row:  # did it lose a few requests, does it answer again?
         return not asked_here or unit.in_a_row < ENOUGH_IN_A_ROW
+    if unit.ago is not None and unit.ago > min(RECENT, _failed_ago(line)):
+        return True
     return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
+
+
+def _failed_ago(line: GatewayLine) -> float:
+    """How long ago a unit of the line has failed that has not answered since, in seconds."""
+    failing = (device.counts.last_error_at for device in line.devices.values() if device.breaker.failures)
+    return line.now() - max(failing, default=NEVER)
 
 
 def _was_sent(result: str) -> bool:
@@ -208,4 +232,5 @@ def _about_upstream(upstream: GatewayUpstream, *, has_nats: bool) -> list[Findin
 def _port_of(part: GatewayLine | GatewayServer) -> list[PortInUse]:
     if not isinstance(part.plan.port, SerialSettings):
         return []
-    return [PortInUse(part.name, part.plan.line.source, part.plan.port.port, part.reconnector.is_open)]
+    is_standby = isinstance(part, GatewayLine) and part.is_standby
+    return [PortInUse(part.name, part.plan.line.source, part.plan.port.port, part.reconnector.is_open, is_standby)]

@@ -11,6 +11,7 @@ from gateway.service.parts import GatewayLine, GatewayUpstream
 from gateway.service.recent import Recent
 from gateway.service.slices import in_slices
 from gateway.timing.histogram import SHARES, merged
+from gateway.timing.measured import NEVER
 
 
 async def units_evidence(line: GatewayLine) -> tuple[UnitEvidence, ...]:
@@ -37,7 +38,12 @@ def line_evidence(
         busy_share=None if rate is None else rate.busy,
         sent=line.sent,
         copies=overheard.copies,
+        copies_in_a_row=machine.copies_in_a_row,
+        copied_ago=now - overheard.copied_at,
+        sent_since_copy=overheard.sent_since_copy,
         others=overheard.requests,
+        others_ago=now - overheard.requested_at,
+        sent_since_other=overheard.sent_since_request,
         errors=line.driver.errors,
         units=units,
         search=found,
@@ -56,6 +62,7 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
     times = tuple(counts.times[function] for function in counts)
     overheard = line.driver.line.overheard
     belated = overheard.belated.get(device.unit, Belated())
+    answered_at = max((each.answered_at for each in times), default=NEVER)
     return UnitEvidence(
         unit=settings.known_as,
         on_the_wire=device.unit,
@@ -74,6 +81,8 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         twice=overheard.second_responses.get(device.unit, 0),
         instead=tuple(counts.received_instead),
         in_a_row=device.breaker.failures,
+        ago=None if answered_at == NEVER else line.now() - answered_at,
+        is_configured=not line.plan.passes_through,
     )
 
 

@@ -56,6 +56,7 @@ def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places())
         group=group_of(str(device)),
         latency_timer=_latency_timer(terminal),
         is_ours=port.is_open,
+        is_standby=port.is_standby,
         holders=tuple(Holder(name_of(pid, places.programs), pid) for pid in sorted(pids)),
         probers=tuple(sorted(PROBERS & running_programs(places.programs))),
     )

@@ -147,3 +147,16 @@ def test_when_no_gateway_runs_that_is_a_note(monkeypatch, tmp_path, capsys):
     assert "fix   port of hall" in said
     assert main(["doctor", "--control", "/nowhere"]) == PROBLEM_FOUND
     assert "no running gateway found" in capsys.readouterr().err
+
+
+def test_in_a_checkout_without_a_gateway_there_is_nothing_to_look_at(monkeypatch, tmp_path, capsys):
+    def nobody(control):
+        raise DaemonError("no running gateway found")
+
+    monkeypatch.setattr(doctor, "Conversation", nobody)
+    monkeypatch.setattr(doctor, "DEFAULT_CONFIG", str(tmp_path / "gateway.toml"))
+    assert main(["doctor"]) == PROBLEM_FOUND
+    assert capsys.readouterr().out.splitlines() == [
+        "fix   gateway: no running gateway found",
+        "      -> start it: modbus-gateway run FILE; or look at its config: modbus-gateway doctor --config FILE",
+    ]

@@ -176,8 +176,72 @@ def test_an_echo_is_named_unless_it_is_configured():
 def test_another_client_is_named_also_if_it_asks_what_we_ask():
     ((about, what, _),) = fixes(replace(LINE, others=12))
     assert (about, what) == ("hall", "another client sends requests on this line: 12 were heard")
-    assert fixes(replace(LINE, copies=12)) == fixes(replace(LINE, others=12))
+    assert "15 were heard" in fixes(replace(LINE, copies=12, others=3))[0][1]
     assert levels(replace(LINE, others=1)) == ["ok"]
+
+
+def test_copies_that_may_be_an_echo_are_named_as_such_first():
+    ((_, what, remedy),) = fixes(replace(LINE, copies=14))
+    assert what == "14 of 150 requests came back: the adapter echoes, or another client asks the same"
+    assert remedy == "gateway.toml:3: echo = true; if the adapter does not echo, disconnect the other client"
+    ((_, what, remedy),) = fixes(replace(LINE, copies=14, copies_in_a_row=5))
+    assert what == "the adapter returns what is sent: 14 of 150 requests came back"
+
+
+@pytest.mark.parametrize(
+    ("ago", "sent_since", "level", "told"),
+    [
+        (30.0, 400, "fix", ""),
+        (90.0, 20, "fix", ", the last one 90 s ago"),
+        (90.0, 400, "note", ", the last one 90 s ago"),
+        (720.0, 0, "note", ", the last one 12 min ago"),
+    ],
+)
+def test_what_was_repaired_is_a_note(ago, sent_since, level, told):
+    client = replace(LINE, others=7, others_ago=ago, sent_since_other=sent_since)
+    echo = replace(LINE, copies=140, copied_ago=ago, sent_since_copy=sent_since)
+    few = replace(LINE, copies=14, copied_ago=ago, sent_since_copy=sent_since)
+    for line in (client, echo, few):
+        row = next(about_line(line))
+        assert (row.level, row.what.partition(", the last")[1:]) == (
+            level,
+            told.partition(", the last")[1:],
+        )
+        assert row.remedy
+
+
+STOPPED = (replace(SILO, timeouts=2, in_a_row=2), replace(PRESS, timeouts=1, in_a_row=1))
+
+
+def test_a_line_on_which_all_units_have_stopped_answering_has_one_row():
+    ((about, what, remedy),) = fixes(replace(LINE, units=STOPPED))
+    assert (about, what) == ("hall", "none of its 2 units answers any more, though some have answered")
+    assert remedy == "check the power of the line, the adapter and the wires"
+    assert fixes(replace(LINE, units=(SILENT, STOPPED[1])))[0][0] == "hall"
+    assert levels(replace(LINE, units=(SILO, STOPPED[1]))) == ["note", "ok"]
+
+
+def test_units_that_do_not_answer_at_the_moment_are_not_among_those_that_answer():
+    rows = list(about_line(replace(LINE, units=(SILO, STOPPED[1]))))
+    assert rows[-1].what == "1 unit answers: 100 % of 100 requests"
+    assert levels(replace(LINE, units=(STOPPED[1],))) == ["note"]
+
+
+def test_that_units_have_answered_long_ago_is_a_note():
+    long_ago = replace(LINE, units=(replace(SILO, ago=720.0), replace(PRESS, ago=9000.0)))
+    (row,) = about_line(long_ago)
+    assert (row.level, row.what) == ("note", "2 units have answered: 100 % of 150 requests, the last one 12 min ago")
+    assert row.remedy == "without --passive, doctor hall asks again"
+    assert levels(replace(long_ago, units=(replace(SILO, ago=50.0), PRESS))) == ["ok"]
+
+
+def test_a_unit_that_only_a_client_names_is_a_note_beside_one_that_answers():
+    mistyped = replace(SILENT, unit=18, name="hall/18", is_configured=False)
+    row = next(about_line(replace(LINE, units=(mistyped, PRESS))))
+    assert (row.level, row.about) == ("note", "unit 18, hall/18")
+    assert row.what == "a client asks for it and gets no answer; on this line 46 can answer"
+    assert row.remedy == "check the unit identifier in the client, then the address of the device"
+    assert levels(replace(LINE, units=(mistyped,))) == ["fix"]
 
 
 def test_a_limit_that_is_too_short_is_named_with_a_longer_one():

@@ -51,6 +51,15 @@ def test_a_program_that_has_taken_the_adapter_is_named(holder, remedy):
     assert rows(replace(PORT, holders=(holder,))) == [("fix", f"{holder.name} (pid 412) has {BY_ID} open, too", remedy)]
 
 
+def test_another_gateway_is_not_to_be_killed():
+    other = replace(PORT, holders=(Holder("modbus-gateway", 412),))
+    ((level, what, remedy),) = rows(other)
+    assert (level, what) == ("fix", f"modbus-gateway (pid 412) has {BY_ID} open, too")
+    assert remedy == "give one of the two another port, or stop the other: systemctl stop modbus-gateway, or Ctrl-C"
+    assert rows(replace(other, is_standby=True)) == []
+    assert len(rows(replace(PORT, holders=(Holder("brltty", 412),), is_standby=True))) == 1
+
+
 def test_a_program_that_may_take_it_is_a_note():
     assert [row[0] for row in rows(replace(PORT, probers=("ModemManager",)))] == ["note", "ok"]
     assert [row[0] for row in rows(replace(PORT, probers=("ModemManager",), is_usb=False))] == ["ok"]

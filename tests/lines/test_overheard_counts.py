@@ -106,3 +106,18 @@ def test_what_came_in_place_of_an_answer_is_kept(bench: Bench) -> None:
         bench.pass_time(200.0)
     instead = bench.devices[1].counts.received_instead
     assert [text[2] for text in instead] == [*range(2, 10)]
+
+
+def test_when_copies_and_requests_of_others_were_heard_last_and_how_many_requests_were_sent_since(bench: Bench) -> None:
+    bench.ask()
+    bench.respond(READ)
+    bench.pass_time(0.01)
+    copied_at = bench.now
+    bench.respond()
+    bench.pass_time(1.0)
+    bench.respond(OTHER_READ, unit=2)
+    bench.pass_time(1.0)
+    bench.ask()
+    overheard = bench.line.overheard
+    assert (overheard.sent_since_copy, overheard.sent_since_request) == (1, 1)
+    assert overheard.copied_at <= copied_at < overheard.requested_at < bench.now

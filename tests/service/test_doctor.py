@@ -126,6 +126,57 @@ async def test_it_tells_that_its_time_was_too_short_for_all_silent_units():
         assert asyncio.get_running_loop().time() - began > 30
 
 
+PASSES_THROUGH = CONFIG[: CONFIG.index("devices")]
+
+
+@pytest.mark.parametrize("config", [CONFIG, PASSES_THROUGH])
+@pytest.mark.parametrize("pause", [5.0, 61.0])
+async def test_a_line_that_has_died_is_not_ok(config, pause):
+    async with gateway_bench(config) as bench:
+        first, second = (1, 6) if config == PASSES_THROUGH else (41, 6)
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        client = bench.client()
+        for unit in (first, second) * 60:
+            await client.asks(unit, "03 00 00 00 01")
+        bench.attach("hall", SimulatedLine("rtu"))
+        await client.asks(second, "03 00 00 00 01")
+        await asyncio.sleep(pause)
+        rows = await found(bench)
+        assert fixes(rows) == ["none of its 2 units answers any more, though some have answered"]
+        assert [row for row in rows if row[0] == "ok"] == []
+
+
+async def test_a_unit_that_nobody_has_asked_for_a_minute_is_asked():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        client = bench.client()
+        for unit in (41, 6) * 5:
+            await client.asks(unit, "03 00 00 00 01")
+        await asyncio.sleep(61.0)
+        (row,) = await found(bench, ask=False)
+        assert row == ("note", "hall", "2 units have answered: 100 % of 10 requests, the last one 61 s ago")
+        bench.lines["hall"].take_written()
+        assert (await found(bench))[0] == ("ok", "hall", "2 units answer: 100 % of 12 requests")
+        assert sorted(frames(bench)) == [(1, 3), (6, 3)]
+
+
+async def test_another_client_is_a_note_once_it_is_heard_no_more():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        for _ in range(4):
+            bench.lines["hall"].deliver(bytes.fromhex("01 03 00 10 00 01 85 CF"))
+            await asyncio.sleep(0.1)
+        assert fixes(await found(bench)) == ["another client sends requests on this line: 4 were heard"]
+        client = bench.client()
+        for unit in (41, 6) * 100:
+            await client.asks(unit, "03 00 00 00 01")
+            await asyncio.sleep(0.5)
+        rows = await found(bench)
+        assert fixes(rows) == []
+        assert rows[0][0] == "note"
+        assert "4 were heard, the last one" in rows[0][2]
+
+
 async def test_nothing_is_sent_when_that_is_not_wanted():
     async with gateway_bench(CONFIG) as bench:
         assert await found(bench, ask=False) == [("note", "hall", "not asked yet: 2 of 2 units")]
