@@ -239,11 +239,12 @@ class CommandRefused(Event):
 
 
 class Ready(Event):
-    """Clients can connect and every line was tried once."""
+    """Clients can connect and every line was tried once. `control` is the socket for the commands."""
 
     listeners: tuple[str, ...]
     lines_up: int
     lines_down: int
+    control: str = ""
 
 
 class Stopping(Event):

@@ -42,7 +42,8 @@ def _lines(answer: dict[str, Any]) -> list[str]:
         f"{said}: {', '.join(told)}" for what, said in _CHANGES.items() if (told := _told(answer, what, UNKNOWN))
     ]
     defect = [f"{answer['defect']}; the new config is in use"] if answer.get("defect") else []
-    return [*(changes or ["nothing has changed"]), *_told(answer, "warnings"), *defect]
+    nothing = f"nothing has changed in {answer['file']}" if answer.get("file") else "nothing has changed"
+    return [*(changes or [nothing]), *_told(answer, "warnings"), *defect]
 
 
 def _told(answer: dict[str, Any], key: str, *otherwise: str) -> list[str]:

@@ -32,8 +32,8 @@ from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, SERVER_UNIT
 #: What it waits for a device when nothing else is said, in seconds.
 _TIMEOUT: Final = 10.0
 _NO_LIBRARY: Final = (
-    "to read YAML, the library ruamel.yaml is needed: pip install 'mbgw[yaml]'; "
-    "the Debian package and the image have it. TOML and JSON need none"
+    "to read YAML, the library ruamel.yaml is needed. In a checkout: .venv/bin/pip install ruamel.yaml; with pipx: "
+    "pipx inject mbgw ruamel.yaml; the Debian package and the image have it. TOML and JSON need none"
 )
 
 

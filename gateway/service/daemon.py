@@ -61,8 +61,8 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) ->
             emit = fan_out.emit
             emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
             warn(read.problems, emit)
-            path = control or plan.control or control_path(file)
-            _serve(plan, _Source(file, read.text), Path(path), fan_out)
+            path = Path(control or plan.control or control_path(file)).absolute()
+            _serve(plan, _Source(file, read.text), path, fan_out)
     except (ListenError, StateError, TlsError) as error:
         tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise
@@ -123,6 +123,7 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     systemd, stop = Notifier(), Stop()
     sockets = OpenSockets(take_inherited_sockets())
     running = Running(rebuild(plan, None), emit, sockets, state.left_behind, state.announced)
+    running.control = str(control)
     reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Final, Literal
 
+from gateway import __version__
+
 Extra = Literal["web", "mqtt", "fleet"]
 
 _MODULES: Final[Mapping[Extra, tuple[str, ...]]] = {
@@ -20,4 +22,5 @@ def missing_library(extra: Extra) -> str | None:
 
 def not_installed(module: str | None, extra: Extra) -> str:
     """What is said where a module of an extra is missing."""
-    return f"{module} is not installed: pip install 'mbgw[{extra}]'"
+    wheel = f"./dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]"
+    return f"{module} is not installed: the wheel was installed without [{extra}]; pipx install --force '{wheel}'"

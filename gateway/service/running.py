@@ -27,6 +27,8 @@ DRAIN_TIME: Final = 3.0
 CLOSING_TIME: Final = 1.5
 #: How often this is checked, in seconds.
 _DRAIN_STEP: Final = 0.02
+#: How long a command waits for lines that were not tried yet, in seconds.
+LONGEST_START: Final = 10.0
 #: The pause before a line's task is restarted after an unexpected error, in seconds.
 _RESTART_PAUSE: Final = 1.0
 
@@ -49,6 +51,8 @@ class Running:
         gateway.route()
         self.gateway = gateway
         self.emit = emit
+        #: The path of the control socket.
+        self.control = ""
         #: Set while clients can connect and no stop was ordered.
         self.ready = asyncio.Event()
         #: Whether the config was accepted when it was last read.
@@ -94,6 +98,13 @@ class Running:
             await part.reconnector.tried.wait()
         for mirror in self.gateway.mirrors:
             mirror.start()
+
+    async def settled(self) -> None:
+        """Wait until every line was tried once, but not for ever: at the start, commands are there before them."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LONGEST_START):
+                for part in self.gateway.parts:
+                    await part.reconnector.tried.wait()
 
     def start_listening(self) -> None:
         """Accept clients.

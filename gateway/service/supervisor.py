@@ -78,7 +78,8 @@ async def keep_lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[
 async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     parts = running.gateway.parts
     up = sum(part.reconnector.error is None for part in parts)
-    running.emit(events.Ready(tuple(each.address for each in running.gateway.listeners), up, len(parts) - up))
+    listeners = tuple(each.address for each in running.gateway.listeners)
+    running.emit(events.Ready(listeners, up, len(parts) - up, running.control))
     systemd.ready(summary(running.gateway))
     running.ready.set()
     await running.gateway.publishing.adopt(running.gateway)

@@ -58,15 +58,18 @@ class _Verbs:
 
     async def reload(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         outcome = await asyncio.shield(self._reloader.order())
-        return {"ok": not (outcome.problems or outcome.defect), **asdict(outcome)}
+        done = not (outcome.problems or outcome.defect)
+        return {"ok": done, "file": str(self._reloader.file.absolute()), **asdict(outcome)}
 
     async def request(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        await self._running.settled()
         return await ask(self._running.gateway, request, is_there)
 
     async def unit(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"unit": picture(self._running.gateway, request.get("unit"))}
 
     async def doctor(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        await self._running.settled()
         async with self._running.examining:
             return await examine(self._running, request, is_there)
 
@@ -78,12 +81,14 @@ class _Verbs:
         return stories(self._running.gateway, request, _clock())
 
     async def bench(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+        await self._running.settled()
         return {"bench": await bench(self._running, request, is_there)}
 
     async def times(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"times": measured(self._running.gateway, request.get("unit"))}
 
     async def scan(self, request: Mapping[str, Any], _is_there: IsThere) -> AsyncGenerator[dict[str, Any], None]:
+        await self._running.settled()
         async with aclosing(scan(self._running, request)) as steps:
             async for step in steps:
                 yield step

@@ -11,6 +11,7 @@ NOTHING = {"problems": [], "added": [], "removed": [], "changed": [], "restart":
     ("answer", "status", "text"),
     [
         ({"ok": True}, FINE, ["nothing has changed"]),
+        ({"ok": True, "file": "/home/eng/my.toml"}, FINE, ["nothing has changed in /home/eng/my.toml"]),
         (
             {"ok": True, "added": ["line a"], "removed": ["line b", "line c"], "warnings": ["x"]},
             FINE,

@@ -101,7 +101,7 @@ def test_toml_and_json_say_the_same():
 
 def test_without_the_library_it_is_said_what_is_needed(monkeypatch):
     monkeypatch.setitem(sys.modules, "ruamel.yaml", None)
-    with pytest.raises(ImportedFileError, match=r"pip install 'mbgw\[yaml\]'"):
+    with pytest.raises(ImportedFileError, match=r"pipx inject mbgw ruamel\.yaml"):
         config_from_modbus_proxy("p.yml", ONE)
 
 

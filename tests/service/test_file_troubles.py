@@ -5,8 +5,10 @@ from contextlib import contextmanager, nullcontext
 
 import pytest
 
+from gateway import __version__
 from gateway.config.load import load
 from gateway.service.file_troubles import with_file_troubles
+from gateway.service.libraries import not_installed
 from kit.browser import CHEAP_HASH
 
 CONFIG = """\
@@ -148,8 +150,8 @@ def test_who_may_not_read_the_password_is_told(about_mqtt, tmp_path):
 @pytest.mark.parametrize(
     ("module", "said"),
     [
-        ("paho", ["12:1: warning: mqtt: has no effect: paho is not installed: pip install 'mbgw[mqtt]'"]),
-        ("jinja2", ["9:1: warning: web: has no effect: jinja2 is not installed: pip install 'mbgw[web]'"]),
+        ("paho", [f"12:1: warning: mqtt: has no effect: {not_installed('paho', 'mqtt')}"]),
+        ("jinja2", [f"9:1: warning: web: has no effect: {not_installed('jinja2', 'web')}"]),
     ],
 )
 def test_a_library_that_is_missing_is_a_warning(tmp_path, monkeypatch, module, said):
@@ -171,3 +173,10 @@ def not_as_root():
         yield
     finally:
         os.seteuid(user)
+
+
+def test_what_installs_a_missing_library_needs_nothing_that_is_not_published():
+    assert not_installed("aiohttp", "web") == (
+        "aiohttp is not installed: the wheel was installed without [web]; "
+        f"pipx install --force './dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]'"
+    )

@@ -185,3 +185,15 @@ def test_udev_understands_the_rules():
     if not shutil.which("udevadm") or "verify" not in printed("udevadm", "--help"):
         pytest.skip("there is no udevadm that verifies rules (package udev of Debian 13)")
     printed("udevadm", "verify", DEPLOY / "udev/modbus-gateway.rules")
+
+
+def test_what_the_pages_name_is_in_the_package_as_it_is_in_the_checkout():
+    """What is compressed could not be installed by the commands in its own header."""
+    packed = (DEPLOY / "debian/install").read_text() + (DEPLOY / "debian/examples").read_text()
+    pages = " ".join(page.read_text(encoding="utf-8") for page in (CHECKOUT / "docs").glob("*.md"))
+    named = {each for each in re.findall(r"deploy/([a-z]+)\b", pages) if (DEPLOY / each).is_dir()}
+    of_checkouts = {"audit", "checking", "debian", "homeassistant", "man", "releasing"}
+    assert {"keepalived", "nats", "udev"} <= named
+    assert [each for each in sorted(named - of_checkouts) if f"deploy/{each}" not in packed] == []
+    (compress,) = re.findall(r"dh_compress (.*)", (DEPLOY / "debian/rules").read_text())
+    assert "--exclude=.conf" in compress
