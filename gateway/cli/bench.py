@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         question = {"line": args.line, "seconds": args.seconds, "unit": unit, "items": args.items, "address": args.at}
         result = daemon.ask("bench", **question).get("bench")
     if not isinstance(result, dict):
-        raise DaemonError("the daemon's answer has no measurement in it")
+        raise DaemonError("the gateway's answer has no measurement in it")
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else show_bench(result))
     return PROBLEM_FOUND if result["failed"] else FINE
 

@@ -21,6 +21,7 @@ from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parse
 from gateway.config.duration import parse_duration, show_duration
 from gateway.errors import DaemonError, GatewayError
 from gateway.timing.proposal import Proposal, Row
+from gateway.timing.verdict import ENOUGH_TO_SHORTEN
 
 #: How often the daemon is asked for new times, in seconds, and how many are kept for one row here.
 _STEP: Final = 1.0
@@ -120,7 +121,7 @@ class Source:
         """Take what is new."""
         self.about = self._daemon.ask("times", unit=self._unit).get("times", {})
         if "rows" not in self.about:
-            raise DaemonError("the daemon's answer has no times in it")
+            raise DaemonError("the gateway's answer has no times in it")
         for row in self.about["rows"]:
             key = row["function"], row["items"]
             new = row["count"] - self._counts.get(key, 0)
@@ -214,6 +215,10 @@ class Calibration(Proposal):
             yield f"Only one number of items was seen with function {functions}: --active measures others."
         if self.margin > self.about["margin"]:
             yield "Some responses take much longer than others: hence the margin."
+        count = sum(len(row.times) for row in self.rows)
+        if count < ENOUGH_TO_SHORTEN:
+            responses = "1 response is" if count == 1 else f"{count} responses are"
+            yield f"{responses} too few for a time limit: take at least {ENOUGH_TO_SHORTEN}, or --active."
 
 
 _HEADINGS: Final = ("FUNCTION", "ITEMS", "RESPONSES", "P50", "P99", "MAX", "FIT", "LIMIT NOW")

@@ -27,7 +27,7 @@ UNKNOWN: Final = "unknown"
 def add_control_argument(parser: argparse.ArgumentParser) -> None:
     """Add `--control`."""
     parser.add_argument(
-        "--control", metavar="PATH", help=f"the daemon's control socket (default: as {DEFAULT_CONFIG} says)"
+        "--control", metavar="PATH", help=f"the gateway's control socket (default: as {DEFAULT_CONFIG} says)"
     )
 
 
@@ -83,11 +83,11 @@ class Conversation:
         try:
             line = self._stream.readline()
         except TimeoutError:
-            raise DaemonError(f"the daemon did not answer within {self._patience:g} s") from None
+            raise DaemonError(f"the gateway did not answer within {self._patience:g} s") from None
         except ConnectionError:
             line = b""
         if not line:
-            raise DaemonError("the daemon closed the connection before it answered; is it stopping?")
+            raise DaemonError("the gateway closed the connection before it answered; is it stopping?")
         was_first, self._is_first = self._is_first, False
         return _read_answer(line, compares=was_first)
 
@@ -101,14 +101,14 @@ def _read_answer(line: bytes, *, compares: bool = True) -> dict[str, Any]:
     if compares:
         _compare_versions(answer.get("version", "an earlier one"))
     if error is not None:
-        raise DaemonError(f"the daemon says: {error}")
+        raise DaemonError(f"the gateway says: {error}")
     return answer
 
 
 def _compare_versions(daemon: object) -> None:
     if daemon != __version__:
-        remedy = "restart the daemon if this command was upgraded"
-        print(f"versions differ: the daemon has {daemon}, this command {__version__}: {remedy}", file=sys.stderr)
+        remedy = "restart the gateway if this command was upgraded"
+        print(f"versions differ: the gateway has {daemon}, this command {__version__}: {remedy}", file=sys.stderr)
 
 
 def _connect(control: str | None) -> socket.socket:

@@ -120,7 +120,7 @@ def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]
         DirectError: port or server cannot be opened.
     """
     if not wanted.isdecimal():
-        raise WrongUsageError(f'"{wanted}" is a name, and only the daemon knows names', "use the unit number")
+        raise WrongUsageError(f'"{wanted}" is a name, and only a running gateway knows names', "use the unit number")
     if int(wanted) > 255 or (args.port and not FIRST_UNIT <= int(wanted) <= LAST_UNIT):
         raise WrongUsageError(f"{wanted} is not a unit number", f"units are {FIRST_UNIT} to {LAST_UNIT}")
     place = _Place(args)

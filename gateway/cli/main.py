@@ -20,6 +20,7 @@ from typing import Any, Final
 from gateway import __version__
 from gateway.cli.examples import examples_text
 from gateway.cli.terminal import no_control_characters
+from gateway.config.problem import did_you_mean
 from gateway.errors import GatewayError
 
 FINE: Final = 0
@@ -98,6 +99,9 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """The parser for these words: only the verb among them knows its arguments."""
     wanted = next((word for word in words if not word.startswith("-")), None)
     parser, _ = _parsers([] if wanted is None else [wanted])
+    if wanted is not None and wanted not in VERBS:
+        nearest = did_you_mean(wanted, VERBS)
+        parser.error(f"there is no command {wanted}; {nearest or 'modbus-gateway --help lists them'}")
     return parser
 
 

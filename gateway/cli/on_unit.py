@@ -55,6 +55,6 @@ def _open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
             yield unit
         return
     if args.profile:
-        raise WrongUsageError("--profile is for --port and --tcp; the daemon knows what its units are", "leave it out")
+        raise WrongUsageError("--profile is for --port and --tcp; the gateway knows what its units are", "leave it out")
     with Conversation(args.control) as daemon:
         yield DaemonUnit(daemon, wanted)

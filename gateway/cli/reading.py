@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 from typing import Final
 
-from gateway.cli.unit import Unit
+from gateway.cli.unit import Answer, Unit
 from gateway.cli.values import Failure, Outcome
 from gateway.errors import ExceptionCode
+from gateway.modbus.pdu import Span
 from gateway.profiles.batches import Batch, batches
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
 from gateway.registers.items import items_read, read_request
+from gateway.registers.reference import MANUAL_BASES
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})
@@ -38,7 +40,15 @@ def _read(unit: Unit, batch: Batch, outcome: Outcome) -> None:
         for point in batch.points:
             _read(unit, Batch(point.span, (point,)), outcome)
     else:
-        outcome.failures.append(Failure(batch.span, answer))
+        outcome.failures.append(Failure(batch.span, answer, advice_after(answer, batch.span)))
+
+
+def advice_after(answer: Answer, span: Span) -> str:
+    """What may be meant by addresses that do not exist: the numbers of a manual, which count from 40001 or 30001."""
+    base = MANUAL_BASES.get(span.area)
+    if answer.exception != ExceptionCode.ILLEGAL_DATA_ADDRESS or base is None or not 0 <= span.start - base < 10_000:
+        return ""
+    return f"{span.start} of a manual is {span.area} {span.start - base} here"
 
 
 def _part(items: bytes, batch: Batch, point: Point) -> bytes:

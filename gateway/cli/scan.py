@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--timeout", type=parsed_by(parse_duration), default=_USUAL_LIMIT, metavar="TIME", help="default 300ms")
     add("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
-    direct = parser.add_argument_group("without a daemon")
+    direct = parser.add_argument_group("without a gateway")
     add_port_arguments(direct, "scan")
     let_options_stand_anywhere(parser)
 
@@ -102,7 +102,7 @@ def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: "_Progress") -
     answer = daemon.ask("scan", line=line, units=wanted, limit_s=args.timeout, all_speeds=args.all_speeds)
     while "found" not in answer:
         if "progress" not in answer:
-            raise DaemonError("the daemon's answer is none to a scan")
+            raise DaemonError("the gateway's answer is none to a scan")
         tell.show(answer["progress"])
         answer = daemon.next_answer()
     return {key: answer[key] for key in ("asked", "found", "known", "is_answered") if key in answer}

@@ -71,7 +71,7 @@ def _ask(args: argparse.Namespace) -> Mapping[str, Any]:
     """The status, or that of all sites."""
     status = ask("fleet", args.control) if args.fleet else ask("status", args.control).get("status")
     if not isinstance(status, dict):
-        raise DaemonError("the daemon's answer has no status in it")
+        raise DaemonError("the gateway's answer has no status in it")
     return {"sites": status.get("sites")} if args.fleet else status
 
 

@@ -116,6 +116,10 @@ def _tell_why(daemon: Conversation, args: argparse.Namespace) -> int:
         print("\n\n".join(told(story, width) for story in reversed(stories)))
     if stories:
         return FINE
+    lines = {line["name"] for line in daemon.ask("trace", after=0, lines=True).get("lines", [])}
+    if args.why in lines:
+        print(f"{args.why} is a line; --why takes a client or a unit", file=sys.stderr)
+        return PROBLEM_FOUND
     clients = answer.get("clients_that_failed") or []
     others = (
         f"; requests of these clients failed: {', '.join(clients)}"

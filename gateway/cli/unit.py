@@ -87,7 +87,7 @@ def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
     add("--raw", action="store_true", help="show request and response in hexadecimal too")
     add("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
-    direct = parser.add_argument_group("without a daemon")
+    direct = parser.add_argument_group("without a gateway")
     add_port_arguments(direct, "use")
     add = direct.add_argument
     add("--tcp", metavar="HOST[:PORT]", help="use this Modbus TCP server (default port 502)")
@@ -107,7 +107,7 @@ class DaemonUnit:
         self._daemon = daemon
         unit = daemon.ask("unit", unit=int(wanted) if wanted.isdecimal() else wanted).get("unit")
         if not isinstance(unit, dict):
-            raise DaemonError("the daemon's answer has no unit in it")
+            raise DaemonError("the gateway's answer has no unit in it")
         functions = unit.get("functions")
         self.number: int = unit["unit"]
         self.name: str = unit.get("name", "")

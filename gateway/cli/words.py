@@ -71,7 +71,10 @@ def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]
     point = _find_point(command, words[0], words)
     if point.write == "no":
         what = f"{point.name} is read-only"
-        raise WrongUsageError(what, "to allow writing, add write = true to the point in the config")
+        remedy = "to allow writing, add write = true to the point in the config"
+        if point.area in WRITERS:
+            remedy += f"; for a point of a built-in profile, write {point.area} {point.address} itself"
+        raise WrongUsageError(what, remedy)
     if len(words) != 2:
         raise WrongUsageError(
             f"{point.name} takes one value" + (f", not {len(words) - 1}" if words[1:] else ""),
@@ -84,6 +87,8 @@ def _assign_to_addresses(command: Command, words: Sequence[str]) -> list[Assignm
     area = Area(words[0])
     if area not in WRITERS:
         raise WrongUsageError(f"{area} cannot be written; coils and holding can", command.like("holding", "0", "1"))
+    if len(words) > 3 and words[2] in DATA_TYPES:
+        raise WrongUsageError("the type is the last word", command.like(*words[:2], *words[3:], words[2]))
     values = [*words[2:]]
     if len(words) < 3:
         raise WrongUsageError("address and value are missing", command.like(area, *words[1:2] or "0", "1"))

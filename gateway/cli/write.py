@@ -8,7 +8,7 @@ from typing import Final
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.mbpoll import add_habits
 from gateway.cli.on_unit import run_on_unit
-from gateway.cli.reading import read_points
+from gateway.cli.reading import advice_after, read_points
 from gateway.cli.unit import Answer, Unit, add_unit_arguments
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.values import Failure, Outcome, as_json, frames_as_json, frames_as_text, picture, table
@@ -87,7 +87,7 @@ def _write(unit: Unit, wanted: Sequence[Reading], args: argparse.Namespace) -> O
     before = read_points(unit, points) if is_shown else Outcome()
     answer = unit.ask(request)
     if answer.exception is not None:
-        failure = Failure(span, answer, _advice(answer, request))
+        failure = Failure(span, answer, _advice(answer, request, span))
         return Outcome([], [*before.failures, failure], [*before.answers, answer])
     after = read_points(unit, points) if is_shown else Outcome(list(wanted))
     old = {id(reading.point): reading.items for reading in before.readings}
@@ -117,18 +117,18 @@ def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[
     return write_request(span.area, span.start, items, multiple=multiple or only_several), span
 
 
-def _advice(answer: Answer, request: bytes) -> str:
+def _advice(answer: Answer, request: bytes, span: Span) -> str:
     """What else can be tried. A gateway on the way, such as that of another site, refuses with 01 as a device does."""
     if answer.result == "denied":
         return "modbus-gateway check shows the rights"
     if answer.exception != ExceptionCode.ILLEGAL_FUNCTION:
-        return ""
+        return advice_after(answer, span)
     rights = "this client may not write there: modbus-gateway check, on each gateway on the way, shows the rights"
     singles = {single: several for single, several, _ in WRITERS.values()}
     several = singles.get(FunctionCode(request[0]))
     if several is None:
         return f"the unit does not know function {request[0]:02}, or {rights}"
-    return f"if it does not know function {request[0]:02}: --multiple writes with {several:02}; or {rights}"
+    return f"{rights}; if the unit does not know function {request[0]:02}: --multiple writes with {several:02}"
 
 
 def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace) -> None:

@@ -13,9 +13,9 @@ from gateway.images.polls import polling_function
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
+from gateway.registers.reference import MANUAL_BASES
 
 #: The reference number of address 0 in manuals. Not for coils, where it is 1: that may be an address as well.
-_MANUAL_BASES: Final = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
 _MANUAL_SPAN: Final = 9999
 _FROM_ZERO: Final = "addresses are those on the wire, from 0"
 
@@ -40,7 +40,7 @@ def check_addresses(config: Config) -> Iterator[Problem]:
     polled = (row for image in config.image for row in image.read)
     tables: tuple[Image | ProfileTable | Polled, ...] = (*config.image, *config.profile.values(), *polled)
     for table in tables:
-        for area, base in _MANUAL_BASES.items():
+        for area, base in MANUAL_BASES.items():
             ranges: tuple[Range, ...] = getattr(table, area) or ()
             first, last = ranges[0] if ranges else (0, 0)
             if base <= first and last < base + _MANUAL_SPAN:
@@ -59,12 +59,16 @@ def _first_of_manuals(points: Iterable[PointTable]) -> Iterator[Problem]:
         (point, area, addresses[0], base)
         for point in points
         for area, addresses in point.places
-        if (base := _MANUAL_BASES.get(area)) and base <= addresses[0] < base + _MANUAL_SPAN
+        if (base := MANUAL_BASES.get(area)) and base <= addresses[0] < base + _MANUAL_SPAN
     ]
     for point, area, first, base in found[:1]:
-        others = f", and {len(found) - 1} more such points" if len(found) > 1 else ""
+        others = f", and {_more(len(found) - 1)}" if len(found) > 1 else ""
         remedy = f"{first} of a manual is {area} = {first - base} here{others}"
         yield warning((*point.path, area), _FROM_ZERO, remedy)
+
+
+def _more(count: int) -> str:
+    return "1 more such point" if count == 1 else f"{count} more such points"
 
 
 def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:

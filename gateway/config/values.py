@@ -111,7 +111,11 @@ def parse_port(value: object) -> str | Address:
     if "://" in value:
         return parse_address(value, tuple(DEVICE_SERVER_MODES))
     if not value.startswith("/"):
-        raise WrongValue(f'"{value}" is not an absolute path', f'did you mean "/dev/{value}"?')
+        is_of_windows = re.fullmatch(r"COM\d+", value, re.IGNORECASE) is not None
+        remedy = (
+            "modbus-gateway ports lists those of this machine" if is_of_windows else f'did you mean "/dev/{value}"?'
+        )
+        raise WrongValue(f'"{value}" is not an absolute path', remedy)
     return check_path(value)
 
 

@@ -40,6 +40,12 @@ _ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     "address": ("unit", "bind", "to"),
 }
 
+#: What a point's place is called elsewhere, in lower case.
+_PLACES = frozenset({"register", "reg", "address", "addr", "offset"})
+
+#: What is written for a value elsewhere, and here.
+_VALUES_ELSEWHERE: Mapping[str, str] = {"real": "float32", "float": "float32", "double": "float64", "word": "words"}
+
 _TYPES: Mapping[str, str] = {
     "int_type": "must be a whole number",
     "float_type": "must be a number",
@@ -71,7 +77,9 @@ def unknown_key(path: Path, known: list[str]) -> Problem:
     """The key at the end of `path` is none of the `known` ones."""
     written = str(path[-1])
     meant = next((key for key in _ELSEWHERE.get(written.lower(), ()) if key in known), None)
-    if meant == "format":
+    if written.lower() in _PLACES and {"holding", "labels"} <= set(known):
+        remedy = "a point has an area: holding = 10 (or input, coils, discrete), counted from 0"
+    elif meant == "format":
         remedy = 'it is part of format, such as format = "8E1": data bits, parity, stop bits'
     else:
         remedy = did_you_mean(written, known) if meant is None else f'did you mean "{meant}"?'
@@ -123,13 +131,17 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
         return error(path, str(wrong), wrong.remedy)
     if kind == "literal_error":
         choices = str(context["expected"]).replace("'", '"')
-        meant = f'"{found["input"]}"'.lower()
+        written_ = str(found["input"]).lower()
+        elsewhere = f'"{_VALUES_ELSEWHERE.get(written_, written_)}"'
+        meant = elsewhere if elsewhere in choices else f'"{written_}"'
         return error(path, f"must be {choices}", f"did you mean {meant}?" if meant in choices else "")
     if kind in _LIMITS:
         return error(path, _LIMITS[kind].format(**context))
     number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
     is_quoted = number is not None and isinstance(found["input"], str) and number.fullmatch(found["input"])
     remedy = f"write it without quotes: {path[-1]} = {found['input']}" if is_quoted else ""
+    if found["input"] == "auto" and path[-1:] == ("baud",):
+        remedy = "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
     what = _TYPES.get(kind, "cannot be used: {reason}")
     return error(path, what.format(key=path[-1], reason=found["msg"]), remedy)
 

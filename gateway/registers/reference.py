@@ -8,6 +8,9 @@ from gateway.modbus.codes import Area
 #: The digit of each area.
 DIGITS: Final[Mapping[Area, str]] = {Area.COILS: "0", Area.DISCRETE: "1", Area.INPUT: "3", Area.HOLDING: "4"}
 
+#: The first address of an area in manuals that count addresses so too.
+MANUAL_BASES: Final[Mapping[Area, int]] = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
+
 
 def reference(area: Area, address: int) -> str:
     """The reference number of a 0-based protocol address: holding 107 is 40108, holding 9999 is 410000."""

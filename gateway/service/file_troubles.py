@@ -80,7 +80,8 @@ def _about_users(web: Web, name: str, folder: Path) -> Iterator[Problem]:
     try:
         status = key.stat()
         if status.st_mode & _EXPOSED:
-            yield warning(path, f"others may read or change {file}: it is not used", f"chmod 600 {file}")
+            remedy = f"chmod o=,g-w {file}; the service must be able to read it: chgrp dialout, 640"
+            yield warning(path, f"others may read or change {file}: it is not used", remedy)
             return
         users = read_users(key)
     except FileNotFoundError:

@@ -54,4 +54,4 @@ def refuse_if_exposed(path: Path) -> None:
         OSError: others may, or there is no such file.
     """
     if path.stat().st_mode & (stat.S_IRWXO | stat.S_IWGRP):
-        raise OSError(EACCES, f"others may read or change it; chmod 600 {path}", str(path))
+        raise OSError(EACCES, f"others may read or change it; chmod o=,g-w {path}", str(path))

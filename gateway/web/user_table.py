@@ -67,5 +67,5 @@ def _read(file: Path, before: _Look) -> tuple[_Look, Users | None]:
     if look == before:
         return look, None
     if status.st_mode & 0o027:
-        raise UsersError(f"{file}: others may read or change it; chmod 600 {file}")
+        raise UsersError(f"{file}: others may read or change it; chmod o=,g-w {file}")
     return look, read_users(file)

@@ -62,9 +62,9 @@ def test_a_path_that_is_too_long_for_a_socket_is_said_to_be(tmp_path):
         ({"version": __version__}, ""),
         (
             {"version": "9.0"},
-            f"versions differ: the daemon has 9.0, this command {__version__}: restart the daemon if",
+            f"versions differ: the gateway has 9.0, this command {__version__}: restart the gateway if",
         ),
-        ({}, f"versions differ: the daemon has an earlier one, this command {__version__}: restart the daemon if"),
+        ({}, f"versions differ: the gateway has an earlier one, this command {__version__}: restart the gateway if"),
     ],
 )
 def test_a_daemon_of_another_version_is_told(version, said, capsys):
@@ -77,6 +77,6 @@ def test_a_daemon_of_another_version_is_told(version, said, capsys):
 
 
 def test_a_verb_that_an_older_daemon_does_not_have_is_told_with_the_versions(capsys):
-    with pytest.raises(DaemonError, match='the daemon says: "verb" must be one of status'):
+    with pytest.raises(DaemonError, match='the gateway says: "verb" must be one of status'):
         daemon._read_answer(b'{"ok": false, "error": "\\"verb\\" must be one of status"}')
     assert "earlier one" in capsys.readouterr().err

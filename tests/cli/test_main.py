@@ -102,3 +102,10 @@ def test_a_reader_that_has_gone_is_no_traceback():
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 1
+
+
+def test_a_command_that_is_mistyped_gets_the_nearest_one(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["stauts"])
+    assert ended.value.code == 2
+    assert 'there is no command stauts; did you mean "status"?' in capsys.readouterr().err

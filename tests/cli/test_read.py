@@ -242,3 +242,17 @@ def test_what_a_unit_or_the_gateway_says_does_not_steer_the_terminal_either(daem
     monkeypatch.setattr(on_unit, "Conversation", refuse)
     assert main(["read", "41", "holding", "0"]) == 1
     assert capsys.readouterr().err == "modbus-gateway: error: no \\x1b[2J\\u202eunit\n"
+
+
+@pytest.mark.parametrize(
+    ("area", "address", "advice"),
+    [
+        ("holding", 40001, "\n  help: 40001 of a manual is holding 0 here\n"),
+        ("input", 30010, "\n  help: 30010 of a manual is input 9 here\n"),
+        ("holding", 30010, "\n"),
+        ("holding", 40000, "\n"),
+    ],
+)
+def test_the_number_of_a_manual_is_named_after_an_address_that_does_not_exist(daemon, capsys, area, address, advice):
+    assert main(["read", "41", area, str(address)]) == 1
+    assert capsys.readouterr().err.endswith("exception 02, illegal data address" + advice)

@@ -192,7 +192,7 @@ def test_no_key_is_missed_and_no_kind_of_value_is_relied_on(instead) -> None:
 def test_an_answer_without_a_status_is_a_problem_in_plain_words(monkeypatch, capsys, answer) -> None:
     monkeypatch.setattr("gateway.cli.status.ask", lambda verb, control: answer)
     assert main(["status"]) == PROBLEM_FOUND
-    assert "the daemon's answer has no status in it" in capsys.readouterr().err
+    assert "the gateway's answer has no status in it" in capsys.readouterr().err
 
 
 def test_long_names_are_shortened_to_80_characters_and_keep_their_ends(monkeypatch, capsys) -> None:

@@ -123,7 +123,11 @@ def test_text_takes_as_many_registers_as_it_needs():
     ("words", "what", "remedy"),
     [
         ([], "say what to write", "modbus-gateway write silo speed 1"),
-        (["weight", "5"], "weight is read-only", "add write = true to the point in the config"),
+        (
+            ["weight", "5"],
+            "weight is read-only",
+            "; for a point of a built-in profile, write holding 0 itself",
+        ),
         (["speed"], "speed takes one value", "modbus-gateway write silo speed 1"),
         (["zero"], "zero takes one value", "modbus-gateway write silo zero take"),
         (["speed", "1", "2"], "speed takes one value, not 2", "modbus-gateway write silo speed 1"),

@@ -136,8 +136,8 @@ def test_a_device_that_may_not_know_06_is_worth_another_try(daemon, capsys, monk
     assert json.loads(capsys.readouterr().out)["area"] == "holding"
     assert main(["write", "41", "holding", "3", "1"]) == 1
     said = capsys.readouterr().err
-    assert "\n  help: if it does not know function 06: --multiple writes with 16" in said
-    assert "; or this client may not write there: modbus-gateway check" in said
+    assert "\n  help: this client may not write there: modbus-gateway check" in said
+    assert "if the unit does not know function 06: --multiple writes with 16" in said
 
 
 def test_a_write_that_the_rights_forbid_is_not_to_be_sent_in_another_way(daemon, capsys, monkeypatch):
@@ -154,3 +154,15 @@ def test_a_write_that_the_rights_forbid_is_not_to_be_sent_in_another_way(daemon,
 def test_which_unit_must_be_said(capsys):
     assert main(["write"]) == 2
     assert "which unit? It is missing" in capsys.readouterr().err
+
+
+def test_the_number_of_a_manual_is_named_after_an_address_that_does_not_exist(daemon, capsys):
+    assert main(["write", "41", "holding", "40004", "1"]) == 1
+    assert "exception 02, illegal data address\n  help: 40004 of a manual is holding 3 here" in capsys.readouterr().err
+
+
+def test_a_type_before_the_value_is_put_behind_it(daemon, capsys):
+    assert main(["write", "41", "holding", "0", "float32", "1.5"]) == 2
+    assert capsys.readouterr().err.endswith(
+        "the type is the last word\n  help: modbus-gateway write 41 holding 0 1.5 float32\n"
+    )

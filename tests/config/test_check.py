@@ -538,7 +538,7 @@ def test_points_with_the_numbers_of_a_manual_are_told_once_for_each_table():
     points = 'points = [{ name = "a", holding = 40011 }, { name = "b", input = 30002 }, { name = "c", holding = 7 }]\n'
     what, meant = "addresses are those on the wire, from 0", "40011 of a manual is holding = 10 here"
     assert problems(LINE + f"[profile.x]\n{points}") == [
-        f"warning: profile.x.points[0].holding: {what} | {meant}, and 1 more such points"
+        f"warning: profile.x.points[0].holding: {what} | {meant}, and 1 more such point"
     ]
     device = (
         '[[line]]\nname = "l"\nport = "/dev/l"\ndevices = [{ unit = 1, points = [{ name = "a", holding = 40011 }] }]\n'

@@ -416,3 +416,26 @@ def test_so_many_problems_that_nobody_reads_them_are_counted_and_errors_come_fir
     assert last == "gateway.toml: warning: 2000 more problems are not listed"
     tables = "".join(f'[[line]]\nname = "{number}"\nport = "/dev/a{number}"\nbaud = 17\n' for number in range(1200))
     assert any("more problems" in each for each in problems(tables))
+
+
+@pytest.mark.parametrize(
+    ("point", "remedy"),
+    [
+        ("register = 10", "a point has an area: holding = 10 (or input, coils, discrete), counted from 0"),
+        ("address = 10", "a point has an area: holding = 10 (or input, coils, discrete), counted from 0"),
+        ('holding = 10, type = "float"', 'did you mean "float32"?'),
+        ('holding = 10, type = "real"', 'did you mean "float32"?'),
+        ('holding = 10, type = "int32", swap = "word"', 'did you mean "words"?'),
+    ],
+)
+def test_what_others_call_things_of_a_point_is_understood(tmp_path, point, remedy):
+    file = tmp_path / "gateway.toml"
+    file.write_text(f'[[line]]\nport = "/dev/x"\ndevices = [{{ unit = 1, points = [{{ name = "a", {point} }}] }}]\n')
+    assert remedy in {problem.remedy for problem in load(file).problems}
+
+
+def test_a_rate_cannot_be_found_by_the_config(tmp_path):
+    file = tmp_path / "gateway.toml"
+    file.write_text('[[line]]\nport = "/dev/x"\nbaud = "auto"\n')
+    remedy = "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
+    assert remedy in {problem.remedy for problem in load(file).problems}

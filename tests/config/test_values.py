@@ -58,6 +58,7 @@ def test_what_a_value_means(parse, value, meaning):
         (parse_name, "a" * 65, "must have 1 to 64 visible characters, and no space around them"),
         (parse_format, "9E1", '"9E1" is not a valid character format'),
         (parse_port, "ttyUSB0", '"ttyUSB0" is not an absolute path'),
+        (parse_port, "COM3", '"COM3" is not an absolute path'),
         (parse_port, "/dev/x\0", "has characters that cannot be seen"),
         (parse_port, "/dev/x\x1b[2J", "has characters that cannot be seen"),
         (parse_port, "tcp://10.0.0.1:502", "unknown protocol tcp://"),
@@ -96,3 +97,13 @@ def test_what_is_refused(parse, value, what):
 def test_what_lacks_its_quotes_is_told_apart(parse):
     with pytest.raises(NotText):
         parse(80.0)
+
+
+@pytest.mark.parametrize(
+    ("port", "remedy"),
+    [("ttyUSB0", 'did you mean "/dev/ttyUSB0"?'), ("COM3", "modbus-gateway ports lists those of this machine")],
+)
+def test_what_is_said_of_a_port_without_a_path(port, remedy):
+    with pytest.raises(WrongValue) as wrong:
+        parse_port(port)
+    assert wrong.value.remedy == remedy

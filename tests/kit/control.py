@@ -47,7 +47,7 @@ class FakeDaemon:
     def ask(self, verb: str, **details: Any) -> dict[str, Any]:
         """As the daemon answers, in JSON and back."""
         if verb == "unit" and details["unit"] not in (41, "silo-1"):
-            raise DaemonError(f'the daemon says: nothing has the name "{details["unit"]}"')
+            raise DaemonError(f'the gateway says: nothing has the name "{details["unit"]}"')
         answer = {"unit": self._picture} if verb == "unit" else self._request(**details)
         return json.loads(_line({"ok": True, **answer}))
 

@@ -66,8 +66,8 @@ def test_a_file_that_can_be_used_is_fine(troubles):
     ("text", "settings", "what", "remedy"),
     [
         (None, {}, "there will be no web page", "modbus-gateway user add"),
-        (f"anna:operator:{CHEAP_HASH}", {"mode": 0o644}, "others may read or change", "chmod 600"),
-        (f"anna:operator:{CHEAP_HASH}", {"mode": 0o660}, "others may read or change", "chmod 600"),
+        (f"anna:operator:{CHEAP_HASH}", {"mode": 0o644}, "others may read or change", "chmod o=,g-w"),
+        (f"anna:operator:{CHEAP_HASH}", {"mode": 0o660}, "others may read or change", "chmod o=,g-w"),
         ("anna:operator:geheim", {}, "users:1: this is no user", ""),
         ("", {}, "has no users", "modbus-gateway user add"),
         (f"vera:viewer:{CHEAP_HASH}", {"write": "true"}, "has no operator", "--role operator"),
@@ -132,7 +132,7 @@ def test_a_credential_is_known_to_the_service_only(about_mqtt):
 
 
 @pytest.mark.parametrize(
-    ("mode", "what"), [(None, "No such file or directory"), (0o644, "others may read or change it; chmod 600 ")]
+    ("mode", "what"), [(None, "No such file or directory"), (0o644, "others may read or change it; chmod o=,g-w ")]
 )
 def test_a_password_that_cannot_be_used_is_a_warning_at_its_place(about_mqtt, tmp_path, mode, what):
     if mode is not None:

@@ -173,6 +173,7 @@ def test_without_for_it_takes_what_was_measured_since_the_start(
     assert "3 responses" in said
     assert '{ fc = 3, items = 1, time = "10' in said
     assert "Only one number of items was seen with function 3" in said
+    assert said.endswith("3 responses are too few for a time limit: take at least 100, or --active.\n")
 
 
 @pytest.mark.parametrize("daemon", [0.03], indirect=True)

@@ -115,7 +115,7 @@ async def test_one_client_too_many_hears_so_and_the_others_are_served(tmp_path: 
     assert MOST_CONNECTIONS == 16
     async with control(tmp_path) as it:
         crowd = [await it.connect() for _ in range(16)]
-        refused = "the daemon says: 16 others are connected already; try again later"
+        refused = "the gateway says: 16 others are connected already; try again later"
         with pytest.raises(DaemonError, match=refused):
             await asyncio.to_thread(ask, "status", str(it.path))
         for _, writer in crowd:
@@ -149,7 +149,7 @@ def daemon(path: Path, answer: bytes, *, hears: bool = True) -> Iterator[Thread]
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (b"", r"the daemon closed the connection before it answered; is it stopping\?"),
+        (b"", r"the gateway closed the connection before it answered; is it stopping\?"),
         (b"HTTP/1.1 400\n", "what answers there is not modbus-gateway"),
         (b"[]\n", "what answers there is not modbus-gateway"),
     ],
@@ -212,5 +212,5 @@ def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
             return sock
 
         monkeypatch.setattr(daemon_module, "_connect", slowly)
-        with pytest.raises(DaemonError, match="the daemon says: later"):
+        with pytest.raises(DaemonError, match="the gateway says: later"):
             ask("status", str(path))

@@ -311,7 +311,7 @@ def test_a_password_that_others_can_read_is_not_used(tmp_path):
     password.chmod(0o644)
     keys = ('user = "gw"', f'password = {{ file = "{password}" }}')
     with Mosquitto(tmp_path) as broker, running(tmp_path, config(broker.port, *keys)) as gateway:
-        assert gateway.wait_for("broker_lost")["reason"].endswith(f"chmod 600 {password}")
+        assert gateway.wait_for("broker_lost")["reason"].endswith(f"chmod o=,g-w {password}")
 
 
 def test_a_broker_with_an_older_version_of_mqtt_will_do(tmp_path):

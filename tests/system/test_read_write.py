@@ -221,7 +221,7 @@ def test_what_cannot_be_reached_is_a_problem_in_plain_words(words: list[str], co
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["silo-1", "--tcp", "127.0.0.1"], '"silo-1" is a name, and only the daemon knows names'),
+        (["silo-1", "--tcp", "127.0.0.1"], '"silo-1" is a name, and only a running gateway knows names'),
         (["0", "holding", "0", "--port", "/dev/x"], "0 is not a unit number\n  help: units are 1 to 247"),
         (["256", "holding", "0", "--tcp", "x"], "256 is not a unit number"),
         (["1", "--tcp", "127.0.0.1", "--profile", "mnt"], 'there is no profile "mnt"\n  help: did you mean "mint"?'),

@@ -411,7 +411,7 @@ def serial_of(port: int) -> str:
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
-        (lambda folder: (folder / "server.key").chmod(0o644), "others may read or change it; chmod 600"),
+        (lambda folder: (folder / "server.key").chmod(0o644), "others may read or change it; chmod o=,g-w"),
         (lambda folder: (folder / "server.key").unlink(), "no such file or directory"),
         (
             lambda folder: shutil.copy(folder / "viewer.key", folder / "server.key"),

@@ -192,7 +192,7 @@ def spoken(port: int, version: ssl.TLSVersion | None = None) -> str | None:
         (lambda folder: (folder / "key").chmod(0o644), "others may read"),
         (lambda folder: (folder / "key").unlink(), "key: no such file"),
         (lambda folder: (folder / "crt").write_text("nonsense"), ""),
-        (lambda folder: (folder / "users").chmod(0o644), "chmod 600"),
+        (lambda folder: (folder / "users").chmod(0o644), "chmod o=,g-w"),
         (lambda folder: (folder / "users").unlink(), "No such file"),
         (lambda folder: (folder / "users").write_text("anna\n"), "users:1"),
     ],

@@ -283,7 +283,7 @@ async def test_a_file_that_breaks_while_it_runs_is_told_once_and_those_before_st
 async def test_a_file_that_others_may_read_is_not_used_any_more(bench):
     bench.users.chmod(0o644)
     await asyncio.sleep(6)
-    assert "chmod 600" in bench.events("web_users_rejected")[0].reason
+    assert "chmod o=,g-w" in bench.events("web_users_rejected")[0].reason
 
 
 async def test_the_token_reads_and_does_nothing_else(tmp_path):
