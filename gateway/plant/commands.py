@@ -57,10 +57,17 @@ class Commands:
         self._clock = clock
         self._tell = tell
         self._in_progress = 0
+        self._is_closed = False
         self._done: OrderedDict[bytes, None] = OrderedDict()
+
+    def close(self) -> None:
+        """Carry out no more: the way may lead to other devices from now on."""
+        self._is_closed = True
 
     def refusal(self, delivery: Delivery) -> str:
         """Why no command in this message may be carried out; empty if it may."""
+        if self._is_closed:
+            return "the gateway stops, or takes up another config: send it again"
         if delivery.is_retained:
             return "it is retained, so it may be old: send it without retain"
         if delivery.is_duplicate:

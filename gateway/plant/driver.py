@@ -49,8 +49,9 @@ class PublisherDriver:
         self._timer.set(self.publisher.deadline())
 
     def close(self) -> None:
-        """Read no more; waiting reads are not sent."""
+        """Read no more, and carry out no more commands; waiting reads are not sent."""
         self._is_open = False
+        self.publisher.commands.close()
         self._timer.close()
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for every read

@@ -61,6 +61,11 @@ class Publishing:
         #: What publishes; None without [mqtt].
         self.part: Publication | None = None
 
+    def rerouted(self, gateway: "Gateway") -> None:
+        """Units have just got the routes of this gateway. What was published of others takes no more commands."""
+        if self.part is not None and not self.part.means(gateway.plan.mqtt, gateway):
+            self.part.driver.close()
+
     async def adopt(self, gateway: "Gateway") -> None:
         """Publish what this gateway's plan says from now on. Without a change the connection is kept."""
         plan, part = gateway.plan.mqtt, self.part

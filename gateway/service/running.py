@@ -201,6 +201,7 @@ class Running:
         for listener in gone:
             listener.finish()
         new.route()
+        new.publishing.rerouted(new)
         self.gateway = new
         show_itself(self)
         for mirror in set(old.mirrors).difference(new.mirrors):

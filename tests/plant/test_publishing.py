@@ -8,12 +8,15 @@ from itertools import pairwise
 import pytest
 
 from gateway.config.line_load import load_of, total_share
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.events import AccessDenied, BrokerLost, CommandRefused, PartFailed, PollRefused, WriteAudit
 from gateway.plant.commands import MOST_COMMANDS
 from gateway.plant.messages import Delivery
 from gateway.plant.polls import TOGETHER_AGAIN
 from gateway.plant.publisher import MOST_RESULTS
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, encode
+from gateway.service.build import build
 from gateway.simulator.generic import Generic
 from kit.broker import FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine
@@ -577,3 +580,47 @@ async def test_without_the_library_it_says_what_to_install_and_all_else_goes_on(
         await asyncio.sleep(5.0)
         assert len(silo.heard) == heard
         assert publishing.status() is None
+
+
+class SilentBroker:
+    """A connection that never stands."""
+
+    reason = "no network"
+    has_left = False
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+    def stop(self, _: object) -> None:
+        pass
+
+
+@pytest.mark.parametrize("is_changed", [True, False])
+async def test_no_command_of_earlier_points_goes_by_the_routes_of_a_reload(monkeypatch, is_changed):
+    monkeypatch.setattr("gateway.plant.broker.Broker", SilentBroker)
+    config = CONFIG + MQTT + "write = true\n"
+    other = config.replace("unit = 1, as = 41", "unit = 3, as = 41") if is_changed else config
+    async with gateway_bench(config) as bench:
+        devices = SimulatedDevice(1), SimulatedDevice(3)
+        bench.attach("hall", SimulatedLine("rtu", *devices))
+        old = bench.gateway
+        await old.publishing.adopt(old)
+        driver = old.publishing.part.driver
+        loaded = parse(other, port_trouble=lambda port: None, real_path=lambda port: port)
+        plan, loop = resolve(loaded.config), asyncio.get_running_loop()
+        new = build(plan, loop, bench._open, bench.memory, bench.events.append, running=old)
+
+        async def slowly(_: object) -> None:
+            await asyncio.sleep(1.0)
+            driver.received(Delivery(f"{SILO}/state/set", b"1", driver.now()))
+
+        monkeypatch.setattr(new.fleet, "adopt", slowly)
+        await bench.running.switch(new)
+        bench.gateway = new
+        await asyncio.sleep(1.0)
+        written = [frame.pdu.hex() for device in devices for frame in device.heard if frame.pdu[0] == 6]
+        assert written == ([] if is_changed else ["0600020001"])
+        await new.publishing.stop()
