@@ -29,7 +29,7 @@ from gateway.config.check_upstreams import check_upstreams
 from gateway.config.check_web import check_web
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
 from gateway.config.reserved import RESERVED
-from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream
+from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream, Web
 
 #: Why the port at a path cannot be used, as far as can be seen without opening it; None if it can.
 PortTrouble = Callable[[str], str | None]
@@ -142,8 +142,10 @@ def _list_names(config: Config) -> Iterator[tuple[str, Table]]:
 
 
 def _check_binds(config: Config) -> Iterator[Problem]:
-    for index, listen in enumerate(config.listen):
-        first = next((one for one in config.listen[:index] if one.bind.collides_with(listen.bind)), None)
+    web = () if config.web is None else (config.web,)
+    binds: tuple[Listen | Web, ...] = (*config.listen, *web)
+    for index, listen in enumerate(binds):
+        first = next((one for one in binds[:index] if one.bind.collides_with(listen.bind)), None)
         if first is None:
             continue
         wildcard = first.bind if first.bind.is_wildcard else listen.bind

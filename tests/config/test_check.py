@@ -793,3 +793,10 @@ def test_the_unit_of_the_gateway_does_not_pass_through():
 def test_a_server_line_may_serve_the_gateway():
     server = '[[line]]\nname = "panel"\nport = "/dev/b"\nrole = "server"\nserves = [246]\n'
     assert problems(LINE + server + "[self]\nunit = 246\n") == []
+
+
+@pytest.mark.parametrize("bind", ["http://127.0.0.1:8502", "http://[::1]:8502"])
+def test_the_web_page_needs_an_address_of_its_own(bind):
+    host = bind.removeprefix("http://")
+    text = LINE + f'[[listen]]\nbind = "tcp://{host}"\n[web]\nbind = "{bind}"\n'
+    assert problems(text) == ["error: web.bind: this address is already used in gateway.toml:5"]
