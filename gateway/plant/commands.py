@@ -4,7 +4,6 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import blake2b
-from math import isfinite
 from typing import Final, Protocol
 
 from gateway.events import CommandRefused, Emit, WriteAudit
@@ -175,9 +174,6 @@ def _write_request(command: Command) -> bytes:
     if point.area not in WRITERS:
         raise ValueError(f"{point.area} cannot be written")
     items = point.items(command.text)
-    value = point.value(items)
-    if isinstance(value, float) and not isfinite(value):
-        raise ValueError(f"{command.text} is not a finite number")
     _, several, most = WRITERS[point.area]
     if point.count > min(most, command.device.limits.get(several, most)):
         raise ValueError("it does not fit into one request")

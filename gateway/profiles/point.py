@@ -63,7 +63,7 @@ class Point:
         return str(value)
 
     def items(self, text: str) -> bytes:
-        """Encode a value that a user typed as `text`: a number, a label, text.
+        """Encode a value that a user typed as `text`: a finite number, a label, text.
 
         Raises:
             ValueError: the point cannot hold it.
@@ -94,7 +94,7 @@ class Point:
         """The encoded number for a value."""
         if not number.is_finite():
             if is_float(self.type):
-                return float(number)
+                raise ValueError(f"{text} is not a finite number")
             raise ValueError(f"{text} does not fit into {self.type}")
         if number and abs(number.adjusted()) > _LARGEST_EXPONENT:
             raise ValueError(f"{text} does not fit into {self.type}")
@@ -132,6 +132,8 @@ class Point:
 def parse_number(text: str) -> Decimal | None:
     """Parse a number: 12, -3.5, 1e3, 0x1F, 0b101; None if it is not one."""
     digits = text.strip().lower()
+    if "_" in digits or not digits.isascii():  # Python's own reader takes 1_000 and digits of every script
+        return None
     for prefix, base in (("0x", 16), ("0b", 2)):
         if digits.lstrip("+-").startswith(prefix):
             try:
