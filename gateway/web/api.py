@@ -27,7 +27,7 @@ from gateway.web.problems import Handler, ProblemError
 from gateway.web.reloading import reload
 from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
-from gateway.web.values import Ask, point_named, read, values_at, write
+from gateway.web.values import Ask, Outcome, point_named, read, values_at, write
 
 _SPAN: Final = r"{span:\d{1,5}(?:-\d{1,5})?}"
 _AREA: Final = f"{{area:{'|'.join(Area)}}}"
@@ -208,7 +208,7 @@ class Api:
         unit, (area, points), values = self._any_unit(request), _place(request), await _values(request)
         if len(points) != len(values):
             raise ProblemError(400, f"{len(values)} values do not fill {len(points)} places")
-        outcome = await write(unit, points, values, self._ask(unit, request))
+        outcome = await self._write(request, unit, points, values)
         return _json(outcome.as_json(unit, area))
 
     async def write_point(self, request: web.Request) -> web.Response:
@@ -217,7 +217,7 @@ class Api:
         (unit, point), values = self._point(request), await _values(request)
         if len(values) != 1:
             raise ProblemError(400, f"{point.name} takes one value, not {len(values)}")
-        outcome = await write(unit, [point], values, self._ask(unit, request))
+        outcome = await self._write(request, unit, [point], values)
         return _json(outcome.as_json(unit, None))
 
     async def write_points(self, request: web.Request) -> web.Response:
@@ -228,8 +228,17 @@ class Api:
         if not values or len(named) != len(values):
             raise ProblemError(400, 'each value must be {"point": NAME, "value": VALUE}')
         points = [point_named(unit, str(value["point"])) for value in named]
-        outcome = await write(unit, points, [value["value"] for value in named], self._ask(unit, request))
+        outcome = await self._write(request, unit, points, [value["value"] for value in named])
         return _json(outcome.as_json(unit, None))
+
+    async def _write(
+        self, request: web.Request, unit: Unit, points: Sequence[Point], values: Sequence[object]
+    ) -> Outcome:
+        """Write; what was read before is then not given to anybody, even if there was no response."""
+        try:
+            return await write(unit, points, values, self._ask(unit, request))
+        finally:
+            self._reads.forget(unit)
 
     async def events(self, request: web.Request) -> web.StreamResponse:
         """The gateway's events as they come."""

@@ -234,6 +234,29 @@ async def test_what_cannot_be_written_is_not_sent(bench, anna, path, values, sta
 
 
 @pytest.mark.parametrize(
+    ("path", "values"),
+    [
+        ("points/speed", [7]),
+        ("points", [{"point": "speed", "value": 7}]),
+        ("holding/0-1?type=int32&swap=words", [70]),
+    ],
+)
+async def test_who_has_written_does_not_get_what_was_read_before(anna, path, values):
+    before = (await anna.get(f"{UNITS}/press/points")).json["values"][0]
+    assert (await anna.put(f"{UNITS}/press/{path}", values)).status == 200
+    after = (await anna.get(f"{UNITS}/press/points?max_age=60")).json["values"][0]
+    assert (before["value"], after["value"]) == (0, 7)
+
+
+@pytest.mark.parametrize("value", ["1e400", '"nan"', '"1_000"', '"\u0661"'])
+async def test_a_value_that_is_no_finite_number_is_not_sent(bench, anna, value):
+    headers = {"Origin": f"http://{anna.name}", "X-CSRF-Token": anna.csrf, "Content-Type": "application/json"}
+    body = f'{{"values": [{value}]}}'.encode()
+    assert (await anna.ask("PUT", f"{UNITS}/200/holding/0-1?type=float32", body, headers)).status == 422
+    assert bench.events("write_audit") == []
+
+
+@pytest.mark.parametrize(
     "body", [b"", b"{", b"[1]", b'{"values": [1], "more": 1}', b"[" * 10_000, b'{"values": [' + b"9" * 5000 + b"]}"]
 )
 async def test_a_body_that_is_no_question_is_refused(bench, anna, body):
