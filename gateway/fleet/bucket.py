@@ -100,13 +100,10 @@ class Bucket:
         return f"$KV.{self.name}."
 
     async def _ask_for_all(self, subjects: list[str]) -> list[Entry | None]:
-        places = asyncio.Semaphore(_QUESTIONS)
-
-        async def entry(subject: str) -> Entry | None:
-            async with places:
-                return await self._entry(subject)
-
-        return await asyncio.gather(*map(entry, subjects))
+        found: list[Entry | None] = []
+        for first in range(0, len(subjects), _QUESTIONS):
+            found += await asyncio.gather(*map(self._entry, subjects[first : first + _QUESTIONS]))
+        return found
 
     async def _entry(self, subject: str) -> Entry | None:
         """The last message on a subject; None if it cannot be read, or says that the key was deleted."""

@@ -5,7 +5,7 @@ import time
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import aclosing
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from gateway.errors import FleetError, WrongQuestion
 from gateway.service.bench import bench
@@ -18,6 +18,9 @@ from gateway.service.running import Running
 from gateway.service.scans import scan
 from gateway.service.status import status_in_slices
 from gateway.service.trace import Clock, lines, page, stories
+
+#: How long an examination waits for another one to end, in seconds.
+_TURN: Final = 60.0
 
 
 def verbs(running: Running, reloader: Reloader) -> Verbs:
@@ -70,8 +73,15 @@ class _Verbs:
 
     async def doctor(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
         await self._running.settled()
-        async with self._running.examining:
+        try:
+            async with asyncio.timeout(_TURN):
+                await self._running.examining.acquire()
+        except TimeoutError:
+            raise WrongQuestion(f"another examination has not ended within {_TURN:.0f} s: try again later") from None
+        try:
             return await examine(self._running, request, is_there)
+        finally:
+            self._running.examining.release()
 
     async def trace(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         answer = page(self._running.gateway, request, _clock())

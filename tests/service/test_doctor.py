@@ -12,6 +12,7 @@ from gateway.ports.port import CharacterErrors
 from gateway.service.doctor import examine
 from gateway.service.questions import outcome_of
 from gateway.service.scan import opened
+from gateway.service.verbs import verbs
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -187,6 +188,15 @@ async def test_nothing_is_sent_any_more_once_nobody_waits_for_it():
     async with gateway_bench(CONFIG) as bench:
         await examine(bench.running, {}, lambda: False)
         assert frames(bench) == []
+
+
+async def test_an_examination_waits_for_another_one_but_not_for_ever():
+    async with gateway_bench(CONFIG) as bench:
+        doctor = verbs(bench.running, None)["doctor"]
+        async with bench.running.examining:
+            with pytest.raises(WrongQuestion, match="another examination"):
+                await asyncio.wait_for(doctor({"ask": False}, is_there), 100)
+        assert "findings" in await doctor({"ask": False}, is_there)
 
 
 @pytest.mark.parametrize(("baud", "format_"), [(9600, "8E1"), (19200, "8N1"), (19200, "8O1"), (4800, "8N1")])
