@@ -28,10 +28,10 @@ class Request:
     """A request PDU for a unit, with the way back to its client.
 
     Exactly one of `respond`, `fail` and `end` is called, once, perhaps before `submit` returns; none raises. `error` is
-    what it failed with.
+    what it failed with; `is_over` is true from then on.
     """
 
-    __slots__ = ("error", "origin", "pdu", "received_at", "transaction", "unit")
+    __slots__ = ("error", "is_over", "origin", "pdu", "received_at", "transaction", "unit")
 
     def __init__(self, unit: int, pdu: bytes, origin: Origin, received_at: float, transaction: int = 0) -> None:
         """`unit` is the client's number for it; `transaction` is for the origin."""
@@ -41,18 +41,22 @@ class Request:
         self.received_at = received_at
         self.transaction = transaction
         self.error: RequestError | None = None
+        self.is_over = False
 
     def respond(self, pdu: bytes) -> None:
         """Answer with a response PDU."""
+        self.is_over = True
         self.origin.answer(self, pdu)
 
     def fail(self, error: RequestError) -> None:
         """Answer with the exception response that `error` stands for. The only place that makes one."""
         self.error = error
+        self.is_over = True
         self.origin.answer(self, exception_response(self.pdu[0], error.code))
 
     def end(self) -> None:
         """Finish without a response: a broadcast, or 08/04."""
+        self.is_over = True
         self.origin.answer(self, None)
 
     def __repr__(self) -> str:

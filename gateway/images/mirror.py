@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, cast
 
-from gateway.errors import IllegalDataAddress, RequestError, StaleValue
+from gateway.errors import IllegalDataAddress, RequestError, ServerDeviceFailure, StaleValue
 from gateway.events import Emit, RequestRefused
 from gateway.images.last_writes import LastWrites
 from gateway.images.polling import Counts, MirroredDevice, Poller, Polling
@@ -77,6 +77,16 @@ class Mirror:
         row = self._rows.setdefault(client, _Row())
         row.waiting.append(request)
         self._go_on(client, row, now)
+
+    def abandon(self, request: Request) -> None:
+        """Fail a request that has met a defect, unless it is over."""
+        if request.is_over:
+            return
+        row = self._rows.get(request.origin.client)
+        if row is not None and request in row.waiting:
+            row.waiting.remove(request)
+            row.writes = None
+        request.fail(ServerDeviceFailure())
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
         """A poll is over; None when it has no response."""
@@ -181,7 +191,11 @@ class Mirror:
         parse_request(row.waiting[0].pdu)
         request = row.take()
         row.under_way += 1
-        self._device.submit(Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now), now)
+        try:
+            self._device.submit(Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now), now)
+        except BaseException:
+            row.under_way -= 1
+            raise
 
     def _fail(self, request: Request, error: RequestError, now: float) -> None:
         self.counts.exceptions += 1

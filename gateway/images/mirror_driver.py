@@ -51,7 +51,8 @@ class MirrorDriver:
 
     def submit(self, request: Request, now: float) -> None:
         """Take a client's request."""
-        self._run(self.mirror.submit, request, now)
+        if not self._run(self.mirror.submit, request, now):
+            self._run(self.mirror.abandon, request)
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for every poll
         """Whether waiting polls should be sent."""
@@ -68,10 +69,14 @@ class MirrorDriver:
     def _wake(self) -> None:
         self._run(self.mirror.tick, self._time())
 
-    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+    def _run(self, step: Callable[..., None], *arguments: Any) -> bool:
+        """Run a step; False if it met a defect."""
+        is_sound = True
         try:
             step(*arguments)
         except Exception as error:  # noqa: BLE001 - the error boundary of a mirror: a defect in it must not reach its line
             self._emit(PartFailed.of(f"mirror {self.mirror.settings.name}", error))
+            is_sound = False
         if self._is_open:
             self._timer.set(self.mirror.deadline())
+        return is_sound

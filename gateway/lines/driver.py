@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
-from gateway.errors import PortError
+from gateway.errors import LineDown, PortError
 from gateway.events import ConnectionRenewed, Emit
 from gateway.lines.line import Line
 from gateway.lines.scheduler import earliest
@@ -65,6 +65,7 @@ class LineDriver:
             self.line.submit(transaction, now)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
             self._boundary.fail(error)
+            transaction.fail_open(LineDown())  # it met the defect before the line had taken it over
         self._boundary.plan(self._deadline())
 
     def port_up(self, port: Port) -> None:

@@ -164,6 +164,11 @@ class Transaction:
         for request in self.requests:
             request.fail(error)
 
+    def fail_open(self, error: RequestError) -> None:
+        """Fail those requests that are not over."""
+        self.requests = [request for request in self.requests if not request.is_over]
+        self.fail(error)
+
     def end(self) -> None:
         """Finish all requests without a response: they were sent, and none comes."""
         if self.is_broadcast:

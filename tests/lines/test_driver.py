@@ -10,6 +10,7 @@ from gateway.errors import PortError
 from gateway.events import ConnectionRenewed, Event, PartFailed
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
+from gateway.lines.transaction import Transaction
 from kit.asker import Asker
 from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench, is_empty
 
@@ -355,3 +356,23 @@ async def test_the_request_of_somebody_else_is_told():
     driven.driver.received(bytes.fromhex("09 03 00 01 00 01 D4 82"))
     await asyncio.sleep(0.1)
     assert leave.heard == 1
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize("where", ["before", "after"])
+async def test_a_request_that_meets_a_defect_before_it_waits_gets_its_one_answer(where: str) -> None:
+    driven = Driven()
+    await asyncio.sleep(0.1)
+    put = driven.line._scheduler.put
+
+    def broken(transaction: Transaction, now: float) -> None:
+        if where == "after":
+            put(transaction, now)
+        raise ZeroDivisionError
+
+    driven.line._scheduler.put = broken  # type: ignore[method-assign, assignment]
+    driven.ask()
+    assert driven.client.answers == ["83 0A"]
+    assert isinstance(driven.events[0], PartFailed)
+    assert driven.port.closed
+    driven.driver.close()
