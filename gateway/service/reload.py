@@ -138,9 +138,7 @@ class Reloader:
         old, new = self._running.gateway.plan, loaded.plan
         try:
             async with asyncio.timeout(LOADING_TIME):
-                besides = (new.web, new.mqtt, new.fleet)
-                secured = (*new.secured, *(one for each in besides if each for one in each.secured))
-                certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, secured)
+                certificates, unusable = await loop.run_in_executor(ThreadPerCall("read certificates"), _load, new)
                 await loop.run_in_executor(ThreadPerCall("read state"), self._prepare, new)
             defect = await self._switch(self._rebuild(new, self._running.gateway), certificates)
         except TimeoutError:
@@ -150,12 +148,14 @@ class Reloader:
         garbage.settle()
         self.text = loaded.text
         self._running.reload_succeeded = not defect
-        warnings = tuple(map(str, loaded.problems))
+        warnings = (*map(str, loaded.problems), *unusable)
         outcome = replace(
             differences(old, new), restart=find_settled(self.at_start, new), warnings=warnings, defect=defect
         )
         warn(loaded.problems, self._running.emit)
         warn_of_certificates(certificates, self._running.emit)
+        for said in unusable:
+            self._running.emit(events.ConfigWarning(said, ""))
         self._running.emit(
             events.ConfigApplied(str(self.file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
         )
@@ -186,6 +186,22 @@ class Reloader:
         self._running.reload_succeeded = False
         self._running.emit(events.ConfigRejected.of(str(self.file), problems))
         return Outcome(problems)
+
+
+def _load(plan: Plan) -> tuple[dict[Secured, LoadedTls], list[str]]:
+    """Load the certificates of a plan; and what cannot be used of those without which a start goes on too.
+
+    Raises:
+        TlsError: what clients or lines need cannot be used.
+    """
+    found, unusable = load_all(plan.secured), []
+    besides = (plan.web, plan.mqtt, plan.fleet)
+    for secured in (part.secured for part in besides if part is not None):
+        try:
+            found |= load_all(secured)
+        except TlsError as error:
+            unusable.append(str(error))
+    return found, unusable
 
 
 def warn(problems: Iterable[Problem], emit: events.Emit) -> None:

@@ -666,3 +666,18 @@ async def test_a_line_that_goes_repeats_nothing(serving):
         await service.reload(LISTEN + HALL_A)
         assert await client.answer() == "83 0B"
         assert len(asked) == 1
+
+
+async def test_a_reload_is_not_refused_for_what_a_start_only_warns_of(serving, tmp_path):
+    web = f"""
+[web]
+bind = "https://127.0.0.1:8443"
+certificate = "{tmp_path}/web.crt"
+key = "{tmp_path}/web.key"
+"""
+    async with serving(LISTEN + HALL_A) as service:
+        outcome = await service.reload(LISTEN + HALL_A + HALL_B + web)
+        assert outcome.problems == ()
+        assert "line hall-b" in outcome.added
+        assert any("web.crt" in each for each in outcome.warnings)
+        assert any("web.crt" in str(each) for each in service.events if isinstance(each, ConfigWarning))
