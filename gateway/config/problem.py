@@ -61,9 +61,14 @@ class Problem:
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
         where = f"{place}: {self.severity}: "
-        remedy = f"\n  help: {self.remedy}" if self.remedy else ""
+        remedy = f"\n  help: {_on_one_line(self.remedy)}" if self.remedy else ""
         table = f' ({self.path[0]} "{self.name}")' if self.name else ""
-        return where + self.subject + self.what + table + remedy
+        return where + _on_one_line(self.subject + self.what + table) + remedy
+
+
+def _on_one_line(text: str) -> str:
+    """The text, in which names from the file may have line breaks. The terminal is kept from other characters."""
+    return text.replace("\n", r"\n").replace("\r", r"\r")
 
 
 def error(path: Path, what: str, remedy: str = "") -> Problem:

@@ -439,3 +439,9 @@ def test_a_rate_cannot_be_found_by_the_config(tmp_path):
     file.write_text('[[line]]\nport = "/dev/x"\nbaud = "auto"\n')
     remedy = "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
     assert remedy in {problem.remedy for problem in load(file).problems}
+
+
+def test_a_problem_and_its_remedy_are_a_line_each_whatever_is_in_the_file():
+    loaded = parse('"a\\nb" = 1\n[[line]]\nname = "c\\nd"\nport = "/dev/a"\nbaudd = 1\n', "gateway.toml")
+    assert loaded.problems
+    assert all(len(str(problem).splitlines()) == 1 + bool(problem.remedy) for problem in loaded.problems)
