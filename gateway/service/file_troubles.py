@@ -3,6 +3,7 @@
 import os
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from errno import EACCES
 from pathlib import Path
@@ -40,6 +41,9 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
     if config.web is not None and config.web.users is not None:
         place = positions.value((*config.web.path, "users"))
         found += [each.located(file, *place) for each in _about_users(config.web, config.web.users, folder)]
+    if config.web is not None and config.web.token is not None:
+        place = positions.value((*config.web.path, "token"))
+        found += [each.located(file, *place) for each in _about_token(config.web, config.web.token, folder)]
     return replace(loaded, problems=(*found, *loaded.problems)) if found else loaded
 
 
@@ -96,6 +100,18 @@ def _about_users(web: Web, name: str, folder: Path) -> Iterator[Problem]:
     else:
         yield from _about_access(path, file, status.st_uid, status.st_gid, status.st_mode, folder)
         yield from _about_roles(web, path, file, users)
+
+
+def _about_token(web: Web, name: str, folder: Path) -> Iterator[Problem]:
+    """Warnings about who may read the file with the token: the gateway runs without its page if others may."""
+    path = (*web.path, "token")
+    with suppress(FileNotFoundError, PermissionError):  # a file that is made later, or for the service only
+        status = Path(name).stat()
+        if status.st_mode & _EXPOSED:
+            what = f"others may read or change {name}: there will be no web page"
+            yield warning(path, what, f"chmod o=,g-w {name}")
+        else:
+            yield from _about_access(path, name, status.st_uid, status.st_gid, status.st_mode, folder)
 
 
 def _about_access(

@@ -32,6 +32,7 @@ from gateway.service.running import Running
 from gateway.service.trace import Fact
 from gateway.service.trace_reader import Texts, TraceReader, capture, latest, may_see_all
 from gateway.timing.history import History, Past
+from gateway.tls.files import refuse_if_exposed
 from gateway.tls.store import TlsStore, load_all
 from gateway.web.answers import Answer, Asker, Which
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
@@ -96,10 +97,11 @@ def _token(plan: WebPlan) -> str:
     """Read the required token; empty for none.
 
     Raises:
-        OSError: the file cannot be read or is empty.
+        OSError: the file can be read by others, or not by this process, or is empty.
     """
     if plan.token is None:
         return ""
+    refuse_if_exposed(Path(plan.token))
     token = Path(plan.token).read_text(encoding="ascii", errors="replace").strip()
     if not token:
         raise OSError(EINVAL, "the file is empty", plan.token)

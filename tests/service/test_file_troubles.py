@@ -180,3 +180,16 @@ def test_what_installs_a_missing_library_needs_nothing_that_is_not_published():
         "aiohttp is not installed: the wheel was installed without [web]; "
         f"pipx install --force './dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]'"
     )
+
+
+@pytest.mark.parametrize(("mode", "is_refused"), [(0o600, False), (0o640, False), (0o644, True), (0o660, True)])
+def test_a_token_that_others_may_read_is_told(tmp_path, mode, is_refused):
+    token, file = tmp_path / "token", tmp_path / "gateway.toml"
+    token.write_text("s3cret")
+    token.chmod(mode)
+    text = CONFIG.partition("users")[0] + f'token = {{ file = "{token}" }}\n'
+    file.write_text(text)
+    loaded = with_file_troubles(load(file), str(file), tmp_path / "elsewhere")
+    said = [str(each) for each in loaded.problems if str(token) in str(each)]
+    told = f"{file}:8:9: warning: web.token: others may read or change {token}: there will be no web page"
+    assert said == ([f"{told}\n  help: chmod o=,g-w {token}"] if is_refused else [])

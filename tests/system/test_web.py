@@ -130,6 +130,7 @@ def test_only_names_that_are_its_own_are_answered(idle, host, status):
 def test_a_token_guards_the_metrics_and_not_the_health(tmp_path, config):
     token = tmp_path / "metrics.token"
     token.write_text("s3cret\n")
+    token.chmod(0o600)
     with Web(tmp_path, f'{config}token = {{ file = "{token}" }}\n') as gateway:
         assert gateway.get("/healthz").status == 200
         assert gateway.get("/readyz").status == 503
@@ -140,11 +141,12 @@ def test_a_token_guards_the_metrics_and_not_the_health(tmp_path, config):
         assert gateway.get("/metrics", Authorization="Bearer s3cret").status == 200
 
 
-@pytest.mark.parametrize("content", [None, "", "\n"])
-def test_without_the_token_nobody_is_let_in_and_the_lines_work(tmp_path, config, content):
+@pytest.mark.parametrize(("content", "mode"), [(None, 0), ("", 0o600), ("\n", 0o600), ("s3cret", 0o644)])
+def test_without_the_token_nobody_is_let_in_and_the_lines_work(tmp_path, config, content, mode):
     token = tmp_path / "metrics.token"
     if content is not None:
         token.write_text(content)
+        token.chmod(mode)
     with GatewayProcess(tmp_path, f'{config}token = {{ file = "{token}" }}\n') as gateway:
         (closed,) = (event for event in gateway.log if event["event"] == "web_closed")
         assert str(token) in closed["reason"]
