@@ -1,6 +1,6 @@
 """What a certificate says: whose it is, how long it is valid, and the role of a Modbus client."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +9,12 @@ from gateway.tls.der import WrongDer
 
 #: The extension with the role (MODBUS/TCP Security v21, 8.3).
 ROLE: Final = "1.3.6.1.4.1.50316.802.1"
+#: The extension with the purposes (RFC 5280, 4.2.1.12), and the object identifiers of two of them, as they stand there.
+_PURPOSES_NAMED: Final = "2.5.29.37"
+PURPOSES: Final[Mapping[str, bytes]] = {
+    "serverAuth": bytes.fromhex("06 08 2B 06 01 05 05 07 03 01"),
+    "clientAuth": bytes.fromhex("06 08 2B 06 01 05 05 07 03 02"),
+}
 #: The role of a client whose certificate has none.
 NULL_ROLE: Final = ""
 #: The longest role, and the longest subject that is shown, in characters: they stand in the log.
@@ -50,6 +56,11 @@ class Certificate:
     not_before: float
     not_after: float
     _extensions: tuple[tuple[str, bytes], ...]
+
+    def is_for(self, purpose: str) -> bool:
+        """Whether it is for a `purpose`, one of PURPOSES; those that name none are for all."""
+        named = [value for extension, value in self._extensions if extension == _PURPOSES_NAMED]
+        return not named or any(PURPOSES[purpose] in value for value in named)
 
     @property
     def role(self) -> str:

@@ -9,6 +9,7 @@ from typing import Final
 
 from gateway.errors import TlsError
 from gateway.tls.certificate import ROLE
+from gateway.tls.contexts import read_certificates
 from gateway.tls.revoking import index_of, keep, list_of
 from gateway.tls.workshop import AUTHORITY, Workshop, alone_in, authority_of
 
@@ -91,6 +92,7 @@ def _make_signed(
     ca, ca_key = authority_of(folder)
     with alone_in(folder), Workshop(folder) as shop:
         certificate, key = _places(folder, stem, replace=replace)
+        _refuse_other_purpose(certificate, extensions["extendedKeyUsage"])
         settings, request, made = shop.settings(name, {**_OF_OTHERS, **extensions}), *map(shop.place, _STEPS)
         shop.openssl("req", *_KEY, "-config", settings, "-keyout", shop.place("key"), "-out", request)
         signing = ("-CA", str(ca), "-CAkey", str(ca_key), "-set_serial", f"0x{int(token_hex(16), 16) >> 1:x}")
@@ -100,6 +102,13 @@ def _make_signed(
         keep(folder, stem, Path(made))
         shop.deliver({"key": key, "certificate": certificate})
     return certificate
+
+
+def _refuse_other_purpose(certificate: Path, purpose: str) -> None:
+    """See that what is replaced, if anything, is for the same: a gateway would start with it no more."""
+    if certificate.exists() and not read_certificates(certificate)[0].is_for(purpose):
+        what, wanted = ("client", "server") if purpose == "serverAuth" else ("server", "client")
+        raise TlsError(f"{certificate} is the certificate of a {what}; choose another name for that of the {wanted}")
 
 
 def _alternative_name(name: str) -> str:

@@ -112,3 +112,20 @@ def test_an_authority_does_not_begin_with_the_list_of_another_one(
         (folder / file).unlink()
     assert run(folder, "authority") == 1
     assert "ca.crl exists already, from another authority" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "what", "wanted"),
+    [(("server", "gw", "--file", "hmi"), "client", "server"), (("client", "server"), "server", "client")],
+)
+def test_a_certificate_is_not_replaced_by_one_for_another_purpose(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], what: str, wanted: str
+) -> None:
+    assert run(folder, "server", "gw.plant.local") == 0
+    assert run(folder, "server", "gw.plant.local", "--replace") == 0
+    file = folder / f"{words[-1]}.crt"
+    before = file.read_bytes()
+    assert run(folder, *words, "--replace") == 1
+    said = f"{file} is the certificate of a {what}; choose another name for that of the {wanted}"
+    assert said in capsys.readouterr().err
+    assert file.read_bytes() == before
