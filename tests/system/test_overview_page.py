@@ -123,8 +123,12 @@ def test_the_busy_share_is_drawn_over_a_day_and_a_week(seen: SimpleNamespace, ad
 
 def test_without_javascript_both_pictures_are_there(browser: Any, address: str) -> None:
     page = browser.new_page(java_script_enabled=False)
-    page.goto(address)
-    assert page.locator("tr[data-unit=silo-1] svg.map path").count() >= 1
-    page.goto(f"{address}/lines/hall")
-    assert page.locator("figure.busy svg.busy path").count() == 1
+    until(page, lambda: is_drawn(page, address, "tr[data-unit=silo-1] svg.map path"))
+    until(page, lambda: is_drawn(page, f"{address}/lines/hall", "figure.busy svg.busy path"))
     page.close()
+
+
+def is_drawn(page: Any, address: str, picture: str) -> bool:
+    """Whether a page comes with a picture, which needs a unit that has answered."""
+    page.goto(address)
+    return page.locator(picture).count() > 0

@@ -163,7 +163,7 @@ def test_a_client_that_keeps_asking_does_not_hold_up_the_end(tmp_path: Path, con
         GatewayProcess(tmp_path, config) as gateway,
         socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client,
     ):
-        client.sendall(4 * READ)
+        client.sendall(b"".join(map(read, range(4))))
         assert len(client.recv(11, socket.MSG_WAITALL)) == 11
         gateway.signal(signal.SIGTERM)
         ordered_at = time.monotonic()
@@ -173,13 +173,17 @@ def test_a_client_that_keeps_asking_does_not_hold_up_the_end(tmp_path: Path, con
     assert gateway.rest == []
 
 
+def read(transaction: int) -> bytes:
+    return transaction.to_bytes(2) + READ[2:]
+
+
 def responses_while_asking(client: socket.socket) -> int:
     """Ask for more with each response until the gateway closes the connection; how many responses came."""
     responses = 0
     with suppress(ConnectionError):  # requests that were not taken any more: the system tells it by a reset
         while len(client.recv(11, socket.MSG_WAITALL)) == 11:
             responses += 1
-            client.sendall(READ)
+            client.sendall(read(4 + responses))
     return responses
 
 

@@ -357,7 +357,7 @@ async def test_a_client_with_much_in_progress_is_kept_as_much_as_it_has_asked_fo
     kept = [0]
     async with asyncio.timeout(PATIENCE):
         while served.connection.session._back_pressure.blocked_at is None:
-            unsent = encode(1, 1, READ) * 1000
+            unsent = b"".join(encode(number, 1, READ) for number in range(1000))
             while len(waiting) < 1000:
                 with suppress(BlockingIOError):
                     unsent = unsent[client.send(unsent) :]
