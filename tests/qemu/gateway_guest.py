@@ -11,27 +11,38 @@ import termios
 import threading
 import time
 import tty
+from collections import Counter
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 #: Emulated machines are slow, and ours may be busy: on two cores with a load of 20 the gateway took 120 s to start.
 PATIENCE = 600
+#: How long a device takes to respond, in seconds. qemu has no wire: a response would come while the request is still
+#: being sent, at its rate, and the gateway takes no such response for its own.
+TURNAROUND = 0.05
 CONFIG = """\
 [[listen]]
 bind = "tcp://127.0.0.1:1502"
+[control]
+socket = "/tmp/control.sock"
+"""
+LINE = """\
 [[line]]
-name = "hall"
+name = "of unit {unit}"
 port = "{port}"
 baud = 19200
 rs485 = "{rs485}"
 latency = "2 s"
-devices = [{{ unit = 5, timeout = "10 s" }}]
-[control]
-socket = "/tmp/control.sock"
+devices = [{{ unit = {unit}, timeout = "10 s" }}]
 """
 #: FC 03, one register at address 0, of unit 5; and FC 06 to it. Both without header and CRC.
 READ, WRITE = bytes.fromhex("05 03 0000 0001"), bytes.fromhex("05 06 0000 0042")
-ANSWERS = {READ: bytes.fromhex("03 02 002A"), WRITE: WRITE[1:]}
+#: FC 03 to unit 6.
+OTHER_READ = b"\x06" + READ[1:]
+#: Each end answers for both units, with a value of its own, which tells whether an adapter was taken for the other one.
+ANSWERS = {READ: bytes.fromhex("03 02 002A"), OTHER_READ: bytes.fromhex("03 02 002A"), WRITE: WRITE[1:]}
+OTHER_ANSWERS = {READ: bytes.fromhex("03 02 0007"), OTHER_READ: bytes.fromhex("03 02 0007")}
 #: The gateway has no way to the unit, or the unit does not respond.
 IS_DOWN = ({0x83, 0x0A}, {0x83, 0x0B})
 GADGET = Path("/sys/kernel/config/usb_gadget/adapter")
@@ -57,9 +68,10 @@ def until(holds, what):
 
 
 @contextmanager
-def gateway(port, rs485="adapter"):
-    """The gateway, with one line."""
-    Path("/tmp/gateway.toml").write_text(CONFIG.format(port=port, rs485=rs485))
+def gateway(ports, rs485="adapter"):
+    """The gateway, with a line for each unit of `ports`."""
+    lines = (LINE.format(unit=unit, port=port, rs485=rs485) for unit, port in ports.items())
+    Path("/tmp/gateway.toml").write_text(CONFIG + "".join(lines))
     with Path("/tmp/log").open("w") as log:
         running = subprocess.Popen(["modbus-gateway", "run", "/tmp/gateway.toml"], stdout=log, stderr=log)
         try:
@@ -78,17 +90,31 @@ def ask(request):
     return b""
 
 
-def answers():
-    return ask(READ) == ANSWERS[READ]
+def is_down(request=READ):
+    return set(ask(request)) in IS_DOWN
 
 
-def is_down():
-    return set(ask(READ)) in IS_DOWN
+def is_refusal(said):
+    """Or nothing, while the gateway starts."""
+    return not said or set(said) in IS_DOWN
 
 
-def check_answers(what):
+def check_answers(what, request=READ, answer=ANSWERS[READ]):
+    """Wait until it is answered; until then the gateway may only say that it has no way, or that it did not respond.
+
+    It says 0B for half a minute if a request was on the line when the adapter was unplugged: the response may be late.
+    """
+    others = Counter()
+
+    def answers():
+        said = ask(request)
+        if said != answer:
+            others[said] += 1
+        return said == answer
+
     seconds = until(answers, what)
-    check(what, f"after {seconds:.1f} s", holds=seconds < PATIENCE)
+    seen = ", ".join(f"{times} times {said.hex() or 'nothing'}" for said, times in others.items())
+    check(what, f"after {seconds:.1f} s, before that {seen or 'nothing else'}", holds=all(map(is_refusal, others)))
 
 
 def report_of(port):
@@ -107,9 +133,14 @@ def check_report(port, *expected):
     check("the report has no serial number", "SECRET7" not in seen, holds="SECRET7" not in seen)
 
 
-def link():
-    """The stable link that udev has made; empty if there is none."""
-    return next(map(str, Path("/dev/serial/by-id").glob("*SECRET7*")), "")
+def link(serial="SECRET7"):
+    """The stable link that udev has made for an adapter; empty if there is none."""
+    return next(map(str, Path("/dev/serial/by-id").glob(f"*{serial}*")), "")
+
+
+def node(serial="SECRET7"):
+    """What the link leads to."""
+    return Path(link(serial)).resolve().name
 
 
 def check_replugging(what, plug, unplug):
@@ -117,8 +148,8 @@ def check_replugging(what, plug, unplug):
     plug()
     until(link, f"{what}: udev makes a stable link")
     port = link()
-    check(f"{what}: its stable link", f"{port} to {Path(port).resolve()}", holds=True)
-    with gateway(port):
+    check(f"{what}: its stable link", f"{port} to {node()}", holds=True)
+    with gateway({5: port}):
         check_answers(f"{what}: the unit answers")
         held = None
         for number in range(3):
@@ -130,7 +161,7 @@ def check_replugging(what, plug, unplug):
             until(lambda: not link(), f"{what}: its link is gone")
             plug()
             check_answers(f"{what}: plugged in again, the unit answers")
-            check(f"{what}: the same link", f"{link()} to {Path(link()).resolve()}", holds=link() == port)
+            check(f"{what}: the same link", f"{link()} to {node()}", holds=link() == port)
         os.close(held)
     return port
 
@@ -138,10 +169,41 @@ def check_replugging(what, plug, unplug):
 def ftdi():
     port = check_replugging("FTDI", lambda: wish("plug"), lambda: wish("unplug"))
     check_report(port, "0403:6001", "ftdi_sio", "serial/by-id")
-    timer = Path(f"/sys/class/tty/{Path(port).resolve().name}/device/latency_timer").read_text().strip()
+    timer = Path(f"/sys/class/tty/{node()}/device/latency_timer").read_text().strip()
     check("FTDI: its latency timer, by our udev rule", timer, holds=timer == "1")
     wish("unplug")
     until(lambda: not link(), "FTDI: its link is gone")
+
+
+def two_adapters():
+    """Two alike, of which one is unplugged; then both, and plugged in again in the other order."""
+    wish("plug")
+    until(link, "two adapters: the first one has a link")
+    wish("plug the other")
+    until(partial(link, "SECRET8"), "two adapters: the second one has a link")
+    check("two adapters", f"{node()} and {node('SECRET8')}", holds=(node(), node("SECRET8")) == ("ttyUSB0", "ttyUSB1"))
+    with gateway({5: link(), 6: link("SECRET8")}):
+        check_both("two adapters")
+        wish("unplug the other")
+        until(partial(is_down, OTHER_READ), "two adapters: the second one is told to be unplugged")
+        check("the second one is unplugged, the first one", ask(READ).hex(), holds=ask(READ) == ANSWERS[READ])
+        wish("unplug")
+        until(is_down, "two adapters: the first one is told to be unplugged")  # then its name is free
+        until(lambda: not (link() or link("SECRET8")), "two adapters: both are gone")
+        wish("plug the other")
+        until(partial(link, "SECRET8"), "two adapters: the second one has a link again")
+        wish("plug")
+        check_both("plugged in again in the other order")
+        swapped = (node(), node("SECRET8"))
+        check("their names are the other way round", " and ".join(swapped), holds=swapped == ("ttyUSB1", "ttyUSB0"))
+    wish("unplug")
+    wish("unplug the other")
+    until(lambda: not (link() or link("SECRET8")), "two adapters: both are gone")
+
+
+def check_both(what):
+    check_answers(f"{what}: the unit at the first one answers")
+    check_answers(f"{what}: the unit at the second one answers", OTHER_READ, OTHER_ANSWERS[OTHER_READ])
 
 
 def cdc_acm():
@@ -173,6 +235,7 @@ def be_device(node):
             heard += data
             for request, answer in frames().items():
                 if heard.endswith(request):
+                    time.sleep(TURNAROUND)
                     os.write(descriptor, answer)
                     heard = b""
         os.close(descriptor)
@@ -187,9 +250,9 @@ def with_crc(data):
     return data + crc.to_bytes(2, "little")
 
 
-def frames():
+def frames(answers=ANSWERS):
     """What a device at the other end hears, and what it answers, as RTU frames."""
-    return {with_crc(request): with_crc(request[:1] + answer) for request, answer in ANSWERS.items()}
+    return {with_crc(request): with_crc(request[:1] + answer) for request, answer in answers.items()}
 
 
 def package(port, rs485):
@@ -201,7 +264,7 @@ def package(port, rs485):
         last = done.stdout.strip().rpartition("\n")[2]
         is_fine = done.returncode == 0
         check(f"modbus-gateway {' '.join(words)}", last if is_fine else done.stdout, holds=is_fine)
-    with gateway(port, rs485):
+    with gateway({5: port}, rs485):
         check_answers("the unit answers")
         check("a write", ask(WRITE).hex(), holds=ask(WRITE) == ANSWERS[WRITE])
     check_report(port, "counts wrong characters", '"8O1"')
@@ -216,6 +279,7 @@ def main(kind, *words):
         subprocess.run(["/usr/lib/systemd/systemd-udevd", "--daemon"], check=True)
         subprocess.run(["udevadm", "trigger", "--action=add"], check=True)
         ftdi()
+        two_adapters()
         cdc_acm()
     else:
         package(*words)

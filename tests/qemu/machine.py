@@ -19,6 +19,7 @@ from typing import Final, NamedTuple, Self
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from kit.system_tree import make, system_tree
+from qemu.gateway_guest import TURNAROUND
 
 #: How long a machine may say nothing, in seconds.
 PATIENCE: Final = 900
@@ -157,13 +158,13 @@ class Booted:
             wishes.get(text, lambda: None)()
         return False
 
-    def plug(self, device: str, **properties: str) -> None:
-        """Plug in a device of qemu, which is called `adapter`."""
-        self._monitor("device_add", driver=device, id="adapter", **properties)
+    def plug(self, device: str, name: str, **properties: str) -> None:
+        """Plug in a device of qemu by this name."""
+        self._monitor("device_add", driver=device, id=name, **properties)
 
-    def unplug(self) -> None:
+    def unplug(self, name: str) -> None:
         """Unplug it; it is gone on return."""
-        self._monitor("device_del", event="DEVICE_DELETED", id="adapter")
+        self._monitor("device_del", event="DEVICE_DELETED", id=name)
 
     def _monitor(self, command: str, event: str = "", **arguments: str) -> None:
         with connected(self._folder / "qmp") as sock, sock.makefile("rw") as monitor:
@@ -206,6 +207,7 @@ def answer_on(line: socket.socket, frames: Mapping[bytes, bytes]) -> None:
                 for request, answer in frames.items():
                     if heard.endswith(request):
                         heard = b""
+                        time.sleep(TURNAROUND)
                         line.sendall(answer)
 
     threading.Thread(target=serve, name="device", daemon=True).start()

@@ -16,8 +16,8 @@ from typing import Final
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from qemu.gateway_guest import frames
-from qemu.machine import PC, Booted, answer_on, debian_for, pack, package_for
+from qemu.gateway_guest import OTHER_ANSWERS, frames
+from qemu.machine import PC, Booted, answer_on, connected, debian_for, pack, package_for
 
 #: What udev and the drivers need of the Debian.
 TREE: Final = (
@@ -38,10 +38,17 @@ def main() -> int:
             "guest.py": Path(__file__).with_name("gateway_guest.py"),
         }
         initrd = pack(debian, INIT, files, folder, TREE)
-        with Booted(PC, debian, initrd, folder, "-device", "qemu-xhci") as booted:
+        other = f"socket,id=other,path={folder}/other,server=on,wait=off"
+        with Booted(PC, debian, initrd, folder, "-device", "qemu-xhci", "-chardev", other) as booted:
             answer_on(booted.line, frames())
-            plug = partial(booted.plug, "usb-serial", chardev="line", serial="SECRET7")
-            return 0 if booted.watch({"plug": plug, "unplug": booted.unplug}) else 1
+            answer_on(connected(folder / "other"), frames(OTHER_ANSWERS))
+            wishes = {
+                "plug": partial(booted.plug, "usb-serial", "first", chardev="line", serial="SECRET7"),
+                "plug the other": partial(booted.plug, "usb-serial", "second", chardev="other", serial="SECRET8"),
+                "unplug": partial(booted.unplug, "first"),
+                "unplug the other": partial(booted.unplug, "second"),
+            }
+            return 0 if booted.watch(wishes) else 1
 
 
 if __name__ == "__main__":
