@@ -40,6 +40,8 @@ MOUNT: Final = """\
 busybox mount -t proc proc /proc
 busybox mount -t sysfs sys /sys
 busybox mount -t devtmpfs dev /dev
+busybox mkdir -p /dev/pts
+busybox mount -t devpts pts /dev/pts
 export PYTHONDONTWRITEBYTECODE=1 PATH=/usr/bin:/bin:/usr/sbin:/sbin
 """
 OFF: Final = "busybox poweroff -f\n"
@@ -128,7 +130,7 @@ class Booted:
     def __init__(self, machine: Machine, debian: Path, initrd: Path, folder: Path, *words: str, mux: str = "") -> None:
         self._folder = folder
         self._command = (
-            *machine.program, *words, "-m", "1024", "-nographic", "-no-reboot", "-nodefaults",
+            *machine.program, *words, "-smp", "2", "-m", "1024", "-nographic", "-no-reboot", "-nodefaults",
             "-kernel", next((debian / "boot").glob("vmlinuz-*")), "-initrd", initrd,
             "-append", "console=ttyS0 quiet panic=-1 no_timer_check",
             "-chardev", f"socket,id=console,path={folder}/console,server=on,wait=on",
