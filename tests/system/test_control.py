@@ -123,7 +123,10 @@ def test_a_broken_file_under_load_fails_no_transaction(tmp_path: Path, config: s
         assert rejected.returncode == 1
         assert "192.0.2.1" in rejected.stdout
         gateway.config.write_text(good)
-        assert command("reload", "--control", str(tmp_path / "control.sock")).stdout == "nothing has changed\n"
+        assert (
+            command("reload", "--control", str(tmp_path / "control.sock")).stdout
+            == f"nothing has changed in {gateway.config}\n"
+        )
         deadline = time.monotonic() + PATIENCE
         while len(answers) <= 10 and polling.is_alive() and time.monotonic() < deadline:
             time.sleep(0.05)

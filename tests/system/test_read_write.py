@@ -116,7 +116,7 @@ def test_points_count_after_a_reload_and_the_line_stays_open(tmp_path: Path, por
     at = ("--control", control)
     with GatewayProcess(tmp_path, CONFIG.format(port=port, control=control)) as gateway:
         gateway.config.write_text(gateway.config.read_text().replace('name = "own"', 'name = "number"'))
-        assert command("reload", *at).stdout == "nothing has changed\n"
+        assert command("reload", *at).stdout == f"nothing has changed in {gateway.config}\n"
         assert values("silo-1", "number", *at) == [1]
         assert [event["event"] for event in gateway.log].count("line_up") == 1
 
