@@ -12,7 +12,14 @@ PACKAGE = Path(gateway.__file__).parent
 #: A table of the config file has an attribute for each of its keys, and those are the operator's.
 TABLES = frozenset({"gateway.config.schema.Line"})
 #: One object for all that is known of a failure: a second one would cost the ring 50 bytes more.
-RECORDS = frozenset({"gateway.trace.records.Incident"})
+#: And what the rules of `doctor` look at: a line, a unit, each fact for itself.
+RECORDS = frozenset(
+    {
+        "gateway.trace.records.Incident",
+        "gateway.diagnosis.evidence.LineEvidence",
+        "gateway.diagnosis.evidence.UnitEvidence",
+    }
+)
 #: Not split yet.
 TOO_LARGE = frozenset({"gateway.lines.counts.Counts", "gateway.devices.quirks.MovableDevice"})
 

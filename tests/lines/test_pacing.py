@@ -525,7 +525,8 @@ def outcome(
                 await asyncio.sleep(2.0)
             counts = {function: repr(each) for function, each in wired.device.counts.items()}
             line = wired.driver.line
-            heard = repr(line.overheard), line.unasked_bytes
+            # when it was heard is when it was read
+            heard = replace(line.overheard, copied_at=0.0, requested_at=0.0), line.unasked_bytes
             return wired.client.answers, counts, heard, [type(event) for event in wired.events], wired.memory.written
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:

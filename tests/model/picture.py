@@ -22,7 +22,10 @@ _LONG_AGO: Final = 1000.0
 
 #: Public attributes that nothing follows from: counters, names, settings, and what is kept for those who read.
 _TELLS_ONLY: Final = frozenset(
-    {"counts", "unasked_bytes", "spent", "times", "settings", "setting", "source", "received_at", "error", "story"}
+    {
+        *("counts", "overheard", "unasked_bytes", "spent", "times", "settings", "setting", "source", "received_at"),
+        *("error", "story"),
+    }
 )
 _PLAIN: Final = frozenset({int, str, bytes, bool, type(None)})
 _ORDERED: Final = (tuple, list, deque, bytearray)
