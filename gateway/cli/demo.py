@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -87,7 +87,7 @@ async def _demo(*, once: bool, tls: bool) -> int:
     async with AsyncExitStack() as parts:
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
         lines = LINES if once else (*LINES, LIVE_LINE)
-        await asyncio.gather(*(parts.enter_async_context(_simulator(line, folder)) for line in lines))
+        await _start_simulators(lines, folder, parts)
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         certificates = make_certificates(folder) if tls else None
         config = _write_config(folder, lines, certificates, has_page=not once and _can_serve_pages())
@@ -118,6 +118,21 @@ async def _play(stage: Stage, panel: Panel) -> int:
     wrong = right.count(False)
     print(f"\n{len(right)} requests, {wrong} wrong or missing responses.")
     return wrong
+
+
+async def _start_simulators(lines: Iterable[DemoLine], folder: Path, parts: AsyncExitStack) -> None:
+    """Start all at once, until `parts` is closed.
+
+    Raises:
+        DemoError: one did not start; none of the others is left behind.
+    """
+    try:
+        async with asyncio.TaskGroup() as group:
+            for line in lines:
+                starts = parts.enter_async_context(_simulator(line, folder))
+                group.create_task(starts, name=f"simulator:{line.name}")
+    except ExceptionGroup as failed:
+        raise failed.exceptions[0] from None
 
 
 @asynccontextmanager

@@ -1,5 +1,6 @@
 """The demo, as somebody sees it who has just cloned the project."""
 
+import gc
 import os
 import re
 import shutil
@@ -136,3 +137,4 @@ def test_a_simulator_that_does_not_start_is_named(
     assert main(["demo", "--once"]) == 1
     error = capsys.readouterr().err
     assert re.fullmatch(r"modbus-gateway: error: the simulator of the line \w+ did not start within 0 s\n", error)
+    gc.collect()  # tells of a process that was left behind
