@@ -87,7 +87,7 @@ async def _demo(*, once: bool, tls: bool) -> int:
     async with AsyncExitStack() as parts:
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
         lines = LINES if once else (*LINES, LIVE_LINE)
-        await _start_simulators(lines, folder, parts)
+        await parts.enter_async_context(_simulators(lines, folder))
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         certificates = make_certificates(folder) if tls else None
         config = _write_config(folder, lines, certificates, has_page=not once and _can_serve_pages())
@@ -120,26 +120,29 @@ async def _play(stage: Stage, panel: Panel) -> int:
     return wrong
 
 
-async def _start_simulators(lines: Iterable[DemoLine], folder: Path, parts: AsyncExitStack) -> None:
-    """Start all at once, until `parts` is closed.
-
-    Raises:
-        DemoError: one did not start; none of the others is left behind.
-    """
-    try:
-        async with asyncio.TaskGroup() as group:
-            for line in lines:
-                starts = parts.enter_async_context(_simulator(line, folder))
-                group.create_task(starts, name=f"simulator:{line.name}")
-    except ExceptionGroup as failed:
-        raise failed.exceptions[0] from None
-
-
 @asynccontextmanager
-async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
-    """A process with the devices of a line behind a virtual serial port in `folder`."""
+async def _simulators(lines: Iterable[DemoLine], folder: Path) -> AsyncIterator[None]:
+    """A process for each line, with its devices behind a virtual serial port in `folder`."""
+    processes: dict[str, asyncio.subprocess.Process] = {}
+    try:
+        for line in lines:
+            processes[line.name] = await _simulator(line, folder)
+        for name, process in processes.items():
+            async with _starting(f"the simulator of the line {name}"):
+                if not process.stdout or not await process.stdout.readline():
+                    raise DemoError(f"the simulator of the line {name} did not start")
+        yield
+    finally:
+        for process in processes.values():
+            if process.returncode is None:
+                process.terminate()
+        for process in processes.values():
+            await process.wait()
+
+
+async def _simulator(line: DemoLine, folder: Path) -> asyncio.subprocess.Process:
     words = ["-m", "gateway.cli.main", "simulate", *line.simulate, "--port", str(folder / line.name)]
-    process = await asyncio.create_subprocess_exec(
+    return await asyncio.create_subprocess_exec(
         sys.executable,
         *words,
         stdout=asyncio.subprocess.PIPE,
@@ -148,15 +151,6 @@ async def _simulator(line: DemoLine, folder: Path) -> AsyncIterator[None]:
         # The package may be in a folder that only PYTHONPATH of this process names.
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )
-    try:
-        async with _starting(f"the simulator of the line {line.name}"):
-            if not process.stdout or not await process.stdout.readline():
-                raise DemoError(f"the simulator of the line {line.name} did not start")
-        yield
-    finally:
-        if process.returncode is None:
-            process.terminate()
-        await process.wait()
 
 
 @asynccontextmanager
