@@ -1,9 +1,14 @@
 """Sessions of Modbus TCP clients. Their ADUs carry a transaction identifier, so many requests can be in progress."""
 
+from typing import Final
+
 from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import GONE, Connection, ListenSettings, Session
 from gateway.modbus import mbap
 from gateway.request import Request, Target
+
+#: In place of the transaction identifier of a request that another one has replaced.
+_GIVEN_UP: Final = -1
 
 
 class MbapSession(Session):
@@ -14,7 +19,7 @@ class MbapSession(Session):
     latest one with it gets a response. So reading goes on while the session finishes.
     """
 
-    __slots__ = ("_framer", "_latest")
+    __slots__ = ("_framer", "_under_way")
 
     def __init__(
         self,
@@ -29,8 +34,8 @@ class MbapSession(Session):
         """See Session."""
         super().__init__(client, host=host, router=router, connection=connection, settings=settings, now=now)
         self._framer = mbap.MbapFramer()
-        #: The latest request with each transaction identifier in progress.
-        self._latest: dict[int, Request] = {}
+        #: The requests in progress by their transaction identifiers.
+        self._under_way: dict[int, Request] = {}
 
     @property
     def has_begun(self) -> bool:
@@ -49,19 +54,19 @@ class MbapSession(Session):
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response to one of the session's requests."""
         self._in_flight -= 1
-        is_latest = self._latest.get(request.transaction) is request
-        if is_latest:
-            del self._latest[request.transaction]
+        is_awaited = request.transaction != _GIVEN_UP
+        if is_awaited and self._under_way:
+            self._under_way.pop(request.transaction, None)
         if self._life == GONE:
             return
-        if is_latest and pdu is not None and not is_kept_back(request, self._settings.on_failure):
+        if is_awaited and pdu is not None and not is_kept_back(request, self._settings.on_failure):
             self._out.append(mbap.encode(request.transaction, request.unit, pdu))
         self._hold_back(request)
         self._go_on()
 
     def wants(self, request: Request) -> bool:
         """See Session; also False if another request with its identifier has replaced it."""
-        return super().wants(request) and self._latest.get(request.transaction) is request
+        return super().wants(request) and request.transaction != _GIVEN_UP
 
     @property
     def _takes_more(self) -> bool:
@@ -72,12 +77,15 @@ class MbapSession(Session):
             adu = self._framer.next()
             if adu is None:
                 return
-            if self._limit == 0:  # no more requests are taken, but one may have been given up
-                self._latest.pop(adu.transaction, None)
+            if self._under_way and (earlier := self._under_way.pop(adu.transaction, None)) is not None:
+                earlier.transaction = _GIVEN_UP
+            if self._limit == 0:  # no more requests are taken
                 continue
             self.last_asked = now
             self.asked += 1
             self._in_flight += 1
-            request = self._latest[adu.transaction] = Request(adu.unit, adu.pdu, self, now, adu.transaction)
+            request = Request(adu.unit, adu.pdu, self, now, adu.transaction)
             self._router.submit(request, now)
+            if not request.is_over:
+                self._under_way[adu.transaction] = request
         self._pause()
