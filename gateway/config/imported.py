@@ -41,8 +41,8 @@ class Taken:
 
     def address(self, address: Address) -> bool:
         """Whether nobody listens there yet; then it is taken."""
-        if any(other.collides_with(address) for other in self._addresses):
-            return False
+        if address in self._addresses or any(other.collides_with(address) for other in self._addresses):
+            return False  # of port 0 there may be many, but each listener is named by its address
         self._addresses.append(address)
         return True
 

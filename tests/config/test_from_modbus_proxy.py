@@ -5,7 +5,7 @@ import sys
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway.config.from_modbus_proxy import config_from_modbus_proxy
@@ -156,6 +156,7 @@ DEVICES = st.fixed_dictionaries(
 )
 
 
+@example([{"modbus": {"url": "a"}, "listen": {"bind": ":0"}}] * 2)
 @given(st.lists(DEVICES, max_size=5))
 def test_whatever_it_prints_passes_check(devices):
     with suppress(ImportedFileError):

@@ -251,7 +251,8 @@ def test_a_client_is_told_what_was_wrong_with_a_record(version: ssl.TLSVersion) 
         record[-1] ^= 1
         arrive(stream, record)
         assert target.waiting == []
-        assert listener.rejections == ["decryption failed or bad record mac"]
+        (reason,) = listener.rejections
+        assert reason in {"decryption failed or bad record mac", "record layer failure"}  # as OpenSSL says it
         assert network.is_over
         peer.incoming.write(network.sent)
         with pytest.raises(ssl.SSLError, match="ALERT_BAD_RECORD_MAC"):
