@@ -1,7 +1,7 @@
 """Somebody who hears and says bytes at a broker, as Sparkplug needs it."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from queue import Empty, Queue
 from threading import Event
 from typing import NamedTuple, Self
@@ -63,6 +63,13 @@ class Listener:
                 raise AssertionError(f"nothing came for {topic}; heard: {self.heard[-20:]}") from None
             if message.topic.endswith(topic) and where(message.payload):
                 return message.payload
+
+    def wait_for_all(self, topics: Collection[str], payload: bytes) -> None:
+        """Until each of `topics` has had this payload, earlier or from now on."""
+        deadline = time.monotonic() + PATIENCE
+        while missing := set(topics) - {each.topic for each in list(self.heard) if each.payload == payload}:
+            assert time.monotonic() < deadline, f"never {payload!r} on {missing}; heard: {self.heard[-20:]}"
+            time.sleep(0.02)
 
     def _subscribe(self, client: Client, *_: object) -> None:
         client.subscribe([(topic, 1) for topic in self._topics])
