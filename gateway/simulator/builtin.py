@@ -1,10 +1,33 @@
-"""The built-in profiles for simulated devices: their functions, answer times and idle times."""
+"""The built-in profiles for simulated devices: their functions, limits, answer times and idle times.
 
-from gateway.config.load import builtin_profiles
-from gateway.config.resolve import profile_of
+They are read here without what checks a config: that takes longer to import than a simulator otherwise needs to start.
+"""
+
+import tomllib
+
+from gateway.config.duration import parse_duration
+from gateway.config.ranges import parse_ranges
+from gateway.modbus.codes import Area
+from gateway.profiles.builtin import builtin_text
 from gateway.profiles.profile import Profile
+from gateway.timing.table import Point, TimingTable
 
 
 def builtin_profile(name: str) -> Profile:
-    """The built-in profile `name`."""
-    return profile_of(name, builtin_profiles()[name])
+    """The built-in profile `name`, as `gateway.config` reads it."""
+    table = tomllib.loads(builtin_text(name))["profile"][name]
+    functions = table.get("functions")
+    points: dict[int, list[Point]] = {}
+    for row in table.get("timing", ()):
+        points.setdefault(row["fc"], []).append(Point(row["items"], parse_duration(row["time"])))
+    return Profile(
+        name=name,
+        title=table["title"],
+        functions=None if functions is None else frozenset(functions),
+        limits={int(function): most for function, most in table.get("limits", {}).items()},
+        areas={area: parse_ranges(table[area]) for area in Area if area in table},
+        timing=TimingTable.of(points),
+        timeout=parse_duration(table["timeout"]),
+        quirks=frozenset(table.get("quirks", ())),
+        **{key: table[key] for key in ("idle_chars", "margin") if key in table},
+    )

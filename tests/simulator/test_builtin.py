@@ -1,0 +1,20 @@
+import subprocess
+import sys
+
+import pytest
+
+from gateway.config.load import builtin_profiles
+from gateway.config.resolve import profile_of
+from gateway.profiles.builtin import BUILTIN_PROFILES
+from gateway.simulator.builtin import builtin_profile
+
+
+@pytest.mark.parametrize("name", BUILTIN_PROFILES)
+def test_a_profile_is_what_a_config_makes_of_it(name: str) -> None:
+    assert builtin_profile(name) == profile_of(name, builtin_profiles()[name])
+
+
+def test_a_simulator_starts_without_what_checks_a_config() -> None:
+    found = "import gateway.cli.simulate, sys; print('pydantic' in sys.modules)"
+    shown = subprocess.run([sys.executable, "-c", found], capture_output=True, text=True, check=True)
+    assert shown.stdout == "False\n"
