@@ -24,6 +24,8 @@ _LABEL = r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)"
 _HOST_NAME = re.compile(rf"{_LABEL}(?:\.{_LABEL})*")
 #: The network interface behind an IPv6 address, fe80::1%eth0: as long as Linux lets its name be (IFNAMSIZ).
 _INTERFACE = re.compile(r"[!-~]{1,15}")
+#: What `localhost` stands for (RFC 6761, 6.3).
+_LOCALHOST: Final = (ip_address("127.0.0.1"), ip_address("::1"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +49,14 @@ class Address:
     def collides_with(self, other: "Address") -> bool:
         """Whether both cannot be bound: they are the same, or one is a wildcard that includes the other.
 
-        IPv4 and IPv6 have separate ports: 0.0.0.0 and [::] can both be bound.
+        IPv4 and IPv6 have separate ports: 0.0.0.0 and [::] can both be bound. `localhost` is bound in both.
         """
         if not self.has_port_of(other):
             return False
-        mine, others = _ip(self.host), _ip(other.host)
-        if mine is None or others is None:
+        mine, others = _bound_ips(self.host), _bound_ips(other.host)
+        if not mine or not others:
             return self.host.lower() == other.host.lower()
-        if mine.version != others.version:
-            return False
-        return mine == others or mine.is_unspecified or others.is_unspecified
+        return any(_overlap(one, another) for one in mine for another in others)
 
     def is_reached_by(self, other: "Address") -> bool:
         """Whether a client that connects to `other` reaches a listener at this address, as far as can be seen."""
@@ -133,3 +133,13 @@ def _ip(host: str) -> IPv4Address | IPv6Address | None:
         return ip_address("127.0.0.1" if host == "localhost" else host)
     except ValueError:
         return None
+
+
+def _bound_ips(host: str) -> tuple[IPv4Address | IPv6Address, ...]:
+    """What is bound for `host`; nothing is known of a name."""
+    ip = _ip(host)
+    return _LOCALHOST if host == "localhost" else () if ip is None else (ip,)
+
+
+def _overlap(one: IPv4Address | IPv6Address, other: IPv4Address | IPv6Address) -> bool:
+    return one.version == other.version and (one == other or one.is_unspecified or other.is_unspecified)

@@ -73,7 +73,7 @@ def check(
 
 def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
     yield from _check_content(config, failed)
-    places = [*_check_binds(config), *_check_ports(config, real_path)]
+    places = [*_check_binds(config, failed), *_check_ports(config, real_path)]
     yield from places
     yield from _check_ipv6(config)
     yield from _check_names(config, {problem.path[:-1] for problem in places})
@@ -141,18 +141,39 @@ def _list_names(config: Config) -> Iterator[tuple[str, Table]]:
                 yield from ((name, row) for name in line.device_names(row))
 
 
-def _check_binds(config: Config) -> Iterator[Problem]:
-    web = () if config.web is None else (config.web,)
-    binds: tuple[Listen | Web, ...] = (*config.listen, *web)
-    for index, listen in enumerate(binds):
-        first = next((one for one in binds[:index] if one.bind.collides_with(listen.bind)), None)
-        if first is None:
-            continue
-        wildcard = first.bind if first.bind.is_wildcard else listen.bind
-        covers = ""
-        if wildcard.is_wildcard and first.bind.host != listen.bind.host:
-            covers = f"; {wildcard.host} stands for every address of its kind"
-        yield error((*listen.path, "bind"), f"this address is already used in {first.source}{covers}")
+def _check_binds(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    for index, listen in enumerate(config.listen):
+        first = next((one for one in config.listen[:index] if one.bind.collides_with(listen.bind)), None)
+        if first is not None:
+            yield _taken(listen, first.bind, f"in {first.source}")
+    web = config.web
+    if web is not None and "listen" not in failed:
+        by_whom = "in {}" if config.listen else "by {}"
+        for bind, source in (each for each in config.binds if _takes(each[0], web.bind, config)):
+            yield _taken(web, bind, by_whom.format(source))
+
+
+def _takes(bind: Address, web: Address, config: Config) -> bool:
+    """Whether the page cannot listen, because a listener does at `bind`."""
+    takes_ipv4 = not any(bind.takes_ipv4_of(other.bind) for other in config.listen)
+    return bind.collides_with(web) or (takes_ipv4 and bind.takes_ipv4_of(web))
+
+
+def _taken(later: Listen | Web, bind: Address, where: str) -> Problem:
+    """The error for an address of which an earlier one at `bind` has a part."""
+    covers = ""
+    if bind.host != later.bind.host:
+        covers = next((f"; {_covering(each)}" for each in (bind, later.bind) if _covering(each)), "")
+        if bind.takes_ipv4_of(later.bind):
+            covers = "; [::] takes IPv4 clients too"
+    return error((*later.path, "bind"), f"this address is already used {where}{covers}")
+
+
+def _covering(bind: Address) -> str:
+    """What it includes beside the address that is written."""
+    if bind.is_wildcard:
+        return f"{bind.host} stands for every address of its kind"
+    return "localhost stands for 127.0.0.1 and [::1]" if bind.host == "localhost" else ""
 
 
 def _check_ipv6(config: Config) -> Iterator[Problem]:

@@ -5,7 +5,6 @@ from typing import Final
 
 from gateway.config.address import Address
 from gateway.config.fleet import Site
-from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema import Config, Upstream
 from gateway.config.unitset import show_units
@@ -37,9 +36,7 @@ def _check_server(path: Path, address: Address, config: Config) -> Iterator[Prob
         yield error(path, f"{address.host} is not the address of a server", "name the server: its host name or address")
     if not address.port:
         yield error(path, "port 0 is not the port of a server")
-    default = Address("tcp", DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
-    own = [(listen.bind, listen.source) for listen in config.listen] or [(default, "the default listener")]
-    for bind, source in own:
+    for bind, source in config.binds:
         if bind.is_reached_by(address):
             yield error(path, f"leads back to this gateway ({source})", "name another server")
 

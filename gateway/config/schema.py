@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from gateway.config.address import Address
 from gateway.config.fleet import Site
-from gateway.config.plan import DEFAULT_RING
+from gateway.config.plan import DEFAULT_LISTENER, DEFAULT_RING
 from gateway.config.problem import Path
 from gateway.config.values import (
     DEVICE_SERVER_MODES,
@@ -789,6 +789,12 @@ class Config(Table):
     trace: Trace = Trace()
     control: Control | None = None
     log: Log = Log()
+
+    @property
+    def binds(self) -> tuple[tuple[Address, str], ...]:
+        """Where clients can connect, each with its place in the file."""
+        default = Address(DEFAULT_LISTENER.scheme, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
+        return tuple((each.bind, each.source) for each in self.listen) or ((default, "the default listener"),)
 
     @property
     def leads_everywhere(self) -> bool:

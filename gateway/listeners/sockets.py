@@ -159,6 +159,12 @@ def is_meant(client: socket.socket, listening: socket.socket, addresses: Iterabl
     return asked in ours or (_EVERY_IPV4_ADDRESS in ours and ":" not in asked)
 
 
+def overlap(one: socket.socket, other: socket.socket) -> bool:
+    """Whether two bound sockets have a port and an address in common, so that only one of them can listen."""
+    mine, others = one.getsockname(), other.getsockname()
+    return one.type == other.type and (mine[:2] == others[:2] or _covers(one, others) or _covers(other, mine))
+
+
 def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
     """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, or the configured one if none is bound."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)

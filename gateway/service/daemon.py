@@ -128,12 +128,10 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
-    async with (
-        control_open(control, verbs(running, reloader), emit),
-        _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder),
-    ):
+    pages = _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder)
+    async with control_open(control, verbs(running, reloader), emit):
         garbage.settle()
-        await serve(running, stop, systemd, reloader)
+        await serve(running, stop, systemd, reloader, pages)
 
 
 def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager[None]:

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from functools import partial
 
 from gateway import events
@@ -36,34 +36,42 @@ class Stop:
 
 
 async def serve(
-    running: Running, stop: Stop, systemd: Notifier | None = None, reloader: Reloader | None = None
+    running: Running,
+    stop: Stop,
+    systemd: Notifier | None = None,
+    reloader: Reloader | None = None,
+    pages: AbstractAsyncContextManager[None] | None = None,
 ) -> None:
     """Run a gateway until `stop`. It is ready when clients can connect and every line was tried once.
 
-    No reload of `reloader` outlasts the order to stop.
+    `pages` are entered after the addresses of all listeners are bound. No reload of `reloader` outlasts the order to
+    stop.
 
     Raises:
         ListenError: an address cannot be used.
     """
     systemd = systemd or Notifier({})
-    try:
-        is_bound = await _complete_before(stop, running.bind())
-        await running.gateway.fleet.adopt(running.gateway.plan.fleet)
-        async with running.lines_open():
-            if is_bound and await _complete_before(stop, running.tried()):
-                running.start_listening()
-                await _serve_until(stop, running, systemd)
-            if reloader is not None:
-                await reloader.close()
-            running.emit(events.Stopping(stop.reason))
-            systemd.stopping()
-            async with running.gateway.publishing.stopping(), running.gateway.fleet.stopping():
-                await running.drain(lambda: stop.at_once)
+    async with AsyncExitStack() as beside:
+        try:
+            is_bound = await _complete_before(stop, running.bind())
+            if is_bound and pages is not None:
+                await beside.enter_async_context(pages)
+            await running.gateway.fleet.adopt(running.gateway.plan.fleet)
+            async with running.lines_open():
+                if is_bound and await _complete_before(stop, running.tried()):
+                    running.start_listening()
+                    await _serve_until(stop, running, systemd)
+                if reloader is not None:
+                    await reloader.close()
+                running.emit(events.Stopping(stop.reason))
+                systemd.stopping()
+                async with running.gateway.publishing.stopping(), running.gateway.fleet.stopping():
+                    await running.drain(lambda: stop.at_once)
+                running.stop_listening()
+        finally:
             running.stop_listening()
-    finally:
-        running.stop_listening()
-        await running.gateway.fleet.stop()
-    running.emit(events.Stopped())
+            await running.gateway.fleet.stop()
+        running.emit(events.Stopped())
 
 
 @asynccontextmanager

@@ -84,10 +84,11 @@ async def _open(
         proxy=plan.proxy,
         write=plan.write,
     )
+    taken = [sock for listener in running.gateway.listeners for sock in listener.sockets]
     async with (
         history_kept(running, folder if plan.history else None) as history,
         aclosing(_Answers(running, reloader, fan_out, history)) as answers,
-        server.web_open(settings, answers) as address,
+        server.web_open(settings, answers, taken) as address,
     ):
         running.emit(events.WebUp(address))
         yield

@@ -5,15 +5,18 @@ handshake takes a place like any other.
 """
 
 import asyncio
+import socket
 import ssl
 from collections import defaultdict
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterable
+from errno import EADDRINUSE
 from typing import Final, cast
 from weakref import WeakSet
 
 from aiohttp import web
 
 from gateway.listeners.origin import Origins
+from gateway.listeners.sockets import overlap
 from gateway.ports.keepalive import notice_vanished_peers
 from gateway.web.problems import Handler
 from gateway.web.secured import SecuredConnections
@@ -37,13 +40,20 @@ Context = Callable[[], ssl.SSLContext]
 Connect = Callable[[Context | None], asyncio.Protocol]
 
 
-async def listen(host: str, port: int, connected: Callable[[], asyncio.Protocol]) -> asyncio.Server:
+async def listen(
+    host: str, port: int, connected: Callable[[], asyncio.Protocol], taken: Iterable[socket.socket] = ()
+) -> asyncio.Server:
     """A server whose clients the system disconnects when they read nothing, or are gone.
+
+    What has `taken` an address keeps it, although it does not listen yet.
 
     Raises:
         OSError: the address cannot be used.
     """
     server = await asyncio.get_running_loop().create_server(connected, host, port, start_serving=False)
+    if any(overlap(one, other) for one in taken for other in server.sockets):
+        server.close()
+        raise OSError(EADDRINUSE, "a [[listen]] has this address")
     for sock in server.sockets:  # connections inherit it
         notice_vanished_peers(
             sock, idle=_SILENT_FOR, interval=_ASKED_EVERY, probes=_ASKED_TIMES, user_timeout=UNREAD_FOR * 1000

@@ -2,7 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Sequence
+import socket
+from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import Final, cast
@@ -53,15 +54,15 @@ _SILENT.disabled = True
 
 
 @asynccontextmanager
-async def web_open(settings: WebSettings, answers: Answers) -> AsyncIterator[str]:
-    """Run the server inside the context; yields its address.
+async def web_open(settings: WebSettings, answers: Answers, taken: Iterable[socket.socket] = ()) -> AsyncIterator[str]:
+    """Run the server inside the context; yields its address. What has `taken` an address keeps it.
 
     Raises:
         OSError: the address or the file with the users cannot be used.
         UsersError: a line of that file is none of a user.
     """
     async with serving(settings, answers) as connect:
-        server = await listen(settings.host, settings.port, partial(connect, settings.tls))
+        server = await listen(settings.host, settings.port, partial(connect, settings.tls), taken)
         host, port = server.sockets[0].getsockname()[:2]
         try:
             yield f"http{'s' if settings.is_encrypted else ''}://{f'[{host}]' if ':' in host else host}:{port}"

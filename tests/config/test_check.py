@@ -165,6 +165,17 @@ def test_a_wildcard_takes_the_port_from_every_address(one, other):
     assert wildcard is None or said.endswith(f"; {wildcard} stands for every address of its kind")
 
 
+@pytest.mark.parametrize("other", ["localhost", "127.0.0.1", "[::1]", "0.0.0.0", "[::]"])
+@pytest.mark.parametrize("bind", ["tcp://{}:1", "http://{}:1"])
+def test_localhost_is_an_address_of_both_kinds(bind, other):
+    own = "[[listen]]" if bind.startswith("tcp") else '[web]\ntoken = { file = "/dev/null" }'
+    text = LINE + f'[[listen]]\nbind = "tcp://localhost:1"\n{own}\nbind = "{bind.format(other)}"\n'
+    (said,) = [said for said in problems(text) if said.startswith("error")]
+    assert "bind: this address is already used in gateway.toml:5" in said
+    if other in ("127.0.0.1", "[::1]"):
+        assert said.endswith("; localhost stands for 127.0.0.1 and [::1]")
+
+
 @pytest.mark.parametrize(("one", "other"), [("0.0.0.0", "[::]"), ("[::]", "127.0.0.1"), ("127.0.0.1", "10.0.0.1")])
 def test_ipv4_and_ipv6_have_ports_of_their_own(one, other):
     text = LINE + f'[[listen]]\nbind = "tcp://{one}:1"\n[[listen]]\nbind = "tcp://{other}:1"\n'
@@ -800,3 +811,20 @@ def test_the_web_page_needs_an_address_of_its_own(bind):
     host = bind.removeprefix("http://")
     text = LINE + f'[[listen]]\nbind = "tcp://{host}"\n[web]\nbind = "{bind}"\n'
     assert problems(text) == ["error: web.bind: this address is already used in gateway.toml:5"]
+
+
+@pytest.mark.parametrize(
+    ("listeners", "said"),
+    [
+        ("", ["this address is already used by the default listener"]),
+        (
+            '[[listen]]\nbind = "tcp://[::]:5020"\n',
+            ["this address is already used in gateway.toml:5; [::] takes IPv4 clients too"],
+        ),
+        ('[[listen]]\nbind = "tcp://[::]:5020"\n[[listen]]\nbind = "tcp://10.0.0.1:5020"\n', []),
+        ('[[listen]]\nbind = "udp://127.0.0.1:5020"\n', []),
+    ],
+)
+def test_the_web_page_collides_with_what_takes_clients_at_its_address(listeners, said):
+    found = problems(f'{LINE}{listeners}[web]\nbind = "http://127.0.0.1:5020"\n')
+    assert [one for one in found if one.startswith("error")] == [f"error: web.bind: {each}" for each in said]

@@ -1,7 +1,8 @@
 """The supervisor: it starts all parts, keeps the defect of one from the others, and stops in bounded, virtual time."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import pytest
@@ -80,7 +81,7 @@ class FakeListener:
 class Service:
     """A gateway that is served, with listeners in the test's hands."""
 
-    def __init__(self, *doors: FakeListener) -> None:
+    def __init__(self, *doors: FakeListener, pages: bool = False) -> None:
         self.bench = GatewayBench(CONFIG)
         self.events: list[Event] = self.bench.events
         self.doors = doors or (FakeListener(),)
@@ -89,7 +90,15 @@ class Service:
         plan = replace(plan, listeners=plan.listeners * len(self.doors))
         self.gateway = replace(self.bench.gateway, listeners=self.doors, plan=plan)
         self.stop = Stop()
-        self.serving = asyncio.create_task(serve(Running(self.gateway, self.events.append), self.stop), name="serve")
+        running = Running(self.gateway, self.events.append)
+        page = self._page() if pages else None
+        self.serving = asyncio.create_task(serve(running, self.stop, pages=page), name="serve")
+
+    @asynccontextmanager
+    async def _page(self) -> AsyncIterator[None]:
+        self.doors[0].told.append("page")
+        yield
+        self.doors[0].told.append("page ends")
 
     def part(self, line: str):
         return next(part for part in self.gateway.parts if part.name == line)
@@ -123,6 +132,14 @@ async def test_it_is_ready_once_every_line_was_tried_and_clients_can_connect() -
     assert service.doors[0].told == ["find", "bind", "listen", "start"]
     assert service.told(Ready) == [Ready(("tcp://127.0.0.1:502",), lines_up=1, lines_down=1)]
     await service.stops_within()
+
+
+async def test_the_page_begins_once_the_addresses_of_clients_are_bound_and_ends_last() -> None:
+    service = Service(pages=True)
+    await asyncio.sleep(1.0)
+    assert service.doors[0].told[:3] == ["find", "bind", "page"]
+    await service.stops_within()
+    assert service.doors[0].told[-2:] == ["close", "page ends"]
 
 
 async def test_names_are_looked_up_side_by_side() -> None:

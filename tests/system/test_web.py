@@ -15,6 +15,7 @@ import pytest
 
 from gateway.web.connections import MOST_CONNECTIONS
 from kit.device import SimulatedDevice, SimulatedLine
+from kit.free_port import free_port
 from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
@@ -159,6 +160,19 @@ def test_an_address_in_use_is_told_and_the_lines_work(tmp_path, config):
             (closed,) = (event for event in gateway.log if event["event"] == "web_closed")
             assert "in use" in closed["reason"]
             assert gateway.stop() == 0
+
+
+def test_of_a_listener_and_the_page_at_one_address_the_listener_gets_it(tmp_path, config):
+    """What is seen only when names are looked up: to the system 0x7f.1 is 127.0.0.1, to `check` it is a name."""
+    port = free_port()
+    text = config.replace("tcp://127.0.0.1:0", f"tcp://0x7f.1:{port}")
+    with GatewayProcess(tmp_path, text.replace("http://127.0.0.1:0", f"http://127.0.0.1:{port}")) as gateway:
+        (closed,) = (event for event in gateway.log if event["event"] == "web_closed")
+        assert closed["reason"] == "a [[listen]] has this address"
+        with socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client:
+            client.sendall(READ)
+            assert client.recv(16)
+        assert gateway.stop() == 0
 
 
 def test_connections_have_a_bound_and_those_that_idle_do_not_delay_the_end(tmp_path, config):
