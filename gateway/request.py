@@ -63,6 +63,19 @@ class Request:
         return f"<Request unit={self.unit} {self.pdu.hex(' ').upper()} from {self.origin.client}>"
 
 
+class DerivedOrigin:
+    """The Origin of requests that are made of a client's, as far as the client counts; `answer` is up to subclasses."""
+
+    def __init__(self, original: Request) -> None:
+        self.original = original
+        self.client = original.origin.client
+        self.host = original.origin.host
+
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - they are wanted as long as the original is
+        """See Origin."""
+        return self.original.origin.wants(self.original)
+
+
 class Target(Protocol):
     """A target of requests: a local image, a device on a line, a broadcast."""
 

@@ -10,7 +10,6 @@ from gateway.modbus.pdu import Span
 from gateway.profiles.batches import Batch, batches
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
-from gateway.registers.items import items_read, read_request
 from gateway.registers.reference import MANUAL_BASES
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
@@ -31,11 +30,10 @@ def read_points(unit: Unit, points: Sequence[Point]) -> Outcome:
 
 
 def _read(unit: Unit, batch: Batch, outcome: Outcome) -> None:
-    answer = unit.ask(read_request(batch.span))
+    answer = unit.ask(batch.request)
     outcome.answers.append(answer)
     if answer.exception is None:
-        items = items_read(batch.span, answer.pdu)
-        outcome.readings.extend(Reading(point, _part(items, batch, point)) for point in batch.points)
+        outcome.readings.extend(Reading(point, items) for point, items in batch.items_read(answer.pdu))
     elif answer.exception in _MAY_BE_ANSWERED_IN_PARTS and len(batch.points) > 1 and batch.points[0].name:
         for point in batch.points:
             _read(unit, Batch(point.span, (point,)), outcome)
@@ -49,10 +47,3 @@ def advice_after(answer: Answer, span: Span) -> str:
     if answer.exception != ExceptionCode.ILLEGAL_DATA_ADDRESS or base is None or not 0 <= span.start - base < 10_000:
         return ""
     return f"{span.start} of a manual is {span.area} {span.start - base} here"
-
-
-def _part(items: bytes, batch: Batch, point: Point) -> bytes:
-    """The items of one point among those of its batch."""
-    size = len(items) // batch.span.count
-    start = (point.address - batch.span.start) * size
-    return items[start : start + point.count * size]

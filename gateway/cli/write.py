@@ -17,7 +17,7 @@ from gateway.errors import ExceptionCode
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
 from gateway.profiles.reading import Reading
-from gateway.registers.items import WRITERS, has_bits, write_request
+from gateway.registers.items import WRITERS, has_bits, most_written, write_request
 
 _EXAMPLES: Final = """\
 examples:
@@ -99,22 +99,20 @@ def _write(unit: Unit, wanted: Sequence[Reading], args: argparse.Namespace) -> O
 
 
 def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[bytes, Span]:
-    """The request that writes them, and where. A unit without function 05 or 06 gets 15 or 16.
+    """The request that writes them, and where.
 
     Raises:
         WrongUsageError: they do not fit into one request.
     """
     first = wanted[0].point
     span = Span(first.area, first.address, sum(reading.point.count for reading in wanted))
-    single, several, most = WRITERS[span.area]
-    most = min(most, unit.limits.get(several, most))
+    most = most_written(span.area, unit.limits)
     if span.count > most:
         called = "coils" if has_bits(span.area) else "registers"
         what = f"{span.count} {called} are too many for one request"
         raise WrongUsageError(what, f"write at most {most} at a time")
-    only_several = unit.functions is not None and single not in unit.functions and several in unit.functions
     items = b"".join(reading.items for reading in wanted)
-    return write_request(span.area, span.start, items, multiple=multiple or only_several), span
+    return write_request(span.area, span.start, items, unit.functions, multiple=multiple), span
 
 
 def _advice(answer: Answer, request: bytes, span: Span) -> str:

@@ -131,11 +131,8 @@ def _time_of_read(line: LinePlan, device: DeviceSettings, count: int) -> float:
 
 def _pace(line: LinePlan, device: DeviceSettings) -> Pace:
     settings = line.line
-    is_ascii = settings.timing.mode == "ascii"
-    frame_end = 0.0 if is_ascii else settings.timing.silence(device.profile.idle_chars)
-    return Pace(
-        settings.timing, settings.silence_before_request, frame_end, _usual_latency(line), settings.wire != "direct"
-    )
+    timing, frame_end = settings.timing, settings.timing.frame_end(device.profile.idle_chars)
+    return Pace(timing, settings.silence_before_request, frame_end, _usual_latency(line), settings.wire != "direct")
 
 
 def _usual_latency(line: LinePlan) -> float:

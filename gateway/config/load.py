@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from gateway.config.check import AddressTrouble, PortTrouble, check
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
-from gateway.config.problem import Path, Problem, error, warning
+from gateway.config.problem import Path, Problem, error, errors_in, warning
 from gateway.config.schema import (
     Access,
     Config,
@@ -79,7 +79,7 @@ class Loaded:
     @property
     def errors(self) -> tuple[str, ...]:
         """Why there is no config, as text."""
-        return tuple(str(each) for each in self.problems if each.severity == "error")
+        return errors_in(self.problems)
 
 
 def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None) -> Loaded:

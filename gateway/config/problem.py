@@ -81,6 +81,11 @@ def warning(path: Path, what: str, remedy: str = "") -> Problem:
     return Problem("warning", path, what, remedy)
 
 
+def errors_in(problems: Iterable[Problem]) -> tuple[str, ...]:
+    """Those of them that are errors, as text."""
+    return tuple(str(each) for each in problems if each.severity == "error")
+
+
 def dotted(path: Path) -> str:
     """A path as text: `line[0].devices[2].unit`."""
     text = ""

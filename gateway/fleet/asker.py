@@ -117,7 +117,7 @@ def passed_on(origin: Origin) -> PassedOn:
     """What the origin of a request says of it."""
     role = ""
     if isinstance(origin, ForwardedOrigin):
-        origin = origin.origin
+        origin = origin.original.origin
     if isinstance(origin, AuditedOrigin):
         role, origin = origin.identity.role, origin.origin
     if isinstance(origin, SiteOrigin):

@@ -24,7 +24,7 @@ from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import Span, parse_request
-from gateway.request import Request
+from gateway.request import DerivedOrigin, Request
 from gateway.trace.ring import Ring
 
 #: Exceptions after which nothing has changed in the device: function, address, value, busy, no path.
@@ -209,25 +209,17 @@ class Mirror:
         return f"<Mirror {self.settings.name} of {self.settings.of} polls={counts.polls} failed={counts.failed_polls}>"
 
 
-class ForwardedOrigin:
+class ForwardedOrigin(DerivedOrigin):
     """The Origin of a request that is passed on to the device for a client."""
 
     def __init__(self, original: Request, poller: Poller) -> None:
-        #: The client's.
-        self.origin = original.origin
-        self._original = original
+        super().__init__(original)
         self._poller = poller
-        self.client = original.origin.client
-        self.host = original.origin.host
-
-    def wants(self, request: Request) -> bool:  # noqa: ARG002 - the client of the original request decides
-        """See Origin."""
-        return self.origin.wants(self._original)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """See Origin."""
-        self._original.error = request.error
-        self._poller.passed(self._original, pdu)
+        self.original.error = request.error
+        self._poller.passed(self.original, pdu)
 
 
 def _has_no_effect(response: bytes) -> bool:

@@ -110,3 +110,8 @@ RESULTS: Final = _NAMES[: _NAMES.index("sent")]
 def total(counts: Iterable[Counts]) -> Counts:
     """The sum of `counts`."""
     return Counts(*map(sum, zip(*map(_VALUES, counts), strict=True)))
+
+
+def total_of_units(units: Iterable[UnitCounts]) -> Counts:
+    """The sum over units and functions."""
+    return total(counts for unit in units for counts in unit.values())

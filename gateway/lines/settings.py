@@ -35,8 +35,8 @@ class LineSettings:
 
     @property
     def frame_end(self) -> float:
-        """The silence that ends a frame: none in ASCII, where CR LF ends it."""
-        return 0.0 if self.timing.mode == "ascii" else self.timing.silence(self.idle_chars)
+        """The silence that ends a frame."""
+        return self.timing.frame_end(self.idle_chars)
 
     @property
     def silence_before_request(self) -> float:

@@ -62,8 +62,8 @@ class ServerSettings:
 
     @property
     def frame_end(self) -> float:
-        """The silence that ends a frame; 0 for ASCII, where a character does."""
-        return 0.0 if self.timing.mode == "ascii" else self.timing.silence(self.idle_chars)
+        """The silence that ends a frame."""
+        return self.timing.frame_end(self.idle_chars)
 
     @property
     def silence_before_response(self) -> float:

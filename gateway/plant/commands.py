@@ -9,7 +9,7 @@ from typing import Final, Protocol
 from gateway.events import CommandRefused, Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.plant.messages import Command, Delivery, Misdirected
-from gateway.registers.items import WRITERS, write_request
+from gateway.registers.items import WRITERS, most_written, write_function, write_request
 from gateway.request import Origin, Request, Target
 from gateway.trace.pdus import exception_in_words
 
@@ -149,13 +149,13 @@ class _Writer:
 
 def _audit(command: Command) -> WriteAudit:
     """The audit event of a command that becomes no request."""
-    point = command.point.point
-    function = _function(command) if point.area in WRITERS else 0
+    point, functions = command.point.point, command.device.functions
+    function = write_function(point.area, point.count, functions) if point.area in WRITERS else 0
     return WriteAudit(
         client=CLIENT,
         listener=CLIENT,
         unit=command.device.unit,
-        function=function,
+        function=int(function),
         address=point.address,
         count=point.count,
         result="refused",
@@ -165,7 +165,7 @@ def _audit(command: Command) -> WriteAudit:
 
 
 def _write_request(command: Command) -> bytes:
-    """The request that writes the value. A unit without function 05 or 06 gets 15 or 16.
+    """The request that writes the value.
 
     Raises:
         ValueError: the point cannot hold it.
@@ -174,18 +174,9 @@ def _write_request(command: Command) -> bytes:
     if point.area not in WRITERS:
         raise ValueError(f"{point.area} cannot be written")
     items = point.items(command.text)
-    _, several, most = WRITERS[point.area]
-    if point.count > min(most, command.device.limits.get(several, most)):
+    if point.count > most_written(point.area, command.device.limits):
         raise ValueError("it does not fit into one request")
-    return write_request(point.area, point.address, items, multiple=_function(command) == several)
-
-
-def _function(command: Command) -> int:
-    """Which function writes its point."""
-    point, functions = command.point.point, command.device.functions
-    single, several, _ = WRITERS[point.area]
-    lacks_single = functions is not None and single not in functions and several in functions
-    return int(several if point.count > 1 or lacks_single else single)
+    return write_request(point.area, point.address, items, command.device.functions)
 
 
 def _key(topic: str, correlation: bytes) -> bytes:

@@ -1,7 +1,6 @@
 """Plain messages: one JSON object for the values of each device, and text for all else."""
 
 import json
-import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -9,7 +8,7 @@ from typing import Any, Final
 from gateway.plant.messages import Command, Delivery, DeviceState, Message, Misdirected, Readings, Received
 from gateway.plant.topics import Topics
 from gateway.profiles.published import PublishedDevice, PublishedPoint
-from gateway.registers.datatypes import Value
+from gateway.profiles.reading import finite
 
 ONLINE: Final = b"online"
 OFFLINE: Final = b"offline"
@@ -61,7 +60,7 @@ class PlainForm:
         at: float,
     ) -> Sequence[Message]:
         """All values of the device."""
-        values = {name: _as_json(reading.value) for name, reading in readings.items()}
+        values = {name: finite(reading.value) for name, reading in readings.items()}
         return (self._json(self._topics.values(device.name), at, values, retain=True, device=device.name),)
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
@@ -133,8 +132,3 @@ def _misdirected(device: PublishedDevice | None, device_name: str, point_name: s
 def _shown(at: float) -> str:
     """A Unix time: `2026-11-22T22:05:07.123Z`."""
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").removesuffix("+00:00") + "Z"
-
-
-def _as_json(value: Value) -> Value | None:
-    """JSON has no infinity and no not-a-number."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value

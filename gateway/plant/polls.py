@@ -18,7 +18,6 @@ from gateway.modbus.pdu import Span
 from gateway.profiles.batches import Batch
 from gateway.profiles.published import PublishedDevice, timed_batches
 from gateway.registers.datatypes import Value
-from gateway.registers.items import has_bits, items_read, read_request
 from gateway.request import Origin, Request
 
 #: The most reads in progress or waiting at a line. More would only fill its queue.
@@ -85,7 +84,7 @@ class _Read:
     pdu: bytes = field(init=False)
 
     def __post_init__(self) -> None:
-        self.pdu = read_request(self.batch.span)
+        self.pdu = self.batch.request
 
     @property
     def interval(self) -> float:
@@ -207,7 +206,7 @@ class Polls:
     def _answer(self, read: _Read, request: Request, response: bytes | None, now: float) -> Answer:
         if response is not None and not response[0] & EXCEPTION_BIT:
             try:
-                values = _values(read.batch, response)
+                values = {point.name: point.value(items) for point, items in read.batch.items_read(response)}
             except ValueError:
                 response = None
             else:
@@ -250,18 +249,3 @@ class Polls:
             read.parts = [_Read(read.device, read.every, batch, now) for batch in batches]
             self._add(read.parts)
             self._plan(read, now + read.interval)
-
-
-def _values(batch: Batch, response: bytes) -> dict[str, Value]:
-    """The values of a batch's points in a response.
-
-    Raises:
-        ValueError: the response is too short.
-    """
-    items = items_read(batch.span, response)
-    size = 1 if has_bits(batch.span.area) else 2
-    values = {}
-    for point in batch.points:
-        first = size * (point.address - batch.span.start)
-        values[point.name] = point.value(items[first : first + size * point.count])
-    return values

@@ -1,11 +1,12 @@
 """Groups points into as few requests as the device allows, without reading other addresses."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
+from gateway.registers.items import items_read, read_request
 
 
 class Batch(NamedTuple):
@@ -13,6 +14,23 @@ class Batch(NamedTuple):
 
     span: Span
     points: tuple[Point, ...]
+
+    @property
+    def request(self) -> bytes:
+        """The request PDU that reads them."""
+        return read_request(self.span)
+
+    def items_read(self, response: bytes) -> Iterator[tuple[Point, bytes]]:
+        """Each point with its items in a normal response.
+
+        Raises:
+            ValueError: the response is too short.
+        """
+        items = items_read(self.span, response)
+        size = len(items) // self.span.count
+        for point in self.points:
+            start = (point.address - self.span.start) * size
+            yield point, items[start : start + point.count * size]
 
 
 def batches(points: Iterable[Point], limits: Mapping[int, int]) -> list[Batch]:

@@ -35,19 +35,19 @@ class Reading:
         point = self.point
         named = {"point": point.name} if point.name else {}
         unit = {"unit": point.unit} if point.unit else {}
-        before = {} if self.before is None else {"old": _finite(point.value(self.before))}
+        before = {} if self.before is None else {"old": finite(point.value(self.before))}
         return {
             **named,
             **({"area": point.area} if with_area else {}),
             "address": point.address,
             "reference": reference(point.area, point.address),
-            "value": _finite(self.value),
+            "value": finite(self.value),
             **before,
             **unit,
             "registers": self.registers,
         }
 
 
-def _finite(value: Value) -> Value | None:
-    """JSON has no infinity and no not-a-number."""
+def finite(value: Value) -> Value | None:
+    """The value in JSON, which has no infinity and no not-a-number: None for these."""
     return None if isinstance(value, float) and not math.isfinite(value) else value

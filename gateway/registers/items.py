@@ -3,7 +3,7 @@
 Items are bytes: two for a register, as in a response, and one for a coil or an input, 0 or 1.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Final
 
 from gateway.modbus.codes import Area, FunctionCode
@@ -53,15 +53,32 @@ def items_read(span: Span, response: bytes) -> bytes:
     return unpack_bits(data, span.count) if has_bits(span.area) else data[:needed]
 
 
-def write_request(area: Area, start: int, items: bytes, *, multiple: bool = False) -> bytes:
-    """The request PDU that writes items from `start` on: to coils or holding registers.
+def write_function(
+    area: Area, count: int, functions: Container[int] | None = None, *, multiple: bool = False
+) -> FunctionCode:
+    """The function that writes so many coils or holding registers of a unit that knows `functions` (None: all).
 
-    A single item is written with function 05 or 06, unless `multiple`; several with 15 or 16.
+    One item is written with 05 or 06, unless `multiple` or the unit knows only 15 or 16; several with 15 or 16.
     """
-    single_function, multiple_function, _ = WRITERS[area]
+    single, several, _ = WRITERS[area]
+    only_several = functions is not None and single not in functions and several in functions
+    return several if count > 1 or multiple or only_several else single
+
+
+def most_written(area: Area, limits: Mapping[int, int]) -> int:
+    """The most coils or holding registers that one request writes; `limits` is the most of a function."""
+    _, several, most = WRITERS[area]
+    return min(most, limits.get(several, most))
+
+
+def write_request(
+    area: Area, start: int, items: bytes, functions: Container[int] | None = None, *, multiple: bool = False
+) -> bytes:
+    """The request PDU that writes items from `start` on, with the function that `write_function` names."""
     count = len(items) if has_bits(area) else len(items) // 2
-    if count == 1 and not multiple:
+    function = write_function(area, count, functions, multiple=multiple)
+    if function == WRITERS[area][0]:
         value = items if not has_bits(area) else _ON if items[0] else _OFF
-        return bytes((single_function, *start.to_bytes(2, "big"), *value))
+        return bytes((function, *start.to_bytes(2, "big"), *value))
     data = pack_bits(items) if has_bits(area) else items
-    return bytes((multiple_function, *start.to_bytes(2, "big"), *count.to_bytes(2, "big"), len(data), *data))
+    return bytes((function, *start.to_bytes(2, "big"), *count.to_bytes(2, "big"), len(data), *data))

@@ -7,7 +7,7 @@ from gateway.errors import IllegalFunction, RequestError
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import parse_request
-from gateway.request import Request, Target
+from gateway.request import DerivedOrigin, Request, Target
 from gateway.trace.ring import Ring
 
 
@@ -44,17 +44,12 @@ class Broadcast:
         copies.one_done()
 
 
-class _Copies:
+class _Copies(DerivedOrigin):
     """The origin of a broadcast's copies: ends the original after all of them."""
 
     def __init__(self, original: Request, count: int) -> None:
-        self._original = original
+        super().__init__(original)
         self._open = count + 1
-        self.client = original.origin.client
-        self.host = original.origin.host
-
-    def wants(self, request: Request) -> bool:  # noqa: ARG002 - all copies are one request
-        return self._original.origin.wants(self._original)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:  # noqa: ARG002 - a broadcast has no response
         self.one_done()
@@ -62,4 +57,4 @@ class _Copies:
     def one_done(self) -> None:
         self._open -= 1
         if self._open == 0:
-            self._original.end()
+            self.original.end()

@@ -16,7 +16,7 @@ from signal import SIG_BLOCK, SIG_SETMASK, Signals, pthread_sigmask
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from gateway import __version__
-from gateway.config.problem import Problem
+from gateway.config.problem import Problem, errors_in
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class ConfigRead:
     @property
     def errors(self) -> tuple[str, ...]:
         """Why there is no plan, as text."""
-        return tuple(str(each) for each in self.problems if each.severity == "error")
+        return errors_in(self.problems)
 
 
 class ReadConfig(Protocol):

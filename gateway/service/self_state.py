@@ -1,12 +1,11 @@
 """What the gateway's own unit shows."""
 
-from collections.abc import Iterable
 from typing import Final, Protocol
 
 from gateway.images.diagnostics import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
 from gateway.images.self_image import SelfImage
 from gateway.images.self_map import LAYOUT, LINES, SERVERS, UPSTREAMS, Shown, Values
-from gateway.lines.counts import Counts, UnitCounts, total
+from gateway.lines.counts import Counts, UnitCounts, total, total_of_units
 from gateway.ports.reconnector import Reconnector
 from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
@@ -41,7 +40,8 @@ def shown(running: Watched, now: float) -> Shown:
     servers = tuple(map(_server, gateway.servers))
     upstreams = tuple(_upstream(each, now) for each in gateway.upstreams)
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    counts = total(_total(owner.counts if isinstance(owner, GatewayLine) else _counts(owner)) for owner in owners)
+    units = (owner.counts if isinstance(owner, GatewayLine) else _counts(owner) for owner in owners)
+    counts = total(map(total_of_units, units))
     failing = {unit for owner in owners for unit in _failing(owner, now)}
     down = [sum(part["state"] == _DOWN for part in parts) for parts in (lines, servers, upstreams)]
     values: Values = {
@@ -72,7 +72,7 @@ def shown(running: Watched, now: float) -> Shown:
 
 
 def _line(running: Watched, line: GatewayLine, now: float) -> Values:
-    counts, rate = _total(line.counts), running.recent.rate(line, now)
+    counts, rate = total_of_units(line.counts), running.recent.rate(line, now)
     times = [each for device in line.devices.values() for each in device.counts.times.values()]
     answered_at = max((each.answered_at for each in times), default=NEVER)
     return {
@@ -107,7 +107,7 @@ def _server(server: GatewayServer) -> Values:
 
 
 def _upstream(upstream: GatewayUpstream, now: float) -> Values:
-    counts = _total(_counts(upstream))
+    counts = total_of_units(_counts(upstream))
     return {
         "state": _state(upstream.reconnector),
         "waiting": upstream.driver.upstream.waiting,
@@ -134,10 +134,6 @@ def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
 
 def _counts(upstream: GatewayUpstream) -> list[UnitCounts]:
     return [device.counts for device in upstream.devices.values()]
-
-
-def _total(units: Iterable[UnitCounts]) -> Counts:
-    return total(counts for unit in units for counts in unit.values())
 
 
 def _answered(counts: Counts) -> int:

@@ -13,7 +13,7 @@ from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
-from gateway.lines.counts import Counts, UnitCounts, total
+from gateway.lines.counts import Counts, total, total_of_units
 from gateway.listeners.serial_session import Counts as ServerCounts
 from gateway.ports.reconnector import Reconnector
 from gateway.ports.wire import Wire
@@ -333,7 +333,7 @@ def _clients(listener: Listener, now: float) -> Iterator[ClientStatus]:
 
 def _rejections(listener: Listener, now: float) -> Iterator[RejectionStatus]:
     for host, each in reversed(listener.rejections.by_host.items()):
-        yield RejectionStatus(host, listener.settings.name, each.count, _milliseconds(now - each.at), each.reason)
+        yield RejectionStatus(host, listener.settings.name, each.count, milliseconds(now - each.at), each.reason)
 
 
 def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
@@ -358,7 +358,7 @@ def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
         requests_per_s=rate and round(rate.per_second, 1),
         phases=Phases(*(round(each, 3) for each in astuple(phases))),
         unasked_bytes=line.unasked_bytes,
-        counts=_sum(parts.counts),
+        counts=total_of_units(parts.counts),
         users=tuple(_users(parts, users)),
     )
 
@@ -406,7 +406,7 @@ def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
         under_way=upstream.under_way,
         overdue=upstream.overdue,
         unasked_frames=upstream.unasked_frames,
-        counts=_sum(device.counts for device in parts.devices.values()),
+        counts=total_of_units(device.counts for device in parts.devices.values()),
     )
 
 
@@ -428,12 +428,12 @@ def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> U
         profile=settings.profile.name,
         state=_unit_state(breaker, now),
         failures=breaker.failures,
-        rests_ms=_milliseconds(breaker.rest_left(now)),
+        rests_ms=milliseconds(breaker.rest_left(now)),
         last_answer_ms=_since(max((each.answered_at for each in times.values()), default=NEVER), now),
         last_error=counts.last_error,
         last_error_ms=_since(counts.last_error_at, now),
-        longest_wait_ms=_milliseconds(parts.longest_wait[settings.known_as]),
-        counts=_sum([counts]),
+        longest_wait_ms=milliseconds(parts.longest_wait[settings.known_as]),
+        counts=total_of_units([counts]),
         times=_times(times.values()),
         exceptions=dict(counts.codes),
         functions={function: total([each]) for function, each in counts.items()},
@@ -464,14 +464,10 @@ def _mirror(mirror: Mirror, now: float) -> MirrorStatus:
         polls=counts.polls,
         failed_polls=counts.failed_polls,
         ranges=tuple(
-            RangeStatus(str(poll), _milliseconds(poll.every), None if age is None else _milliseconds(age))
+            RangeStatus(str(poll), milliseconds(poll.every), None if age is None else milliseconds(age))
             for poll, age in mirror.ages(now)
         ),
     )
-
-
-def _sum(units: Iterable[UnitCounts]) -> Counts:
-    return total(counts for unit in units for counts in unit.values())
 
 
 def _times(of: Iterable[Times]) -> TimesStatus:
@@ -481,27 +477,29 @@ def _times(of: Iterable[Times]) -> TimesStatus:
     answer = merged(SECONDS, (each.answer for each in times))
     share = merged(SHARES, (each.share for each in times))
     return TimesStatus(
-        wait_p50_ms=_optional_ms(wait.quantile(0.5)),
-        wait_p99_ms=_optional_ms(wait.quantile(0.99)),
-        answer_p50_ms=_optional_ms(answer.quantile(0.5)),
-        answer_p99_ms=_optional_ms(answer.quantile(0.99)),
+        wait_p50_ms=optional_ms(wait.quantile(0.5)),
+        wait_p99_ms=optional_ms(wait.quantile(0.99)),
+        answer_p50_ms=optional_ms(answer.quantile(0.5)),
+        answer_p99_ms=optional_ms(answer.quantile(0.99)),
         limit_share_p50=_optional_share(share.quantile(0.5)),
         limit_share_p99=_optional_share(share.quantile(0.99)),
-        limit_ms=_milliseconds(max((each.limit for each in times), default=0.0)) or None,
+        limit_ms=milliseconds(max((each.limit for each in times), default=0.0)) or None,
     )
 
 
 def _since(at: float, now: float) -> float | None:
-    return None if at == NEVER else _milliseconds(now - at)
+    return None if at == NEVER else milliseconds(now - at)
 
 
-def _optional_ms(seconds: float | None) -> float | None:
-    return None if seconds is None else _milliseconds(seconds)
+def optional_ms(seconds: float | None) -> float | None:
+    """In milliseconds; None if it is not known."""
+    return None if seconds is None else milliseconds(seconds)
 
 
 def _optional_share(share: float | None) -> float | None:
     return None if share is None else round(share, 3)
 
 
-def _milliseconds(seconds: float) -> float:
+def milliseconds(seconds: float) -> float:
+    """In milliseconds, to a tenth."""
     return round(seconds * 1000, 1)

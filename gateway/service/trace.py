@@ -4,6 +4,8 @@ A fact is an object as JSON has them, with `kind` and `time` (seconds since 1970
 are hexadecimal. Nothing is decoded here: that is done where it is read, and not beside the lines.
 """
 
+import asyncio
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -35,6 +37,11 @@ Clock = tuple[float, float]
 """The time of the event loop, and that of the day, at the same moment."""
 Tell = Callable[[Record, Clock, UnitNames], Any]
 Choose = Callable[[Sequence[Record]], Sequence[Record]]
+
+
+def clocks() -> Clock:
+    """What both clocks show now."""
+    return asyncio.get_running_loop().time(), time.time()
 
 
 def page(

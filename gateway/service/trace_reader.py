@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import time
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
@@ -16,7 +15,7 @@ from gateway.routing.access import READING, Right
 from gateway.service.build import Gateway
 from gateway.service.capture import description, packets
 from gateway.service.sampling import Sample
-from gateway.service.trace import Clock, Fact, fact, lines, page, wanted
+from gateway.service.trace import Clock, Fact, clocks, fact, lines, page, wanted
 from gateway.service.unit_names import UnitNames
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import Exchange, Heard, PortChanged, Record
@@ -98,7 +97,7 @@ class TraceReader:
         return found
 
     def _fetch(self, place: Question) -> list[str]:
-        gateway, clock = self._gateway(), _clock()
+        gateway, clock = self._gateway(), clocks()
         may_see = what_is_seen(gateway, self._host)
 
         def tell(record: Record, clock: Clock, names: UnitNames) -> str:
@@ -129,7 +128,7 @@ async def latest(gateway: Gateway, question: Question, host: str, most: int) -> 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    clock, is_wanted, may_see = _clock(), wanted(gateway, question), what_is_seen(gateway, host)
+    clock, is_wanted, may_see = clocks(), wanted(gateway, question), what_is_seen(gateway, host)
     names = UnitNames(gateway.plan)
     found: list[Fact] = []
     for records in _newest_first(gateway.ring, only_failures=question.get("result") in FAILURES):
@@ -176,7 +175,7 @@ async def capture(gateway_now: Callable[[], Gateway], question: Question, host: 
         def tell(record: Record, clock: Clock, names: UnitNames) -> Fact | None:
             return fact(record, clock, names) if may_see(record) else None
 
-        return page(gateway, {**chosen, **place}, _clock(), tell)
+        return page(gateway, {**chosen, **place}, clocks(), tell)
 
     def written(facts: Sequence[Fact | None]) -> bytes:
         frames = (packet for each in facts if each is not None for packet in packets(each, modes))
@@ -234,7 +233,3 @@ def without_values(told: Fact) -> Fact:
 def _may_read(right: Right, pdu: bytes) -> bool:
     function = pdu[0] & ~EXCEPTION_BIT if pdu else 0
     return function in right if function in READING_FUNCTIONS else right >= READING
-
-
-def _clock() -> Clock:
-    return asyncio.get_running_loop().time(), time.time()

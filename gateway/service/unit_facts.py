@@ -19,6 +19,7 @@ from gateway.registers.bits import unpack_bits
 from gateway.registers.items import has_bits
 from gateway.service.build import Gateway
 from gateway.service.calibration import measured
+from gateway.service.status import milliseconds, optional_ms
 from gateway.service.stories import Story, sentences
 from gateway.service.trace import causes
 from gateway.service.trace_reader import what_is_seen
@@ -101,7 +102,7 @@ def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow |
     parts = [(each, _items(image, each)) for each in _existing(settings.areas.get(span.area, ()), span)]
     ages = [each for each in _ages(image, now) if _touch(each.span, span)] if isinstance(image, Mirror) else []
     writes = [
-        Written(each.span, each.client, _milliseconds(now - each.at))
+        Written(each.span, each.client, milliseconds(now - each.at))
         for each in image.last_writes
         if _touch(each.span, span)
     ]
@@ -110,7 +111,7 @@ def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow |
         name=settings.name,
         of=image.settings.of if isinstance(image, Mirror) else "",
         persist="" if isinstance(image, Mirror) else image.settings.persist,
-        stale_ms=_milliseconds(image.settings.stale) if isinstance(image, Mirror) else None,
+        stale_ms=milliseconds(image.settings.stale) if isinstance(image, Mirror) else None,
         areas=settings.areas,
         parts=parts,
         ages=ages,
@@ -137,21 +138,21 @@ def _mirrors_of(gateway: Gateway, unit: int) -> list[Mirror]:
 
 
 def _times(function: int, times: Times, counts: Counts, proposed_ms: float | None) -> FunctionTimes:
-    share, limit_ms, p99_ms = times.share.quantile(0.99), times.limit * 1000, _optional_ms(times.answer.quantile(0.99))
+    share, limit_ms, p99_ms = times.share.quantile(0.99), times.limit * 1000, optional_ms(times.answer.quantile(0.99))
     if proposed_ms is not None:  # exceptions and late responses are not in the samples
-        proposed_ms = max(proposed_ms, p99_ms or 0.0, _milliseconds(times.latest / CLOSE))
+        proposed_ms = max(proposed_ms, p99_ms or 0.0, milliseconds(times.latest / CLOSE))
     return FunctionTimes(
         function=function,
         responses=counts.responses,
         timeouts=counts.timeout,
         late=counts.late_responses,
-        latest_ms=_milliseconds(times.latest),
+        latest_ms=milliseconds(times.latest),
         bounds_ms=tuple(bound * 1000 for bound in SECONDS.bounds),
         counts=tuple(times.answer.counts),
-        p50_ms=_optional_ms(times.answer.quantile(0.5)),
+        p50_ms=optional_ms(times.answer.quantile(0.5)),
         p99_ms=p99_ms,
         share_p99=share,
-        limit_ms=_milliseconds(times.limit) or None,
+        limit_ms=milliseconds(times.limit) or None,
         proposed_ms=proposed_ms,
         verdict=verdict(share, counts.responses, counts.late_responses, limit_ms, proposed_ms),
     )
@@ -179,7 +180,7 @@ def _proposed(gateway: Gateway, unit: int) -> Mapping[int, float]:
         count[each.function] += each.count
     of_function = {function: list(each) for function, each in groupby(rows, lambda row: row.function)}
     return {
-        function: _milliseconds(max(map(proposal.limit, each)))
+        function: milliseconds(max(map(proposal.limit, each)))
         for function, each in of_function.items()
         if count[function] >= ENOUGH_TO_SHORTEN
     }
@@ -197,7 +198,7 @@ def _items(image: Image | Mirror, span: Span) -> bytes:
 
 def _ages(mirror: Mirror, now: float) -> list[PolledAge]:
     return [
-        PolledAge(Span(poll.area, poll.first, poll.last - poll.first + 1), _milliseconds(poll.every), _optional_ms(age))
+        PolledAge(Span(poll.area, poll.first, poll.last - poll.first + 1), milliseconds(poll.every), optional_ms(age))
         for poll, age in mirror.ages(now)
     ]
 
@@ -223,11 +224,3 @@ def _existing(ranges: Iterable[Range], span: Span) -> Iterator[Span]:
 
 def _touch(one: Span, other: Span) -> bool:
     return one.area == other.area and one.start < other.end and other.start < one.end
-
-
-def _optional_ms(seconds: float | None) -> float | None:
-    return None if seconds is None else _milliseconds(seconds)
-
-
-def _milliseconds(seconds: float) -> float:
-    return round(seconds * 1000, 1)

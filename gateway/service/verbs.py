@@ -1,7 +1,6 @@
 """The verbs of the control socket."""
 
 import asyncio
-import time
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import aclosing
 from dataclasses import asdict
@@ -17,7 +16,7 @@ from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.scans import scan
 from gateway.service.status import status_in_slices
-from gateway.service.trace import Clock, lines, page, stories
+from gateway.service.trace import clocks, lines, page, stories
 
 #: How long an examination waits for another one to end, in seconds.
 _TURN: Final = 60.0
@@ -84,11 +83,11 @@ class _Verbs:
             self._running.examining.release()
 
     async def trace(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-        answer = page(self._running.gateway, request, _clock())
+        answer = page(self._running.gateway, request, clocks())
         return {**answer, "lines": lines(self._running.gateway)} if request.get("lines") else answer
 
     async def why(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
-        return stories(self._running.gateway, request, _clock())
+        return stories(self._running.gateway, request, clocks())
 
     async def bench(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
         await self._running.settled()
@@ -102,7 +101,3 @@ class _Verbs:
         async with aclosing(scan(self._running, request)) as steps:
             async for step in steps:
                 yield step
-
-
-def _clock() -> Clock:
-    return asyncio.get_running_loop().time(), time.time()

@@ -76,6 +76,10 @@ class LineTiming:
             return T35_FIXED * characters / 3.5
         return characters * self.character
 
+    def frame_end(self, idle_chars: float) -> float:
+        """The silence that ends a frame: none in ASCII, where CR LF ends it."""
+        return 0.0 if self.mode == "ascii" else self.silence(idle_chars)
+
     def frame(self, pdu_size: int) -> float:
         """A frame with a PDU of so many bytes."""
         return (self._each * pdu_size + self._around) * self.character

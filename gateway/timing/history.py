@@ -42,6 +42,11 @@ class UnitUse(NamedTuple):
         """The requests without a response of the unit."""
         return self.timeouts + self.failed + self.unsent
 
+    @property
+    def unanswered_share(self) -> float:
+        """The share of requests without one."""
+        return self.unanswered / self.requests if self.requests else 0.0
+
     def plus(self, other: "UnitUse") -> "UnitUse":
         """Both together."""
         return UnitUse(*map(add, self, other))

@@ -17,7 +17,8 @@ from gateway.modbus.pdu import Span
 from gateway.ports.threads import ThreadPerCall
 from gateway.profiles.point import Point
 from gateway.timing.history import LINE_SLOTS, STEP, UNIT_SLOTS
-from gateway.web.answers import Answers, Asker, Status, Unit, Which
+from gateway.web.answers import Answers, Status, Unit, Which
+from gateway.web.asking import ask_for
 from gateway.web.downloads import Downloads
 from gateway.web.grid import MOST, grid_of
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
@@ -27,7 +28,7 @@ from gateway.web.problems import Handler, ProblemError
 from gateway.web.reloading import reload
 from gateway.web.shared_reads import SharedReads
 from gateway.web.streams import Streams
-from gateway.web.values import Ask, Outcome, point_named, read, values_at, write
+from gateway.web.values import Outcome, point_named, read, values_at, write
 
 _SPAN: Final = r"{span:\d{1,5}(?:-\d{1,5})?}"
 _AREA: Final = f"{{area:{'|'.join(Area)}}}"
@@ -168,12 +169,14 @@ class Api:
     async def read_values(self, request: web.Request) -> web.Response:
         """Values by area and addresses."""
         unit, (area, points) = self._any_unit(request), _place(request)
-        return _json((await read(unit, points, self._ask(unit, request))).as_json(unit, area))
+        return _json((await read(unit, points, ask_for(request, self._answers, unit))).as_json(unit, area))
 
     async def read_points(self, request: web.Request) -> web.Response:
         """All points of a unit that can be read."""
         unit, max_age = self._answers.unit(_wanted(request)), _max_age(request)
-        outcome, age = await self._reads.read(unit, self._ask(unit, request), request[VISITOR].host, max_age)
+        outcome, age = await self._reads.read(
+            unit, ask_for(request, self._answers, unit), request[VISITOR].host, max_age
+        )
         return _json({**outcome.as_json(unit, None), "age_ms": round(age * 1000, 1)})
 
     async def image(self, request: web.Request) -> web.Response:
@@ -200,7 +203,7 @@ class Api:
         unit, point = self._point(request)
         if point.write == "only":
             raise ProblemError(422, f"{point.name} can be written, but not read")
-        return _json((await read(unit, [point], self._ask(unit, request))).as_json(unit, None))
+        return _json((await read(unit, [point], ask_for(request, self._answers, unit))).as_json(unit, None))
 
     async def write_values(self, request: web.Request) -> web.Response:
         """Write values from an address on."""
@@ -236,7 +239,7 @@ class Api:
     ) -> Outcome:
         """Write; what was read before is then not given to anybody, even if there was no response."""
         try:
-            return await write(unit, points, values, self._ask(unit, request))
+            return await write(unit, points, values, ask_for(request, self._answers, unit))
         finally:
             self._reads.forget(unit)
 
@@ -284,21 +287,11 @@ class Api:
         unit = self._answers.unit(_wanted(request))
         return unit, point_named(unit, request.match_info["name"])
 
-    def _ask(self, unit: Unit, request: web.Request) -> Ask:
-        visitor = request[VISITOR]
-        asker = Asker(visitor.client, visitor.host, partial(is_there, request))
-        return lambda pdu: self._answers.ask(unit.unit, pdu, asker)
-
 
 def session_as_json(visitor: Visitor, *, may_write: bool) -> dict[str, Any]:
     """A login for programs."""
     may_write = may_write and visitor.role == "operator"
     return {"user": visitor.user, "role": visitor.role, "may_write": may_write, "csrf": visitor.csrf}
-
-
-def is_there(request: web.Request) -> bool:
-    """Whether who has asked still waits."""
-    return request.transport is not None and not request.transport.is_closing()
 
 
 def _wanted(request: web.Request) -> int | str:

@@ -11,7 +11,7 @@ from gateway.profiles.batches import Batch, batches
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
-from gateway.registers.items import WRITERS, has_bits, items_read, read_request, write_request
+from gateway.registers.items import WRITERS, has_bits, most_written, write_request
 from gateway.web.answers import Answer, Unit
 from gateway.web.problems import Complaint, ProblemError, complaint, exception_problem
 
@@ -116,14 +116,13 @@ async def read(unit: Unit, points: Sequence[Point], ask: Ask) -> Outcome:
 
 
 async def _read(batch: Batch, ask: Ask, outcome: Outcome) -> None:
-    answer = await ask(read_request(batch.span))
+    answer = await ask(batch.request)
     outcome.elapsed_ms += answer.elapsed_ms
     if not answer.pdu[0] & EXCEPTION_BIT:
         try:
-            items = items_read(batch.span, answer.pdu)
+            outcome.readings += [Reading(point, items) for point, items in batch.items_read(answer.pdu)]
         except ValueError as wrong:
             raise ProblemError(502, str(wrong)) from wrong
-        outcome.readings.extend(Reading(point, _part(items, batch, point)) for point in batch.points)
     elif answer.pdu[1] in _MAY_BE_ANSWERED_IN_PARTS and len(batch.points) > 1 and batch.points[0].name:
         for point in batch.points:
             await _read(Batch(point.span, (point,)), ask, outcome)
@@ -159,7 +158,7 @@ def prepared(unit: Unit, points: Sequence[Point], values: Sequence[object]) -> t
 
 
 def _write_request(unit: Unit, readings: Sequence[Reading]) -> bytes:
-    """The request that writes them. A unit without function 05 or 06 gets 15 or 16."""
+    """The request that writes them."""
     first, count = readings[0].point, 0
     if first.area not in WRITERS:
         raise ProblemError(422, f"{first.area} cannot be written; coils and holding can")
@@ -167,12 +166,10 @@ def _write_request(unit: Unit, readings: Sequence[Reading]) -> bytes:
         if (reading.point.area, reading.point.address) != (first.area, first.address + count):
             raise ProblemError(422, "what one request writes must lie side by side; write them one by one")
         count += reading.point.count
-    single, several, most = WRITERS[first.area]
-    most = min(most, unit.limits.get(several, most))
+    most = most_written(first.area, unit.limits)
     if count > most:
         raise ProblemError(422, f"{count} are too many for one request; write at most {most} at a time")
-    multiple = unit.functions is not None and single not in unit.functions and several in unit.functions
-    return write_request(first.area, first.address, b"".join(each.items for each in readings), multiple=multiple)
+    return write_request(first.area, first.address, b"".join(each.items for each in readings), unit.functions)
 
 
 def _items(point: Point, value: object) -> bytes:
@@ -185,10 +182,3 @@ def _items(point: Point, value: object) -> bytes:
         return point.items(str(int(value)) if isinstance(value, bool) else str(value))
     except (ValueError, ArithmeticError) as wrong:
         raise ProblemError(422, str(wrong)) from wrong
-
-
-def _part(items: bytes, batch: Batch, point: Point) -> bytes:
-    """The items of one point among those of its batch."""
-    size = len(items) // batch.span.count
-    start = (point.address - batch.span.start) * size
-    return items[start : start + point.count * size]

@@ -1,5 +1,6 @@
 """Which requests read a number of points."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -48,3 +49,20 @@ def test_every_point_is_read_and_nothing_else(points):
     assert set(read) == wanted
     for batch in found:
         assert all(batch.span.start <= p.address and p.span.end <= batch.span.end for p in batch.points)
+
+
+def test_each_point_gets_its_own_part_of_a_response():
+    (batch,) = batches([at(10), at(11, 2), at(12)], {})
+    assert [items.hex() for _, items in batch.items_read(bytes.fromhex("03 06 000A 000B 000C"))] == [
+        "000a",
+        "000b000c",
+        "000c",
+    ]
+    (batch,) = batches([at(address, area=Area.COILS) for address in (5, 6, 7)], {})
+    assert [items for _, items in batch.items_read(b"\1\1\5")] == [b"\1", b"\0", b"\1"]
+
+
+def test_a_response_that_is_too_short_has_no_values():
+    (batch,) = batches([at(10), at(11)], {})
+    with pytest.raises(ValueError, match="2 bytes"):
+        [*batch.items_read(b"\3\2\0\1")]

@@ -5,7 +5,15 @@ import pytest
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span, parse_request
-from gateway.registers.items import WRITERS, has_bits, items_read, read_request, write_request
+from gateway.registers.items import (
+    WRITERS,
+    has_bits,
+    items_read,
+    most_written,
+    read_request,
+    write_function,
+    write_request,
+)
 
 
 @pytest.mark.parametrize(
@@ -51,6 +59,19 @@ def test_the_most_items_to_write_are_those_of_the_specification(area):
 )
 def test_items_are_written_as_the_documents_print_it(area, start, items, multiple, request_pdu):
     assert write_request(area, start, bytes.fromhex(items), multiple=multiple) == bytes.fromhex(request_pdu)
+
+
+@pytest.mark.parametrize(
+    ("functions", "function"),
+    [(None, 6), ({3, 6, 16}, 6), ({3, 6}, 6), ({3, 16}, 16), ({3}, 6)],
+)
+def test_one_register_is_written_with_function_16_where_the_unit_knows_no_06(functions, function):
+    assert write_function(Area.HOLDING, 1, functions) == function
+    assert write_request(Area.HOLDING, 0, b"\0\1", functions)[0] == function
+
+
+def test_a_unit_may_allow_fewer_items_than_the_protocol_and_not_more():
+    assert [most_written(Area.HOLDING, limits) for limits in ({}, {16: 20}, {16: 500}, {3: 20})] == [123, 20, 123, 123]
 
 
 def test_coils_in_a_response_become_one_byte_each():

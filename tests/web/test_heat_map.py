@@ -75,7 +75,7 @@ def test_each_kind_has_its_height_so_that_none_is_told_by_colour_only():
 def test_sums_and_the_worst_slot_stand_beside_the_picture():
     made = row(FINE, FINE._replace(timeouts=7, unsent=2), FINE._replace(timeouts=3))
     assert (made.use.requests, made.use.unanswered, made.limit_share) == (180, 12, 0.1)
-    assert made.unanswered_share == pytest.approx(12 / 180)
+    assert made.use.unanswered_share == pytest.approx(12 / 180)
     assert (made.worst.begin, made.worst.end) == (clock(int(NOON // STEP) - 1), clock(int(NOON // STEP)))
     assert (made.worst.unanswered, made.worst.requests) == (9, 60)
     assert row(FINE).worst is None

@@ -53,11 +53,6 @@ class HeatRow:
     limit_share: float | None
     worst: Worst | None
 
-    @property
-    def unanswered_share(self) -> float:
-        """The share of requests without an answer."""
-        return self.use.unanswered / self.use.requests if self.use.requests else 0.0
-
 
 @dataclass(frozen=True, slots=True)
 class Axis:

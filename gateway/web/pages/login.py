@@ -12,6 +12,7 @@ from gateway.ports.threads import ThreadPerCall
 from gateway.web.answers import Answers
 from gateway.web.api import session_as_json
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
+from gateway.web.pages.addresses import see_other
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
 from gateway.web.sessions import LONGEST_SESSION, Attempts, Sessions
@@ -88,7 +89,7 @@ class LoginPage:
         response = (
             web.json_response(session_as_json(known, may_write=self._settings.write))
             if _wants_json(request)
-            else _see_other(_local(str(form.get("next", ""))))
+            else see_other(_local(str(form.get("next", ""))))
         )
         response.set_cookie(
             self._guard.cookie,
@@ -105,7 +106,7 @@ class LoginPage:
         """End the session."""
         visitor = request[VISITOR]
         self._sessions.close(visitor.token)
-        response = _see_other("/login")
+        response = see_other("/login")
         response.del_cookie(
             self._guard.cookie, path="/", secure=self._settings.is_encrypted, httponly=True, samesite="Strict"
         )
@@ -137,10 +138,6 @@ class LoginPage:
 
 def _wants_json(request: web.Request) -> bool:
     return "application/json" in request.headers.get("Accept", "")
-
-
-def _see_other(target: str) -> web.Response:
-    return web.Response(status=303, headers={"Location": target})
 
 
 def _local(target: str) -> str:

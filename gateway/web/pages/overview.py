@@ -130,7 +130,7 @@ def _of_unit(unit: Any, kind: Literal["resting", "failing"], state: ShownState) 
         unit.name,
         unit.line,
         unit.last_error,
-        state.unanswered_share,
+        state.use.unanswered_share,
         state.use.requests,
         unit.rests_ms,
         state.use.unsent,

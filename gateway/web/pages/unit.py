@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from shlex import quote
 from typing import Any, Final
 
@@ -16,8 +15,9 @@ from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.reference import reference
-from gateway.web.answers import Answers, Asker, Unit
-from gateway.web.api import is_there, unit_in
+from gateway.web.answers import Answers, Unit
+from gateway.web.api import unit_in
+from gateway.web.asking import ask_for
 from gateway.web.guard import VISITOR, Need, Visitor
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
@@ -30,7 +30,7 @@ from gateway.web.problems import Complaint, Handler, ProblemError, exception_nam
 from gateway.web.renderer import Renderer
 from gateway.web.shared_reads import SharedReads, readable
 from gateway.web.unit_answers import Kept
-from gateway.web.values import Ask, Outcome, read, values_at
+from gateway.web.values import Outcome, read, values_at
 
 #: Points are read at most once in so many seconds, whoever asks for them.
 READ_EVERY: Final = 1.0
@@ -110,7 +110,7 @@ class UnitPage:
     async def read_points(self, request: web.Request) -> web.Response:
         """Read all points, unless somebody has within a second, and return to the page."""
         unit = self._answers.unit(unit_in(request.match_info["unit"]))
-        await self._reads.read(unit, self._ask(unit, request), request[VISITOR].host, READ_EVERY)
+        await self._reads.read(unit, ask_for(request, self._answers, unit), request[VISITOR].host, READ_EVERY)
         return see_other(f"{path_of('units', unit)}#points")
 
     async def read_values(self, request: web.Request) -> web.Response:
@@ -126,7 +126,7 @@ class UnitPage:
         area, points = _asked_for(asked)
         outcome, why = Outcome(), None
         try:
-            outcome = await read(unit, points, self._ask(unit, request))
+            outcome = await read(unit, points, ask_for(request, self._answers, unit))
         except ProblemError as problem:
             why = problem.complaint or problem.detail
         shown = [_shown(reading, None) for reading in outcome.readings]
@@ -168,11 +168,6 @@ class UnitPage:
     async def _status(self, unit: Unit) -> Any:
         units = (await self._answers.status()).units
         return next((each for each in units if each.unit == unit.unit and each.name == unit.name), None)
-
-    def _ask(self, unit: Unit, request: web.Request) -> Ask:
-        visitor = request[VISITOR]
-        asker = Asker(visitor.client, visitor.host, partial(is_there, request))
-        return lambda pdu: self._answers.ask(unit.unit, pdu, asker)
 
 
 def _kinds(status: Any) -> list[tuple[str, int]]:

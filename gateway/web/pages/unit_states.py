@@ -22,11 +22,6 @@ class ShownState:
     word: Literal["not asked", "fine", "failing", "resting"]
     use: UnitUse
 
-    @property
-    def unanswered_share(self) -> float:
-        """The share of requests without an answer."""
-        return self.use.unanswered / self.use.requests if self.use.requests else 0.0
-
 
 def rests_ms(unit: Unit, status: Status) -> float:
     """How long a unit is left alone from now on, because it has not answered."""

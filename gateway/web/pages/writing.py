@@ -19,7 +19,8 @@ from gateway.registers.datatypes import registers_of
 from gateway.registers.items import WRITERS
 from gateway.registers.reference import reference
 from gateway.web.answers import Answer, Answers, Asker, Unit
-from gateway.web.api import is_there, unit_in
+from gateway.web.api import unit_in
+from gateway.web.asking import ask_for, is_there
 from gateway.web.guard import VISITOR, Need, Visitor
 from gateway.web.pages.addresses import page_of, path_of, see_other
 from gateway.web.pages.fields import whole
@@ -110,7 +111,7 @@ class WritePages:
         if not self._answers.may(unit.unit, pdu[0], visitor.host):
             raise ProblemError(403, f"[[access]] does not let {visitor.client} write {points[0].area}", exception=1)
         target = self._answers.target(unit.unit)
-        before, why = await self._read(unit, [each.point for each in readings], self._ask(unit, request))
+        before, why = await self._read(unit, [each.point for each in readings], ask_for(request, self._answers, unit))
         wanted = [replace(each, before=items) for each, items in zip(readings, before, strict=True)]
         now = asyncio.get_running_loop().time()
         identifier = self._questions.put(Question(unit, target, visitor.csrf, tuple(wanted), pdu, why, now), now)
@@ -197,11 +198,6 @@ class WritePages:
 
     def _unit(self, request: web.Request) -> Unit:
         return self._answers.unit(unit_in(request.match_info["unit"]))
-
-    def _ask(self, unit: Unit, request: web.Request) -> Ask:
-        visitor = request[VISITOR]
-        asker = Asker(visitor.client, visitor.host, partial(is_there, request))
-        return lambda pdu: self._answers.ask(unit.unit, pdu, asker)
 
 
 @dataclass(frozen=True, slots=True)
