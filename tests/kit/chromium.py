@@ -76,12 +76,14 @@ def watched(browser: Any, **settings: Any) -> Iterator[Any]:
 
 def axe_findings(page: Any, *rules: str) -> list[str]:
     """What axe-core finds by these rules, or by all: the rule, and the elements that break it."""
-    from axe_playwright_python.sync_playwright import Axe  # noqa: PLC0415 - with playwright
+    from axe_playwright_python.base import AXE_SCRIPT  # noqa: PLC0415 - with playwright
 
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(AXE_SCRIPT)
     options = {"resultTypes": ["violations"], **({"runOnly": rules} if rules else {})}
     return [
         f"{each['id']}: {'; '.join(str(node['html']) for node in each['nodes'][:3])}"
-        for each in Axe().run(page, options=options).response["violations"]
+        for each in page.evaluate("async (options) => (await axe.run(options)).violations", options)
     ]
 
 
