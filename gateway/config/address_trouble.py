@@ -2,18 +2,20 @@
 
 import errno
 import socket
-from contextlib import suppress
 
 
 def address_trouble(host: str) -> str | None:
     """What keeps this machine from listening at the IP address `host` now, or None. Names are not looked up."""
-    with suppress(socket.gaierror):
+    try:
         found = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST)
-        family, kind, _, _, address = found[0]
-        try:
-            with socket.socket(family, kind) as probe:
-                probe.bind(address)
-        except OSError as error:
-            if error.errno in {errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT, errno.ENODEV}:
-                return f"this machine has no address {host} at the moment"
+    except socket.gaierror:
+        interface = host.partition("%")[2]
+        return f"this machine has no network interface {interface} at the moment" if interface else None
+    family, kind, _, _, address = found[0]
+    try:
+        with socket.socket(family, kind) as probe:
+            probe.bind(address)
+    except OSError as error:
+        if error.errno in {errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT, errno.ENODEV}:
+            return f"this machine has no address {host} at the moment"
     return None

@@ -216,10 +216,15 @@ def _look_at_ports(config: Config, port_trouble: PortTrouble) -> Iterator[Proble
 
 
 def _look_at_addresses(config: Config, address_trouble: AddressTrouble) -> Iterator[Problem]:
-    for listen in config.listen:
-        trouble = None if listen.bind.is_loopback else address_trouble(listen.bind.host)
+    for each in _binding(config):
+        is_always_there = each.bind.is_loopback and "%" not in each.bind.host
+        trouble = None if is_always_there else address_trouble(each.bind.host)
         if trouble is not None:
-            yield warning((*listen.path, "bind"), trouble, "ip -brief address lists those that it has")
+            yield warning((*each.path, "bind"), trouble, "ip -brief address lists those that it has")
+
+
+def _binding(config: Config) -> tuple[Listen | Web, ...]:
+    return (*config.listen, *(() if config.web is None else (config.web,)))
 
 
 def _check_format(line: Line) -> Iterator[Problem]:

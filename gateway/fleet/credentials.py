@@ -5,6 +5,10 @@ from typing import Final
 
 from gateway.errors import FleetError
 
+#: Said where the library is missing that signs with the key.
+NO_LIBRARY: Final = (
+    "a credentials file needs PyNaCl, which is not installed: apt install python3-nacl, or pip install pynacl"
+)
 _JWT_LINE: Final = "BEGIN NATS USER JWT"
 _SEED_LINE: Final = "BEGIN USER NKEY SEED"
 #: A seed is two bytes of what it is for, 32 of key and two of check sum.
@@ -37,9 +41,7 @@ def sign(key: bytes, nonce: str) -> bytes:
     try:
         from nacl.signing import SigningKey  # noqa: PLC0415 - only with `credentials`, and not everywhere there is one
     except ModuleNotFoundError as error:
-        raise FleetError(
-            "a credentials file needs PyNaCl, which is not installed: apt install python3-nacl, or pip install pynacl"
-        ) from error
+        raise FleetError(NO_LIBRARY) from error
     return base64.b64encode(SigningKey(key).sign(nonce.encode()).signature)
 
 

@@ -2,26 +2,33 @@
 
 import os
 import stat
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from errno import EACCES
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Final
 
 from gateway.config.file_trouble import SERVICE_CONFIG, file_trouble
 from gateway.config.load import Loaded
 from gateway.config.positions import Positions
+from gateway.config.problem import Path as ProblemPath
 from gateway.config.problem import Problem, warning
 from gateway.config.schema import Config, Fleet, Mqtt, Web
-from gateway.errors import BrokerError, UsersError
+from gateway.errors import BrokerError, FleetError, UsersError
+from gateway.fleet.credentials import NO_LIBRARY, read_credentials
 from gateway.service.certificate_troubles import certificate_troubles
 from gateway.service.libraries import Extra, missing_library, not_installed
-from gateway.service.password import read_password
+from gateway.service.password import read_password, read_secret, read_token
 from gateway.tls.secret_file import SecretFile
 from gateway.web.users import Users, read_users
 
 #: Rights that others than the owner and the group have, and writing by the group.
-_EXPOSED = stat.S_IRWXO | stat.S_IWGRP
+_EXPOSED: Final = stat.S_IRWXO | stat.S_IWGRP
+#: What is lost without a file.
+NO_PAGE: Final = "there will be no web page"
+UNPUBLISHED: Final = "nothing will be published"
+UNREACHED: Final = "other sites cannot be reached"
 
 
 def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG) -> Loaded:
@@ -34,17 +41,25 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
     found += certificate_troubles(config, file)
     positions = Positions(loaded.text)
     found += [each.located(file, *positions.key(each.path)) for each in _about_libraries(config)]
-    mqtt = config.mqtt
-    if mqtt is not None and mqtt.password is not None:
-        place = positions.value((*mqtt.path, "password"))
-        found += [each.located(file, *place) for each in _about_password(mqtt, mqtt.password, folder)]
-    if config.web is not None and config.web.users is not None:
-        place = positions.value((*config.web.path, "users"))
-        found += [each.located(file, *place) for each in _about_users(config.web, config.web.users, folder)]
-    if config.web is not None and config.web.token is not None:
-        place = positions.value((*config.web.path, "token"))
-        found += [each.located(file, *place) for each in _about_token(config.web, config.web.token, folder)]
+    found += [each.located(file, *positions.value(each.path)) for each in _about_files(config, folder)]
     return replace(loaded, problems=(*found, *loaded.problems)) if found else loaded
+
+
+def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
+    """Warnings about what single keys name. Those of TLS are in certificate_troubles, ports in config.port_trouble."""
+    web, mqtt, fleet, control = config.web, config.mqtt, config.fleet, config.control
+    if mqtt is not None and mqtt.password is not None:
+        yield from _about_secret((*mqtt.path, "password"), mqtt.password, read_password, UNPUBLISHED, folder)
+    if fleet is not None and fleet.password is not None:
+        yield from _about_secret((*fleet.path, "password"), fleet.password, read_password, UNREACHED, folder)
+    if fleet is not None and fleet.credentials is not None:
+        yield from _about_secret((*fleet.path, "credentials"), fleet.credentials, _read_credentials, UNREACHED, folder)
+    if web is not None and web.users is not None:
+        yield from _about_users(web, web.users, folder)
+    if web is not None and web.token is not None:
+        yield from _about_token((*web.path, "token"), web.token, folder)
+    if control is not None and control.socket is not None:
+        yield from _about_socket((*control.path, "socket"), Path(control.socket))
 
 
 def _about_libraries(config: Config) -> Iterator[Problem]:
@@ -60,70 +75,107 @@ def _about_libraries(config: Config) -> Iterator[Problem]:
             yield warning(table.path, f"has no effect: {not_installed(module, extra)}")
 
 
-def _about_password(mqtt: Mqtt, secret: SecretFile, folder: Path) -> Iterator[Problem]:
-    """Warnings about the password for the broker: without it nothing is published. Only the service has credentials."""
-    path = (*mqtt.path, "password")
-    if secret.is_credential:
+def _about_secret(
+    path: ProblemPath, secret: SecretFile, read: Callable[[SecretFile], object], loss: str, folder: Path
+) -> Iterator[Problem]:
+    """Warnings about what the gateway logs in with, and the `loss` without it. Only the service has credentials."""
+    if secret.is_credential and "CREDENTIALS_DIRECTORY" not in os.environ:
         return
     try:
-        read_password(secret)
-        status = Path(secret.name).stat()
-    except BrokerError as error:
-        cause = error.__cause__
-        if isinstance(cause, PermissionError) and cause.strerror == os.strerror(EACCES):
-            yield warning(path, f"{secret.name} cannot be read by who runs this command", "run it as root")
-        else:
-            yield warning(path, f"nothing will be published: {error}")
+        read(secret)
+    except (BrokerError, FleetError) as error:
+        yield _unreadable(path, secret.name, loss, str(error), error.__cause__)
     else:
-        yield from _about_access(path, secret.name, status.st_uid, status.st_gid, status.st_mode, folder)
+        if not secret.is_credential:
+            yield from _about_access(path, secret.name, folder)
+
+
+def _read_credentials(secret: SecretFile) -> None:
+    """See that they can be used.
+
+    Raises:
+        FleetError: the file cannot be read, or is of no use.
+    """
+    text = read_secret(secret, FleetError)
+    try:
+        read_credentials(text)
+    except FleetError as error:
+        raise FleetError(f"{secret.name}: {error}") from None
+    if find_spec("nacl") is None:
+        raise FleetError(NO_LIBRARY)
+
+
+def _unreadable(path: ProblemPath, file: str, loss: str, reason: str, cause: BaseException | None) -> Problem:
+    """The warning about a file that cannot be read: perhaps only by who looks at it."""
+    if isinstance(cause, PermissionError) and cause.strerror == os.strerror(EACCES):
+        return warning(path, f"{file} cannot be read by who runs this command", "run it as root")
+    return warning(path, f"{loss}: {reason}")
 
 
 def _about_users(web: Web, name: str, folder: Path) -> Iterator[Problem]:
     """Warnings about the file with the users: the gateway runs without its page if it cannot be used."""
     path, key, file = (*web.path, "users"), Path(name), name
     try:
-        status = key.stat()
-        if status.st_mode & _EXPOSED:
+        if key.stat().st_mode & _EXPOSED:
             remedy = f"chmod o=,g-w {file}; the service must be able to read it: chgrp dialout, 640"
             yield warning(path, f"others may read or change {file}: it is not used", remedy)
             return
         users = read_users(key)
     except FileNotFoundError:
         add = f"modbus-gateway user add NAME --role operator --file {file}"
-        yield warning(path, f"there is no file {file}: there will be no web page", add)
+        yield warning(path, f"there is no file {file}: {NO_PAGE}", add)
     except PermissionError:
         yield warning(path, f"{file} cannot be read by who runs this command", "run it as root")
     except OSError as error:
         yield warning(path, f"{file} cannot be read: {error.strerror}")
     except UsersError as error:
-        yield warning(path, f"{error}: there will be no web page")
+        yield warning(path, f"{error}: {NO_PAGE}")
     else:
-        yield from _about_access(path, file, status.st_uid, status.st_gid, status.st_mode, folder)
+        yield from _about_access(path, file, folder)
         yield from _about_roles(web, path, file, users)
 
 
-def _about_token(web: Web, name: str, folder: Path) -> Iterator[Problem]:
-    """Warnings about who may read the file with the token: the gateway runs without its page if others may."""
-    path = (*web.path, "token")
-    with suppress(FileNotFoundError, PermissionError):  # a file that is made later, or for the service only
-        status = Path(name).stat()
-        if status.st_mode & _EXPOSED:
-            what = f"others may read or change {name}: there will be no web page"
-            yield warning(path, what, f"chmod o=,g-w {name}")
-        else:
-            yield from _about_access(path, name, status.st_uid, status.st_gid, status.st_mode, folder)
+def _about_token(path: ProblemPath, name: str, folder: Path) -> Iterator[Problem]:
+    """Warnings about the file with the token: the gateway runs without its page if it cannot be used."""
+    try:
+        read_token(name)
+    except OSError as error:
+        yield _unreadable(path, name, NO_PAGE, f"{name}: {error.strerror or error}", error)
+    else:
+        yield from _about_access(path, name, folder)
 
 
-def _about_access(
-    path: tuple[str | int, ...], file: str, uid: int, gid: int, mode: int, folder: Path
-) -> Iterator[Problem]:
+def _about_socket(path: ProblemPath, socket: Path) -> Iterator[Problem]:
+    """Warnings about the control socket: the gateway runs without it if it cannot be made."""
+    try:
+        if socket.is_socket():  # of a gateway that runs
+            return
+        trouble = "a file with this name exists and is not a socket" if socket.exists() else _no_folder(socket)
+    except OSError as error:
+        trouble = f"{error.strerror}"
+    if trouble:
+        yield warning(path, f"no command will reach the gateway: {socket}: {trouble}")
+
+
+def _no_folder(file: Path) -> str:
+    """Why the folder of a file cannot be made, or the file not made there; empty if both can."""
+    there = next(each for each in file.absolute().parents if each.exists())
+    if not there.is_dir():
+        return f"{there} is not a folder"
+    may_write = os.access(there, os.W_OK | os.X_OK, effective_ids=True)
+    return "" if may_write else f"who runs this command may make nothing in {there}"
+
+
+def _about_access(path: ProblemPath, file: str, folder: Path) -> Iterator[Problem]:
     """The service has a user of its own, which reads what root owns only through a group."""
-    if Path(file).parent == folder and uid == 0 and (gid == 0 or not mode & stat.S_IRGRP):
+    status = Path(file).stat()
+    is_of_no_group = status.st_gid == 0 or not status.st_mode & stat.S_IRGRP
+    if Path(file).parent == folder and status.st_uid == 0 and is_of_no_group:
         what = f"only root may read {file}: the service cannot use it"
         yield warning(path, what, f"sudo chgrp dialout {file}; sudo chmod 640 {file}")
 
 
-def _about_roles(web: Web, path: tuple[str | int, ...], file: str, users: Users) -> Iterator[Problem]:
+def _about_roles(web: Web, path: ProblemPath, file: str, users: Users) -> Iterator[Problem]:
     if not users:
         add = f"modbus-gateway user add NAME --role operator --file {file}"
         yield warning(path, f"{file} has no users: nobody can log in", add)

@@ -1,9 +1,11 @@
-"""Passwords and credentials for a broker or for NATS, as their files have them."""
+"""Passwords and credentials for a broker or for NATS, and the token of the page, as their files have them."""
 
+from errno import EINVAL
+from pathlib import Path
 from typing import Final
 
 from gateway.errors import BrokerError, GatewayError
-from gateway.tls.files import path_of, refuse_if_exposed
+from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
 from gateway.tls.secret_file import SecretFile
 
 #: In bytes.
@@ -23,6 +25,20 @@ def read_password(file: SecretFile, kind: type[GatewayError] = BrokerError) -> s
     return _decode(line, file, kind, "the password")
 
 
+def read_token(file: str) -> str:
+    """Read what programs send to the page.
+
+    Raises:
+        OSError: others may read the file, or this process may not, or it is empty.
+    """
+    path = Path(file)
+    refuse_if_exposed(path)
+    token = read_whole(path, _LONGEST_SECRET).decode("ascii", errors="replace").strip()
+    if not token:
+        raise OSError(EINVAL, "the file is empty", file)
+    return token
+
+
 def read_secret(file: SecretFile, kind: type[GatewayError]) -> str:
     """Read a whole file.
 
@@ -37,6 +53,7 @@ def _read(file: SecretFile, kind: type[GatewayError], size: int) -> bytes:
         path = path_of(file)
         if not file.is_credential:
             refuse_if_exposed(path)
+        refuse_if_no_file(path)
         with path.open("rb") as stream:
             return stream.read(size)
     except OSError as error:

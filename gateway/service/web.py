@@ -6,7 +6,6 @@ import time
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, AsyncExitStack, aclosing, asynccontextmanager
 from dataclasses import asdict
-from errno import EINVAL
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -26,13 +25,13 @@ from gateway.service.examinations import Examinations
 from gateway.service.history import history_kept
 from gateway.service.libraries import not_installed
 from gateway.service.operator import Question, UnitPicture, picture, pictures, send
+from gateway.service.password import read_token
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.rights import Verdict, rights_in_words, routers, verdict
 from gateway.service.running import Running
 from gateway.service.trace import Fact
 from gateway.service.trace_reader import Texts, TraceReader, capture, latest, may_see_all
 from gateway.timing.history import History, Past
-from gateway.tls.files import refuse_if_exposed
 from gateway.tls.store import TlsStore, load_all
 from gateway.web.answers import Answer, Asker, Which
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
@@ -78,7 +77,7 @@ async def _open(
         host=plan.bind.host,
         port=plan.bind.port,
         hosts=plan.hosts,
-        token=_token(plan),
+        token="" if plan.token is None else read_token(plan.token),
         users=_users(plan),
         tls=_context_now(plan, contexts),
         proxy=plan.proxy,
@@ -92,21 +91,6 @@ async def _open(
     ):
         running.emit(events.WebUp(address))
         yield
-
-
-def _token(plan: WebPlan) -> str:
-    """Read the required token; empty for none.
-
-    Raises:
-        OSError: the file can be read by others, or not by this process, or is empty.
-    """
-    if plan.token is None:
-        return ""
-    refuse_if_exposed(Path(plan.token))
-    token = Path(plan.token).read_text(encoding="ascii", errors="replace").strip()
-    if not token:
-        raise OSError(EINVAL, "the file is empty", plan.token)
-    return token
 
 
 def _context_now(plan: WebPlan, contexts: TlsStore) -> Callable[[], ssl.SSLContext] | None:

@@ -631,6 +631,23 @@ def test_an_address_that_this_machine_does_not_have_is_a_warning(config, capsys)
     )
 
 
+@pytest.mark.parametrize(
+    ("text", "place", "trouble"),
+    [
+        ('[[listen]]\nbind = "tcp://[::1%nope0]:502"\n', "2:8: warning: listen[0]", "network interface nope0"),
+        ('[web]\nbind = "http://[::1%nope0]:8502"\n', "2:8: warning: web", "network interface nope0"),
+        ('[web]\nbind = "http://192.0.2.1:8502"\nproxy = ["192.0.2.2"]\n', "2:8: warning: web", "address 192.0.2.1"),
+    ],
+)
+def test_an_interface_that_is_not_there_and_an_address_of_the_page_are_warnings_too(
+    config, capsys, text, place, trouble
+):
+    path = config(text + "[[image]]\nunit = 1\ncoils = 1\n")
+    assert main(["check", path]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"{path}:{place}.bind: this machine has no {trouble} at the moment\n")
+
+
 def test_a_file_that_the_service_may_not_read_is_a_warning(config, capsys, monkeypatch):
     path = config("[[image]]\nunit = 1\ncoils = 1\n")
     monkeypatch.setattr("gateway.cli.check.with_file_troubles", partial(with_file_troubles, folder=Path(path).parent))

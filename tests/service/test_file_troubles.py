@@ -1,6 +1,7 @@
 """What `check` says of the files with users and passwords, and of libraries."""
 
 import os
+import socket
 from contextlib import contextmanager, nullcontext
 
 import pytest
@@ -191,5 +192,121 @@ def test_a_token_that_others_may_read_is_told(tmp_path, mode, is_refused):
     file.write_text(text)
     loaded = with_file_troubles(load(file), str(file), tmp_path / "elsewhere")
     said = [str(each) for each in loaded.problems if str(token) in str(each)]
-    told = f"{file}:8:9: warning: web.token: others may read or change {token}: there will be no web page"
-    assert said == ([f"{told}\n  help: chmod o=,g-w {token}"] if is_refused else [])
+    told = f"{file}:8:9: warning: web.token: there will be no web page: {token}: "
+    assert said == ([f"{told}others may read or change it; chmod o=,g-w {token}"] if is_refused else [])
+
+
+FLEET = """\
+site = "plant-2"
+
+[[image]]
+unit = 1
+holding = 10
+
+[fleet]
+servers = ["nats://127.0.0.1:4222"]
+{login}
+"""
+JWT = "-----BEGIN NATS USER JWT-----\neyJ\n"
+SEED = f"-----BEGIN USER NKEY SEED-----\n{'SU' + 'A' * 56}\n"
+
+
+@pytest.fixture
+def about(tmp_path):
+    """Writes a config; what is said of files beside it."""
+
+    def find(text, who=nullcontext()):  # noqa: B008 - it can be used again
+        file = tmp_path / "gateway.toml"
+        file.write_text(text)
+        loaded = load(file)
+        with who:
+            problems = with_file_troubles(loaded, str(file), tmp_path / "elsewhere").problems
+        return [str(each).removeprefix(f"{file}:") for each in problems if len(each.path) == 2]
+
+    return find
+
+
+@pytest.mark.parametrize(
+    ("login", "content", "mode", "reason"),
+    [
+        ('user = "p"\npassword = {{ file = "{}" }}', "geheim", 0o600, ""),
+        ('user = "p"\npassword = {{ file = "{}" }}', None, 0, "No such file or directory"),
+        ('user = "p"\npassword = {{ file = "{}" }}', "geheim", 0o644, "others may read or change it; chmod o=,g-w {}"),
+        ('credentials = "{}"', JWT + SEED, 0o600, ""),
+        ('credentials = "{}"', None, 0, "No such file or directory"),
+        ('credentials = "{}"', JWT + SEED, 0o644, "others may read or change it; chmod o=,g-w {}"),
+        ('credentials = "{}"', JWT, 0o600, "it is not a credentials file: that has the token and the seed of a user"),
+    ],
+)
+def test_what_the_gateway_logs_in_to_a_fleet_with_is_read(about, tmp_path, monkeypatch, login, content, mode, reason):
+    monkeypatch.setattr("gateway.service.file_troubles.find_spec", lambda name: name)
+    secret = tmp_path / "secret"
+    if content is not None:
+        secret.write_text(content)
+        secret.chmod(mode)
+    place, key = ("9:15", "credentials") if login.startswith("credentials") else ("10:12", "password")
+    told = f"{place}: warning: fleet.{key}: other sites cannot be reached: {secret}: {reason.format(secret)}"
+    assert about(FLEET.format(login=login.format(secret))) == ([told] if reason else [])
+
+
+def test_who_may_not_read_credentials_is_told(about, tmp_path):
+    secret = tmp_path / "secret"
+    secret.touch(mode=0o200)
+    (told,) = about(FLEET.format(login=f'credentials = "{secret}"'), not_as_root())
+    assert told.startswith(f"9:15: warning: fleet.credentials: {secret} cannot be read by who runs this command")
+
+
+def test_credentials_need_a_library(about, tmp_path, monkeypatch):
+    monkeypatch.setattr("gateway.service.file_troubles.find_spec", lambda name: None if name == "nacl" else name)
+    secret = tmp_path / "secret"
+    secret.touch(mode=0o600)
+    secret.write_text(JWT + SEED)
+    (told,) = about(FLEET.format(login=f'credentials = "{secret}"'))
+    assert "fleet.credentials: other sites cannot be reached: a credentials file needs PyNaCl" in told
+
+
+def test_the_service_itself_looks_at_its_credentials(about, tmp_path, monkeypatch):
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
+    (told,) = about(FLEET.format(login='user = "p"\npassword = { credential = "fleet" }'))
+    assert f"fleet.password: other sites cannot be reached: {tmp_path}/fleet: No such file or directory" in told
+
+
+@pytest.mark.parametrize(("content", "reason"), [(None, "No such file or directory"), ("\n", "the file is empty")])
+def test_a_token_that_cannot_be_used_is_told(about, tmp_path, content, reason):
+    token = tmp_path / "token"
+    if content is not None:
+        token.touch(mode=0o600)
+        token.write_text(content)
+    text = CONFIG.partition("users")[0] + f'token = {{ file = "{token}" }}\n'
+    assert about(text) == [f"8:9: warning: web.token: there will be no web page: {token}: {reason}"]
+
+
+def test_a_pipe_is_no_file_with_a_password(about, tmp_path):
+    os.mkfifo(tmp_path / "password", 0o600)
+    (told,) = about(MQTT.format(password=f'file = "{tmp_path}/password"'))
+    assert told.endswith(f"nothing will be published: {tmp_path}/password: is not a regular file")
+
+
+@pytest.mark.parametrize(
+    ("path", "reason"),
+    [
+        ("absent/control.sock", ""),
+        ("absent/twice/control.sock", ""),
+        ("socket", ""),
+        ("file/control.sock", "{}/file is not a folder"),
+        ("file", "a file with this name exists and is not a socket"),
+    ],
+)
+def test_a_control_socket_that_cannot_be_made_is_told(about, tmp_path, path, reason):
+    (tmp_path / "file").touch()
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(tmp_path / "socket"))
+        said = about(f'[[image]]\nunit = 1\nholding = 10\n[control]\nsocket = "{tmp_path}/{path}"\n')
+    told = f"5:10: warning: control.socket: no command will reach the gateway: {tmp_path}/{path}: "
+    assert said == ([told + reason.format(tmp_path)] if reason else [])
+
+
+def test_who_may_not_make_the_control_socket_is_told(about):
+    text = '[[image]]\nunit = 1\nholding = 10\n[control]\nsocket = "/no-such-folder/control.sock"\n'
+    (told,) = about(text, not_as_root())
+    assert told.endswith(": /no-such-folder/control.sock: who runs this command may make nothing in /")
