@@ -1,0 +1,232 @@
+"""Lines, the devices on them, and other servers."""
+
+from gateway.events.event import Event, Level
+
+
+class LineUp(Event):
+    """A line's port was opened for the first time.
+
+    `baud` is the actual rate of the port, if its driver reports it; None if it is set elsewhere.
+    """
+
+    line: str
+    port: str
+    baud: int | None = None
+
+
+class LineLost(Event):
+    """A line's port could not be opened, or was lost; the gateway tries to open it until it succeeds."""
+
+    level = Level.WARNING
+    line: str
+    port: str
+    reason: str
+
+
+class ConnectionRenewed(Event):
+    """A line uses a new connection, because no unit has answered since a request timed out.
+
+    The device server may still hold that request; its response would be taken for the response to the next one.
+    """
+
+    line: str
+    source: str
+
+
+class LineReopened(Event):
+    """A lost port is open again; `baud` as in LineUp."""
+
+    line: str
+    port: str
+    away_s: float
+    baud: int | None = None
+
+
+class RequestTimeout(Event):
+    """A device did not answer within its time limit."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+
+
+class BadFrame(Event):
+    """What was received within the limit was not the response: noise, a cut or foreign frame, a wrong CRC or LRC."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+    heard: str
+    reason: str
+
+
+class ForeignFrame(Event):
+    """A valid frame that is not the response to the request on the line; it was dropped."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    frame: str
+
+
+class QueueFull(Event):
+    """The queue of a line is full. `client` had most requests in it, and its newest was answered 06."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    client: str
+
+
+class AddressMoved(Event):
+    """A device has a new address; `advice` names the line of the config to edit."""
+
+    level = Level.WARNING
+    line: str
+    device: str
+    unit: int
+    was: int
+    advice: str
+
+
+class BaudChanged(Event):
+    """A device has a new baud rate; `advice` says what the line did, and what to edit."""
+
+    level = Level.WARNING
+    line: str
+    device: str
+    baud: float
+    advice: str
+
+
+class AddressRemembered(Event):
+    """A device moved in an earlier run: the gateway uses address `unit` instead of `configured`."""
+
+    level = Level.WARNING
+    line: str
+    device: str
+    unit: int
+    configured: int
+    advice: str
+
+
+class BaudRemembered(Event):
+    """A line followed its device to `baud` in an earlier run, and uses that rate instead of `configured`."""
+
+    level = Level.WARNING
+    line: str
+    baud: int
+    configured: int
+    advice: str
+
+
+class LateResponse(Event):
+    """A response came after its time limit and was dropped. The device needs a longer one."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+
+
+class TimingTight(Event):
+    """99 of 100 responses take most of their time limit: a slower one is a time-out."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    function: int
+    elapsed_ms: float
+    limit_ms: float
+    source: str
+    advice: str
+
+
+class UnitResting(Event):
+    """A unit backs off: it has failed three times in a row, or again after a back-off. Its requests get 0B at once.
+
+    It is tried again after `rest_s` seconds: the late window of the last failure, and the back-off itself.
+    """
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    rest_s: float
+    source: str
+
+
+class UnitRecovered(Event):
+    """A unit that backed off has answered."""
+
+    line: str
+    unit: int
+    device: str
+
+
+class EchoHeard(Event):
+    """The adapter echoes. Until `echo = true` is set, writes whose response equals the request get 0B."""
+
+    level = Level.ERROR
+    line: str
+    source: str
+    advice: str
+
+
+class AnswerTooEarly(Event):
+    """Several responses in a row came before their requests could have been sent; they were rejected."""
+
+    level = Level.ERROR
+    line: str
+    unit: int
+    device: str
+    function: int
+    source: str
+    advice: str
+
+
+class OtherClientHeard(Event):
+    """Another client on the line sent a request to the same unit, so the next response was rejected."""
+
+    level = Level.WARNING
+    line: str
+    unit: int
+    device: str
+    frame: str
+
+
+class UpstreamClosed(Event):
+    """The gateway closed its connection to an upstream, because it could not be used any more; it opens a new one."""
+
+    level = Level.WARNING
+    line: str
+    reason: str
+
+
+class PollRefused(Event):
+    """A device refuses a read of a mirror or of `[mqtt]`: these addresses cannot be read, or not together."""
+
+    level = Level.WARNING
+    image: str
+    device: str
+    addresses: str
+    code: int
+    source: str

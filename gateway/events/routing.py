@@ -1,0 +1,75 @@
+"""What clients may not do, and what they wrote."""
+
+from typing import Final, Self
+
+from gateway import errors
+from gateway.errors import RequestError
+from gateway.events.event import Event, Level
+from gateway.events.listeners import ClientEvent
+from gateway.request import Request
+
+
+class RequestRefused(Event):
+    """A client requested something that `unit` does not have; it got exception `code`, and nothing was sent."""
+
+    client: str
+    unit: int
+    function: int
+    code: str
+    why: str
+
+    @classmethod
+    def of(cls, request: Request, error: RequestError) -> Self:
+        """The rejection of `request` with `error`."""
+        return cls(request.origin.client, request.unit, request.pdu[0], f"{error.code:02X}", str(error))
+
+
+class AccessDenied(ClientEvent):
+    """A client used a function without the right to it; it got exception 01, and nothing was sent."""
+
+    level = Level.WARNING
+    listener: str
+    client: str
+    unit: int
+    function: int
+    subject: str = ""
+    role: str = ""
+
+
+class WriteAudit(ClientEvent):
+    """The result of a request that may have changed something: one event for each such request.
+
+    `address` and `count` are the coils or registers to write; None for functions without them, and for malformed
+    requests. `result` is `ok` (also for 08/04, which has no response), `exception` (from the unit), `broadcast` (no
+    response), `unwanted` (the client disconnected before it was sent), or why the gateway rejected it or got no
+    response, as in the counts of a unit. `code` is the exception that the client got, if any.
+    """
+
+    client: str
+    listener: str
+    unit: int
+    function: int
+    address: int | None
+    count: int | None
+    result: str
+    code: str
+    elapsed_ms: float
+    subject: str = ""
+    role: str = ""
+
+    @property
+    def was_sent(self) -> bool:
+        """Whether the request was sent, so that the write may have been carried out."""
+        return self.result in _SENT
+
+
+#: Results of writes that went to their units.
+_SENT: Final = frozenset(
+    {
+        *("ok", "exception", "broadcast"),
+        errors.ResponseTimeout.result,
+        errors.BrokenResponse.result,
+        errors.AmbiguousResponse.result,
+        errors.LineLost.result,
+    }
+)

@@ -1,0 +1,121 @@
+"""The gateway as a whole: its config, its state, its start and its end."""
+
+from collections.abc import Sequence
+from traceback import format_exception
+from typing import Self
+
+from gateway.events.event import Event, Level
+
+
+class ConfigLoaded(Event):
+    """A config file was read and is in use."""
+
+    file: str
+    lines: int
+    units: int
+
+
+class ConfigWarning(Event):
+    """A config file can be used, but something in it may be wrong."""
+
+    level = Level.WARNING
+    problem: str
+    help: str
+
+
+class ConfigRejected(Event):
+    """A config file is not used; the one in use, if any, stays."""
+
+    level = Level.ERROR
+    file: str
+    reason: str
+
+    @classmethod
+    def of(cls, file: str, problems: Sequence[str]) -> Self:
+        """The rejection of `file` for `problems`; `reason` is the first of them."""
+        reason = problems[0].splitlines()[0] + (f" (and {len(problems) - 1} more)" if problems[1:] else "")
+        return cls(file, reason)
+
+
+class ConfigApplied(Event):
+    """A config file was read again and is in use. `restart` names the tables that apply only after a restart."""
+
+    file: str
+    added: tuple[str, ...]
+    removed: tuple[str, ...]
+    changed: tuple[str, ...]
+    restart: tuple[str, ...]
+
+
+class ControlClosed(Event):
+    """The control socket cannot be used, so no command can reach this gateway. All else works."""
+
+    level = Level.WARNING
+    socket: str
+    reason: str
+
+
+class CertificateExpires(Event):
+    """A certificate or a revocation list is valid for less than a month. `used_by` names a table of the config."""
+
+    level = Level.WARNING
+    used_by: str
+    key: str
+    file: str
+    subject: str
+    days_left: float
+
+
+class Ready(Event):
+    """Clients can connect and every line was tried once. `control` is the socket for the commands."""
+
+    listeners: tuple[str, ...]
+    lines_up: int
+    lines_down: int
+    control: str = ""
+
+
+class Stopping(Event):
+    """The gateway was told to stop."""
+
+    reason: str
+
+
+class Stopped(Event):
+    """The gateway has stopped."""
+
+
+class PartFailed(Event):
+    """A defect in the gateway: an unexpected error in a part, which is started again. Please report it."""
+
+    level = Level.ERROR
+    part: str
+    error: str
+    traceback: str
+
+    @classmethod
+    def of(cls, part: str, error: Exception) -> Self:
+        """`error` occurred in `part`."""
+        return cls(part, repr(error), "".join(format_exception(error)))
+
+
+class StateNotKept(Event):
+    """Values that must be kept over a restart could not be written to their file."""
+
+    level = Level.ERROR
+    file: str
+    reason: str
+
+
+class StateKeptAgain(Event):
+    """The file can be written again."""
+
+    file: str
+
+
+class StateDamaged(Event):
+    """A file in the state directory is damaged or foreign. It was moved aside; what could be read of it is used."""
+
+    level = Level.ERROR
+    file: str
+    damage: str
