@@ -1,9 +1,8 @@
 """Builds the parts of a gateway from a plan; nothing else does."""
 
 import asyncio
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, NamedTuple, Union
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal, Union
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
@@ -21,16 +20,13 @@ from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
-from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import Opener, OpenPort, SiteSettings
-from gateway.request import NamedTarget
-from gateway.routing.access import EntryPoint, KnownAs, Rights
-from gateway.routing.broadcast import Broadcast, Recipient
+from gateway.ports.port import Opener, SiteSettings
+from gateway.routing.access import EntryPoint, Rights
 from gateway.routing.router import Router
 from gateway.service.fleet import Fleet
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.plant import Publishing
-from gateway.service.reach import Reach, everything, one_line
+from gateway.service.reach import Routing, routings
 from gateway.service.state import Memory
 from gateway.tls.store import TlsStore
 from gateway.trace.ring import Ring
@@ -48,38 +44,22 @@ Part = GatewayLine | GatewayUpstream | GatewayServer
 Driver = Union[LineDriver, TcpDriver, SerialListener, "Asker"]
 
 
-class Way(NamedTuple):
-    """A router, its routes, and the units for access rows that name no listener."""
-
-    router: Router
-    routes: Mapping[int, NamedTarget]
-    known_as: KnownAs
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Gateway:
     """All parts of a gateway, in the order of the config: `lines` are client lines, `servers` are server lines.
 
-    `ways` are the routes of each router, `devices` those of each line. They apply after `route` was called.
+    `routings` are the routes of each router, `devices` those of each line. They apply after `route` was called.
     `ring` keeps the last transactions; a reload keeps it.
     """
 
-    listeners: tuple[Listener, ...]
-    lines: tuple[GatewayLine, ...]
-    servers: tuple[GatewayServer, ...]
-    upstreams: tuple[GatewayUpstream, ...]
-    images: tuple[Image, ...]
-    mirrors: tuple[MirrorDriver, ...]
-    devices: tuple[dict[int, Device], ...]
     #: The router of the control socket: it has all rights until a row names it.
     control: Router
-    #: The way of requests over HTTP: it too has all rights until a row names it. What a user may is seen to before.
+    #: That of requests over HTTP: it too has all rights until a row names it. What a user may is seen to before.
     web: Router
-    #: The way of what a broker delivers: it has all rights until a row names it. What may be written is seen to before.
+    #: That of what a broker delivers: it has all rights until a row names it. What may be written is seen to before.
     mqtt: Router
-    #: The way of requests from other sites: they only read until a row names it.
+    #: That of requests from other sites: they only read until a row names it.
     sites: Router
-    ways: tuple[Way, ...]
     ring: Ring
     plan: Plan
     #: What is published at a broker, by this gateway or the one before a reload.
@@ -88,6 +68,14 @@ class Gateway:
     fleet: Fleet
     #: The certificates in use.
     contexts: TlsStore = field(default_factory=TlsStore)
+    listeners: tuple[Listener, ...] = ()
+    lines: tuple[GatewayLine, ...] = ()
+    servers: tuple[GatewayServer, ...] = ()
+    upstreams: tuple[GatewayUpstream, ...] = ()
+    images: tuple[Image, ...] = ()
+    mirrors: tuple[MirrorDriver, ...] = ()
+    devices: tuple[dict[int, Device], ...] = ()
+    routings: tuple[Routing, ...] = ()
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -103,9 +91,9 @@ class Gateway:
         for image in self.images:
             if isinstance(image, PersistentImage):
                 image.start()
-        for way in self.ways:
-            way.router.routes = dict(way.routes)
-            way.router.rights = Rights(self.plan.access, way.router.entry, way.known_as)
+        for router, routes, known_as in self.routings:
+            router.routes = dict(routes)
+            router.rights = Rights(self.plan.access, router.entry, known_as)
         for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
             line.adopt(line_plan, devices)
         for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
@@ -135,120 +123,121 @@ def build(
     Persistent images need a `store`, and TLS listeners `contexts`. Parts of the `running` gateway that are the same in
     `plan` are reused.
     """
-    old, ring, contexts = _Old(running), running.ring if running else Ring(), contexts or TlsStore()
-    sites = running.sites if running else Router(EntryPoint(FLEET, "site"), loop.time, emit, ring=ring)
-    fleet = running.fleet if running else Fleet(sites, emit, contexts)
-    lines = tuple(
-        old.line(one) or GatewayLine(one, loop, opener, memory, emit, ring, fleet.bucket) for one in plan.lines
-    )
-    upstreams = tuple(
-        old.upstream(one) or GatewayUpstream(one, loop, _way_to(one, opener, fleet), emit, ring)
-        for one in plan.upstreams
-    )
-    servers = tuple(old.server(one) or GatewayServer(one, loop, opener, emit, ring) for one in plan.servers)
-    listeners = tuple(old.listener(one) or _listener(one, loop, emit, ring, contexts) for one in plan.listeners)
-    images = tuple(old.image(one) or _image(one, store, emit, ring) for one in plan.images)
+    contexts = contexts or TlsStore()
+    before = running or _without_parts(plan, loop, emit, contexts)
+    parts = _Parts(before, loop, opener, memory, emit, store, contexts)
+    lines = tuple(map(parts.line, plan.lines))
+    upstreams = tuple(map(parts.upstream, plan.upstreams))
     on_lines = tuple(line.devices_of(one) for line, one in zip(lines, plan.lines, strict=True))
-    devices = [device for units in (*on_lines, *(one.devices for one in upstreams)) for device in units.values()]
-    named = {device.name: device for device in devices}
-    mirrors = tuple(
-        old.mirror(one, named[one.of]) or MirrorDriver(one, named[one.of], loop, emit, ring) for one in plan.mirrors
+    behind = (*on_lines, *(upstream.devices for upstream in upstreams))
+    devices = {device.name: device for units in behind for device in units.values()}
+    gateway = replace(
+        before,
+        listeners=tuple(map(parts.listener, plan.listeners)),
+        lines=lines,
+        servers=tuple(map(parts.server, plan.servers)),
+        upstreams=upstreams,
+        images=tuple(map(parts.image, plan.images)),
+        mirrors=tuple(parts.mirror(one, devices[one.of]) for one in plan.mirrors),
+        devices=on_lines,
+        plan=plan,
+        contexts=contexts,
     )
-    targets: dict[int, NamedTarget] = {image.settings.unit: image for image in images}
-    for units, line_plan in zip(on_lines, plan.lines, strict=True):
-        targets |= {unit: device for unit, device in units.items() if unit not in line_plan.own_units}
-    for upstream in upstreams:
-        targets |= upstream.devices
-    targets |= {driver.mirror.settings.unit: driver for driver in mirrors}
-    on_line = [Recipient(line.every_device, one.broadcasts) for line, one in zip(lines, plan.lines, strict=True)]
-    everyone = everything(targets, [*on_line, *map(_recipient, images)])
-    alone = {
-        one.line.name: one_line(units.values(), recipient, targets)
-        for one, units, recipient in zip(plan.lines, on_lines, on_line, strict=True)
-    }
-    control = running.control if running else Router(EntryPoint(CONTROL, "local"), loop.time, emit, ring=ring)
-    web = running.web if running else Router(EntryPoint(WEB, "local"), loop.time, emit, ring=ring)
-    mqtt = running.mqtt if running else Router(EntryPoint(MQTT, "local"), loop.time, emit, ring=ring)
-    publishing = running.publishing if running else Publishing(emit, contexts)
-    ways = (
-        Way(mqtt, everyone.routes, everyone.known_as),
-        Way(sites, everyone.routes, everyone.known_as),
-        Way(control, everyone.routes, everyone.known_as),
-        Way(web, everyone.routes, everyone.known_as),
-        *(_way(one, alone[one.settings.line] if one.settings.line else everyone, ring) for one in listeners),
-        *(Way(one.router, _served(everyone, one.plan, ring), everyone.known_as) for one in servers),
-    )
+    return replace(gateway, routings=tuple(routings(gateway)))
+
+
+def _without_parts(plan: Plan, loop: asyncio.AbstractEventLoop, emit: Emit, contexts: TlsStore) -> Gateway:
+    """What every gateway has, and every reload keeps."""
+    ring = Ring()
+
+    def router(name: str, kind: Literal["local", "site"] = "local") -> Router:
+        return Router(EntryPoint(name, kind), loop.time, emit, ring=ring)
+
+    sites = router(FLEET, "site")
     return Gateway(
-        listeners,
-        lines,
-        servers,
-        upstreams,
-        images,
-        mirrors,
-        on_lines,
-        control,
-        web,
-        mqtt,
-        sites,
-        ways,
-        ring,
-        plan,
-        publishing,
-        fleet,
-        contexts,
+        control=router(CONTROL),
+        web=router(WEB),
+        mqtt=router(MQTT),
+        sites=sites,
+        ring=ring,
+        plan=plan,
+        publishing=Publishing(emit, contexts),
+        fleet=Fleet(sites, emit, contexts),
     )
 
 
-class _Old:
-    """The parts of a running gateway that can be reused for unchanged tables."""
+class _Parts:
+    """Builds parts, or takes them from the gateway `before` where their tables are unchanged."""
 
-    def __init__(self, running: Gateway | None) -> None:
-        self._lines = {one.name: one for one in running.lines} if running else {}
-        self._servers = {one.name: one for one in running.servers} if running else {}
-        self._upstreams = {one.name: one for one in running.upstreams} if running else {}
-        self._listeners = {one.settings.name: one for one in running.listeners} if running else {}
-        self._images = {one.settings.name: one for one in running.images} if running else {}
-        self._mirrors = {one.mirror.settings.name: one for one in running.mirrors} if running else {}
+    def __init__(
+        self,
+        before: Gateway,
+        loop: asyncio.AbstractEventLoop,
+        opener: Opener,
+        memory: Memory,
+        emit: Emit,
+        store: Store | None,
+        contexts: TlsStore,
+    ) -> None:
+        self._lines = {one.name: one for one in before.lines}
+        self._servers = {one.name: one for one in before.servers}
+        self._upstreams = {one.name: one for one in before.upstreams}
+        self._listeners = {one.settings.name: one for one in before.listeners}
+        self._images = {one.settings.name: one for one in before.images}
+        self._mirrors = {one.mirror.settings.name: one for one in before.mirrors}
+        self._ring = before.ring
+        self._fleet = before.fleet
+        self._loop = loop
+        self._opener = opener
+        self._memory = memory
+        self._emit = emit
+        self._store = store
+        self._contexts = contexts
 
-    def line(self, plan: LinePlan) -> GatewayLine | None:
+    def line(self, plan: LinePlan) -> GatewayLine:
         old = self._lines.get(plan.line.name)
-        return old if old is not None and old.means(plan) else None
+        if old is not None and old.means(plan):
+            return old
+        return GatewayLine(plan, self._loop, self._opener, self._memory, self._emit, self._ring, self._fleet.bucket)
 
-    def server(self, plan: ServerPlan) -> GatewayServer | None:
+    def server(self, plan: ServerPlan) -> GatewayServer:
         old = self._servers.get(plan.line.name)
-        return old if old is not None and old.plan == plan else None
+        if old is not None and old.plan == plan:
+            return old
+        return GatewayServer(plan, self._loop, self._opener, self._emit, self._ring)
 
-    def upstream(self, plan: UpstreamPlan) -> GatewayUpstream | None:
+    def upstream(self, plan: UpstreamPlan) -> GatewayUpstream:
         old = self._upstreams.get(plan.upstream.name)
-        return old if old is not None and old.plan == plan else None
+        if old is not None and old.plan == plan:
+            return old
+        port = plan.port
+        open_port = self._fleet.opener(port.site) if isinstance(port, SiteSettings) else self._opener(port)
+        return GatewayUpstream(plan, self._loop, open_port, self._emit, self._ring)
 
-    def listener(self, settings: ListenSettings) -> Listener | None:
+    def listener(self, settings: ListenSettings) -> Listener:
         old = self._listeners.get(settings.name)
-        return old if old is not None and old.settings == settings else None
+        if old is not None and old.settings == settings:
+            return old
+        return _listener(settings, self._loop, self._emit, self._ring, self._contexts)
 
-    def image(self, settings: ImageSettings) -> Image | None:
+    def image(self, settings: ImageSettings) -> Image:
         old = self._images.get(settings.name)
-        return old if old is not None and old.settings == settings else None
+        if old is not None and old.settings == settings:
+            return old
+        if settings.shows_gateway:
+            return SelfImage(settings, self._emit, self._ring)
+        if settings.persist == "never":
+            return Image(settings, self._emit, self._ring)
+        assert self._store is not None  # noqa: S101 - required for plans with persistent images
+        self._store.open()
+        return PersistentImage(settings, self._store, self._emit, self._ring)
 
-    def mirror(self, settings: MirrorSettings, device: Device) -> MirrorDriver | None:
+    def mirror(self, settings: MirrorSettings, device: Device) -> MirrorDriver:
         """A mirror is rebuilt if its device was."""
         old = self._mirrors.get(settings.name)
-        return old if old is not None and old.mirror.settings == settings and old.device is device else None
-
-
-def _way_to(upstream: UpstreamPlan, opener: Opener, fleet: Fleet) -> OpenPort:
-    port = upstream.port
-    return fleet.opener(port.site) if isinstance(port, SiteSettings) else opener(port)
-
-
-def _image(settings: ImageSettings, store: Store | None, emit: Emit, ring: Ring) -> Image:
-    if settings.shows_gateway:
-        return SelfImage(settings, emit, ring)
-    if settings.persist == "never":
-        return Image(settings, emit, ring)
-    assert store is not None  # noqa: S101 - required for plans with persistent images
-    store.open()
-    return PersistentImage(settings, store, emit, ring)
+        if old is not None and old.mirror.settings == settings and old.device is device:
+            return old
+        return MirrorDriver(settings, device, self._loop, self._emit, self._ring)
 
 
 def _listener(
@@ -267,25 +256,3 @@ def _entry_point(settings: ListenSettings) -> EntryPoint:
     kinds: dict[str, Literal["certified", "datagram", "connection"]] = {"tls": "certified", "udp": "datagram"}
     kind = kinds.get(settings.scheme, "connection")
     return EntryPoint(settings.name, kind, settings.unit0 if isinstance(settings.unit0, int) else None)
-
-
-def _recipient(image: Image) -> Recipient:
-    return Recipient(image, image.settings.profile.broadcasts)
-
-
-def _served(reach: Reach, server: ServerPlan, ring: Ring) -> dict[int, NamedTarget]:
-    """The routes of a server line: the units that it serves, and as unit 0 the recipients of its broadcasts."""
-    served = {unit: reach.routes[unit] for unit in server.line.serves}
-    images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
-    recipients = {"images": images, "all": reach.recipients, "none": []}[server.broadcast_to]
-    return {**served, BROADCAST_UNIT: Broadcast(recipients, ring)}
-
-
-def _way(listener: Listener, reach: Reach, ring: Ring) -> Way:
-    """The routes of a listener; unit 0 is refused, goes to all recipients of broadcasts, or to another unit."""
-    routes, unit0 = reach.routes, listener.settings.unit0
-    if unit0 == "broadcast":
-        routes = {**routes, BROADCAST_UNIT: Broadcast(reach.recipients, ring)}
-    elif unit0 != "refuse":
-        routes = {**routes, BROADCAST_UNIT: routes[unit0]}
-    return Way(listener.router, routes, reach.known_as)

@@ -4,18 +4,34 @@ For most listeners, a unit identifier is the same unit for all clients. For a li
 that line, whatever unit ID other clients use for that device.
 """
 
-from collections.abc import Collection, Mapping
-from typing import NamedTuple
+from collections.abc import Collection, Iterator, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
+from gateway.config.plan import ServerPlan
 from gateway.devices.device import Device
+from gateway.images.image import Image
 from gateway.images.mirror_driver import MirrorDriver
+from gateway.listeners.session import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, SERVER_UNIT
 from gateway.request import NamedTarget
 from gateway.routing.access import AS_NUMBERED, KnownAs
-from gateway.routing.broadcast import Recipient
+from gateway.routing.broadcast import Broadcast, Recipient
+from gateway.routing.router import Router
+from gateway.trace.ring import Ring
+
+if TYPE_CHECKING:
+    from gateway.service.build import Gateway
 
 
-class Reach(NamedTuple):
+class Routing(NamedTuple):
+    """A router, its routes, and the units for access rows that name no listener."""
+
+    router: Router
+    routes: Mapping[int, NamedTarget]
+    known_as: KnownAs
+
+
+class _Reach(NamedTuple):
     """The target of each unit identifier, the recipients of broadcasts, and the units for rows without listeners."""
 
     routes: Mapping[int, NamedTarget]
@@ -23,13 +39,63 @@ class Reach(NamedTuple):
     known_as: KnownAs
 
 
-def everything(routes: Mapping[int, NamedTarget], recipients: Collection[Recipient]) -> Reach:
+def routings(gateway: "Gateway") -> Iterator[Routing]:
+    """The routes of all routers of a gateway."""
+    plans, targets = gateway.plan.lines, _targets(gateway)
+    on_lines = [Recipient(line.every_device, one.broadcasts) for line, one in zip(gateway.lines, plans, strict=True)]
+    everyone = _everything(targets, [*on_lines, *map(_recipient, gateway.images)])
+    alone = {
+        one.line.name: _one_line(units.values(), recipient, targets)
+        for one, units, recipient in zip(plans, gateway.devices, on_lines, strict=True)
+    }
+    for router in (gateway.mqtt, gateway.sites, gateway.control, gateway.web):
+        yield Routing(router, everyone.routes, everyone.known_as)
+    for listener in gateway.listeners:
+        settings = listener.settings
+        reach = alone[settings.line] if settings.line else everyone
+        yield Routing(listener.router, _routes_of_listener(settings, reach, gateway.ring), reach.known_as)
+    for server in gateway.servers:
+        yield Routing(server.router, _routes_of_server(server.plan, everyone, gateway.ring), everyone.known_as)
+
+
+def _targets(gateway: "Gateway") -> dict[int, NamedTarget]:
+    """What answers for each unit of listeners that are not for one line."""
+    targets: dict[int, NamedTarget] = {image.settings.unit: image for image in gateway.images}
+    for units, plan in zip(gateway.devices, gateway.plan.lines, strict=True):
+        targets |= {unit: device for unit, device in units.items() if unit not in plan.own_units}
+    for upstream in gateway.upstreams:
+        targets |= upstream.devices
+    targets |= {driver.mirror.settings.unit: driver for driver in gateway.mirrors}
+    return targets
+
+
+def _routes_of_listener(settings: ListenSettings, reach: _Reach, ring: Ring) -> Mapping[int, NamedTarget]:
+    """Those it reaches; unit 0 is refused, goes to all recipients of broadcasts, or to another unit."""
+    routes, unit0 = reach.routes, settings.unit0
+    if unit0 == "broadcast":
+        return {**routes, BROADCAST_UNIT: Broadcast(reach.recipients, ring)}
+    return routes if unit0 == "refuse" else {**routes, BROADCAST_UNIT: routes[unit0]}
+
+
+def _routes_of_server(plan: ServerPlan, reach: _Reach, ring: Ring) -> Mapping[int, NamedTarget]:
+    """The units that a server line serves, and as unit 0 the recipients of its broadcasts."""
+    served = {unit: reach.routes[unit] for unit in plan.line.serves}
+    images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
+    recipients = {"images": images, "all": reach.recipients, "none": []}[plan.broadcast_to]
+    return {**served, BROADCAST_UNIT: Broadcast(recipients, ring)}
+
+
+def _recipient(image: Image) -> Recipient:
+    return Recipient(image, image.settings.profile.broadcasts)
+
+
+def _everything(routes: Mapping[int, NamedTarget], recipients: Collection[Recipient]) -> _Reach:
     """All units by their own numbers; the target of unit 255 takes broadcasts too."""
     is_served = SERVER_UNIT in routes
-    return Reach(routes, recipients, (*AS_NUMBERED[:SERVER_UNIT], (SERVER_UNIT,)) if is_served else AS_NUMBERED)
+    return _Reach(routes, recipients, (*AS_NUMBERED[:SERVER_UNIT], (SERVER_UNIT,)) if is_served else AS_NUMBERED)
 
 
-def one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, NamedTarget]) -> Reach:
+def _one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, NamedTarget]) -> _Reach:
     """The devices of a line by their addresses in the config; the first one if several have the same.
 
     A device that moves keeps the address in the config, as it keeps its unit.
@@ -38,7 +104,7 @@ def one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mappi
     for device in devices:
         if device.settings.unit != BROADCAST_UNIT:
             routes.setdefault(device.settings.unit, device)
-    return Reach(routes, [recipient], _known_as(devices, elsewhere))
+    return _Reach(routes, [recipient], _known_as(devices, elsewhere))
 
 
 def _known_as(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget]) -> KnownAs:

@@ -150,7 +150,7 @@ async def test_devices_keep_their_profile_limits_and_name() -> None:
         client = bench.client(listener=HALL)
         assert await client.asks(2, "04 0001 0001") == "84 01"
         assert await client.asks(2, "03 0001 0064") == "83 03"
-        assert {device.name for device in bench.gateway.ways[HALL].routes.values() if hasattr(device, "name")} >= {
+        assert {device.name for device in bench.gateway.routings[HALL].routes.values() if hasattr(device, "name")} >= {
             "silo"
         }
 
