@@ -1,4 +1,4 @@
-"""Whether checksums, provenance and SBOM are those of these files and of this commit."""
+"""Whether checksums, provenance, SBOM and tag are those of these files and of this commit."""
 
 import hashlib
 import json
@@ -33,6 +33,12 @@ def check_provenance(findings: Findings, dist: Path, listed: dict[str, str]) -> 
         if "gitCommit" in dependency["digest"]
     )
     findings.expect(source == commit_id(), f"{name}: made of commit {source}")
+
+
+def check_tags(findings: Findings, tags: list[str]) -> None:
+    """A tag of the commit names the version that was built: a release is fetched by its tag."""
+    for tag in tags:
+        findings.expect(tag == f"v{version()}", f"the tag {tag}: gateway/__init__.py says {version()}")
 
 
 def check_sbom(findings: Findings, dist: Path) -> None:

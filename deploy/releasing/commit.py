@@ -58,6 +58,11 @@ def version(commit: str = "HEAD") -> str:
     return re.findall(r'^__version__ = "(.*)"$', text, re.MULTILINE)[0]
 
 
+def tags() -> list[str]:
+    """The versions that the last commit is tagged with: `v1.2.3`."""
+    return git("tag", "--points-at", "HEAD", "v*").decode().split()
+
+
 def project(commit: str = "HEAD") -> dict[str, Any]:
     """What its pyproject.toml declares."""
     declared: dict[str, Any] = tomllib.loads(git("show", f"{commit}:pyproject.toml").decode())["project"]

@@ -10,7 +10,7 @@ import pytest
 
 from checking.contents import check_sdist, check_wheel
 from checking.findings import Findings
-from checking.statements import check_provenance, check_sums
+from checking.statements import check_provenance, check_sums, check_tags
 from releasing.commit import commit_id, export, version
 from releasing.packages import Workshop
 from releasing.statements import write_provenance, write_sums
@@ -82,6 +82,12 @@ def test_another_commit(dist):
     (statement,) = dist.glob("*.intoto.json")
     statement.write_text(statement.read_text().replace('"gitCommit": "', '"gitCommit": "0'))
     assert any("made of commit 0" in what for what in found(dist))
+
+
+def test_a_tag_that_is_not_the_version():
+    findings = Findings()
+    check_tags(findings, [f"v{version()}", "v9.9.9"])
+    assert findings.wrong == [f"the tag v9.9.9: gateway/__init__.py says {version()}"]
 
 
 @pytest.mark.parametrize(
