@@ -79,6 +79,8 @@ class MbapSession(Session):
                 return
             if self._under_way and (earlier := self._under_way.pop(adu.transaction, None)) is not None:
                 earlier.transaction = _GIVEN_UP
+            if self._out:
+                self._withdraw(adu.transaction)
             if self._limit == 0:  # no more requests are taken
                 continue
             self.last_asked = now
@@ -89,3 +91,10 @@ class MbapSession(Session):
             if not request.is_over:
                 self._under_way[adu.transaction] = request
         self._pause()
+
+    def _withdraw(self, transaction: int) -> None:
+        """Drop the response with this identifier, which was ready at once and is not sent yet."""
+        for number, response in enumerate(self._out):
+            if response[0] << 8 | response[1] == transaction:
+                del self._out[number]
+                return

@@ -280,6 +280,24 @@ def test_of_two_requests_with_one_identifier_only_the_later_one_gets_a_response(
     assert client.session.is_idle
 
 
+def test_of_requests_with_one_identifier_that_are_answered_at_once_only_the_latest_gets_a_response(
+    client: Client,
+) -> None:
+    client.target.at_once = True
+    client.ask(5, 0, 0)
+    assert b"".join(client.connection.sent) == encode(5, 7, RESPONSE) + encode(0, 7, RESPONSE)
+
+
+def test_a_response_that_was_ready_at_once_is_withdrawn_for_a_later_request_that_waits(client: Client) -> None:
+    client.target.submit = lambda request, now: (  # type: ignore[method-assign]
+        client.target.requests.append(request) or (request.unit == 8 and request.respond(OTHER_RESPONSE))
+    )
+    client.send(encode(0, 8, READ) + encode(0, 7, READ))
+    assert client.connection.sent == []
+    client.target.requests[1].respond(RESPONSE)
+    assert client.connection.sent == [encode(0, 7, RESPONSE)]
+
+
 def test_a_request_while_the_session_finishes_shows_that_the_one_with_its_identifier_is_given_up(
     client: Client,
 ) -> None:
