@@ -22,10 +22,8 @@ from gateway.errors import ConfigError
 if TYPE_CHECKING:
     from gateway.config.plan import Plan
 
-#: How long the process may take at the start of the gateway, in seconds. A slow machine that boots is busy.
-STARTING_TIME: Final = 60.0
-#: How long it may take for a gateway that runs, in seconds.
-READING_TIME: Final = 20.0
+#: How long the process may take, in seconds. A slow machine may be busy, as when it boots.
+READING_TIME: Final = 60.0
 
 #: How long it may take to end once it is killed, in seconds.
 _ENDING_TIME: Final = 1.0

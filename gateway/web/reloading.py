@@ -8,7 +8,7 @@ from gateway.web.answers import Answers
 from gateway.web.problems import ProblemError
 
 #: It takes no longer than this, in seconds.
-RELOAD_TIME: Final = 45.0
+RELOAD_TIME: Final = 85.0
 
 
 async def reload(answers: Answers) -> Mapping[str, Any]:

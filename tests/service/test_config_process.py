@@ -17,11 +17,6 @@ NOTHING = ConfigRead(None, ())
 EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
 
 
-@pytest.fixture(autouse=True)
-def _busy_machines_are_slow(monkeypatch):
-    monkeypatch.setattr("gateway.service.config_process.READING_TIME", 120.0)
-
-
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
 def test_a_plan_is_packed_as_it_is(file):
     read = read_here(file)
