@@ -77,7 +77,7 @@ class BootedSystem:
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:
         """Run a command in it, as root."""
         inside = ["nsenter", "--target", str(self.leader), "--all", *words]
-        return subprocess.run(inside, capture_output=True, text=True, timeout=60, check=False)
+        return subprocess.run(inside, capture_output=True, text=True, timeout=PATIENCE, check=False)
 
     def done(self, *words: str) -> str:
         """What a command prints that has to succeed."""

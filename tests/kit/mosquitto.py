@@ -1,6 +1,7 @@
 """Debian's mosquitto: a real broker on a port of its own, and programs that publish and listen there."""
 
 import asyncio
+import itertools
 import json
 import shutil
 import signal
@@ -9,7 +10,7 @@ import ssl
 import subprocess
 import threading
 import time
-from collections.abc import Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
@@ -77,6 +78,13 @@ class Mosquitto:
         """What it has logged."""
         return self._log.read_text(errors="replace")
 
+    def wait_for_log(self, text: str) -> None:
+        """Wait until it has logged this."""
+        deadline = time.monotonic() + PATIENCE
+        while text not in self.log:
+            assert time.monotonic() < deadline, self.log
+            time.sleep(0.02)
+
     def publish(self, topic: str, payload: str, *options: str) -> None:
         """Publish a message, with QoS 1."""
         command = ["mosquitto_pub", "-p", str(self.port), "-q", "1", "-t", topic, "-m", payload, *options]
@@ -97,17 +105,26 @@ class Heard(NamedTuple):
 
 
 class Subscriber:
-    """mosquitto_sub: everything that a broker publishes below `topic`. `latest` is the last payload of each topic."""
+    """mosquitto_sub: everything that a broker publishes below `topic`, from the beginning of its context on.
+
+    `latest` is the last payload of each topic.
+    """
+
+    _numbers = itertools.count(1)
 
     def __init__(self, broker: Mosquitto, topic: str = "#", options: tuple[str, ...] = ()) -> None:
         self.heard: list[Heard] = []
+        self._broker = broker
+        self._name = f"subscriber-{next(self._numbers)}"
         self._messages: Queue[Heard | None] = Queue()
-        self._command = ["mosquitto_sub", "-p", str(broker.port), "-q", "1", "-t", topic, "-F", "%j", *options]
+        own = ("-p", str(broker.port), "-i", self._name)
+        self._command = ["mosquitto_sub", *own, "-q", "1", "-t", topic, "-F", "%j", *options]
 
     def __enter__(self) -> Self:
         self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, text=True)
         self._reader = threading.Thread(target=self._read, name="subscriber")
         self._reader.start()
+        self._broker.wait_for_log(f"Sending SUBACK to {self._name}")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -119,7 +136,7 @@ class Subscriber:
     @property
     def latest(self) -> Mapping[str, str]:
         """The last payload of each topic, of what was heard so far."""
-        return {each.topic: each.payload for each in self.heard}
+        return {each.topic: each.payload for each in list(self.heard)}
 
     def wait_for(self, topic: str, payload: str | None = None, **content: object) -> Heard:
         """The next message on a topic with this payload, or with this content as JSON."""
@@ -134,6 +151,13 @@ class Subscriber:
                 continue
             if not content or content.items() <= found.content.items():
                 return found
+
+    def wait_until(self, is_so: Callable[[], object]) -> None:
+        """Wait until something is so with what was heard."""
+        deadline = time.monotonic() + PATIENCE
+        while not is_so():
+            assert time.monotonic() < deadline, self.heard[-50:]
+            time.sleep(0.02)
 
     def _read(self) -> None:
         for line in self._process.stdout:

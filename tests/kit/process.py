@@ -16,7 +16,7 @@ from typing import Any, Self
 from kit.prepared import Preparation, PreparedProcess
 
 #: How long a process may take for anything, in seconds. Real machines are slow at times.
-PATIENCE = 60.0
+PATIENCE = 120.0
 
 COMMAND = [sys.executable, "-P", "-m", "gateway.cli.main"]
 
@@ -149,6 +149,10 @@ class GatewayProcess:
                 raise AssertionError(f"no event {event}; log: {self.log}, {self.rest}") from None
             if found["event"] == event:
                 return found
+
+    def first(self, event: str) -> dict[str, Any]:
+        """The first event of this name since the start, also one from before `ready`."""
+        return next((each for each in list(self.log) if each["event"] == event), None) or self.wait_for(event)
 
     def signal(self, number: signal.Signals) -> None:
         self._process.send_signal(number)

@@ -1,6 +1,7 @@
 """Rights in a real process: clients from several addresses, who is let in, who may write, and what is told of it."""
 
 import socket
+import time
 from pathlib import Path
 
 import pytest
@@ -109,7 +110,7 @@ def test_without_rows_clients_from_elsewhere_only_read(tmp_path: Path) -> None:
 
 def test_who_may_only_read_does_not_fill_the_journal_with_refused_writes(tmp_path: Path) -> None:
     """Writes to all units, as fast as they are refused: a few lines, which tell of all of them."""
-    count = 20_000
+    count, began = 20_000, time.monotonic()
     with GatewayProcess(tmp_path, CONFIG + ROWS) as gateway:
         with tcp(gateway, "127.0.0.2") as reader:
             reader.settimeout(PATIENCE)
@@ -120,10 +121,11 @@ def test_who_may_only_read_does_not_fill_the_journal_with_refused_writes(tmp_pat
                     left -= len(reader.recv(left))
         assert gateway.stop() == 0
     told = [event for event in gateway.log if event["event"] == "write_audit"]
-    assert len(told) <= 10
+    tens = (time.monotonic() - began) / 10  # of seconds: in each of them a line or two
+    assert len(told) <= 4 + 2 * tens
     dropped = sum(event["write_audits"] for event in gateway.log if event["event"] == "events_dropped")
     assert sum(event.get("suppressed", 1) for event in told) + dropped == count
-    assert len(gateway.log) < 400
+    assert len(gateway.log) < 400 * (1 + tens)
 
 
 def test_each_of_many_writes_is_told_or_counted_as_missing(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from kit.process import PATIENCE
+
 TESTS = Path(__file__).parents[1]
 FAULTS = ("wrong", "lost", "exceptions", "line faults")
 
@@ -23,7 +25,7 @@ def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:
     shutil.copy(TESTS / "kit" / "naive_gateway.py", package / "main.py")
     bench = [sys.executable, TESTS / "bench" / "bench.py", "line19200", "--rounds", "1", "--seconds", "1"]
     own = os.environ | environment | {"PYTHONPATH": str(folder)}
-    ended = subprocess.run(bench, capture_output=True, text=True, check=False, timeout=50, env=own)
+    ended = subprocess.run(bench, capture_output=True, text=True, check=False, timeout=PATIENCE, env=own)
     titles, _, cells = ([cell.strip() for cell in row.split("|")] for row in ended.stdout.splitlines())
     return ended.returncode, [int(cells[titles.index(fault)]) for fault in FAULTS]
 

@@ -32,7 +32,7 @@ def control(tmp_path: Path) -> Iterator[str]:
 
 
 def test_bench_shows_what_a_line_can_carry_and_status_who_uses_it(control: str) -> None:
-    done = command("bench", "hall", "--for", "2s", "--items", "5", "--json", "--control", control)
+    done = command("bench", "hall", "--for", "4s", "--items", "5", "--json", "--control", control)
     result = json.loads(done.stdout)
     assert done.returncode == 0, done.stderr
     (read,) = result["reads"]
@@ -41,7 +41,7 @@ def test_bench_shows_what_a_line_can_carry_and_status_who_uses_it(control: str) 
     assert (result["exceptions"], result["failed"], result["others"]) == (0, 0, 0)
     (line,) = json.loads(command("status", "--json", "--control", control).stdout)["lines"]
     assert [(user["client"], user["device"], user["function"]) for user in line["users"]] == [("control", "axis-1", 3)]
-    shown = command("bench", "hall", "--unit", "axis-1", "--for", "1s", "--control", control)
+    shown = command("bench", "hall", "--unit", "axis-1", "--for", "3s", "--control", control)
     assert "by arithmetic" in shown.stdout
     assert "measured is " in shown.stdout
 

@@ -100,6 +100,7 @@ def test_reload_says_what_it_changed_and_touches_nothing_else(tmp_path: Path, co
         client.sendall(bytes.fromhex("0001 0000 0006 C8 03 0000 0001"))
         assert client.recv(260) == bytes.fromhex("0001 0000 0005 C8 03 02 0000")
         assert asked(client) == RIGHT
+        assert gateway.stop() == 0
         assert [event["event"] for event in gateway.log].count("line_up") == 1
 
 

@@ -132,7 +132,7 @@ async def test_bytes_go_both_ways(server, user):
 
 
 async def test_what_the_server_still_held_for_somebody_else_is_not_heard(server, user):
-    opening = asyncio.create_task(open_tcp(settings_of(server, latency=0.3), user))
+    opening = asyncio.create_task(open_tcp(settings_of(server, latency=2.0), user))
     with closing(await accepted(server)) as far_end:
         far_end.send(b"late answer")
         port = await opening
@@ -225,7 +225,7 @@ async def test_an_attempt_that_is_given_up_leaves_nothing_open(server, user):
 
 async def test_a_server_that_serves_somebody_else_is_told_apart(server, user):
     """ser2net says a line of text and closes; others just close."""
-    opening = asyncio.create_task(why_not(settings_of(server, latency=0.4), user))
+    opening = asyncio.create_task(why_not(settings_of(server, latency=2.0), user))
     with closing(await accepted(server)) as far_end:
         far_end.send(b"Port already in use\r\n")
     assert (await opening).endswith("takes the connection and closes it at once: is somebody else connected?")

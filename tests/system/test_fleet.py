@@ -165,15 +165,15 @@ def test_any_unit_from_anywhere_with_the_rights_of_the_sender(fleet: Fleet) -> N
 
 def test_all_sites_are_shown_also_one_that_has_left(fleet: Fleet) -> None:
     deadline = time.monotonic() + PATIENCE
-    while {"control", "plant-1", "plant-3"} - fleet.status().keys():
+    while {name: each["state"] for name, each in fleet.status().items()} != dict.fromkeys(fleet.gateways, "up"):
         assert time.monotonic() < deadline
         time.sleep(0.2)
-    assert {each["state"] for each in fleet.status().values()} == {"up"}
     assert fleet.gateways["plant-1"].stop() == 0
-    left = fleet.status()["plant-1"]
-    assert left["state"] == "left"
+    while (left := fleet.status()["plant-1"])["state"] != "left":
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
     assert 0 <= left["for_s"] < PATIENCE
-    assert ask(fleet.control, 41, READ).pdu == "83 0A"
+    assert ask_until(fleet.control, 41, READ, "83 0A")
 
 
 def test_an_owner_that_is_killed_leaves_no_wrong_answer_and_no_late_write(fleet: Fleet) -> None:
@@ -259,5 +259,5 @@ def test_a_gateway_stops_in_time_while_nats_says_nothing(fleet: Fleet) -> None:
     fleet.hub.halt()
     began = time.monotonic()
     assert fleet.control.stop() == 0
-    assert time.monotonic() - began < 15
+    assert time.monotonic() - began < PATIENCE / 2
     fleet.hub.resume()

@@ -62,6 +62,7 @@ def test_the_links_of_a_panel_lead_to_pages_of_a_panel(browser: Any, tmp_path: P
     with GatewayProcess(tmp_path, config(port, "hall")), watched(browser) as page:
         page.goto(f"http://127.0.0.1:{port}/?kiosk")
         page.get_by_role("link", name="hall").first.click()
+        page.wait_for_url("**/lines/hall*")
         assert page.locator("h1").inner_text() == "Line hall"
         assert page.locator("header, nav, footer").count() == 0
 
@@ -114,10 +115,10 @@ def test_a_panel_needs_no_scrolling(browser: Any, tmp_path: Path, width: int, he
         page.goto(f"http://127.0.0.1:{port}/?kiosk&lang={language}")
         until(page, lambda: page.locator("figure.strip canvas").count() == 10)
         page.wait_for_timeout(1000)
+        until(page, lambda: page.locator("table.heat tbody tr").count() == 12)
         assert page.evaluate("document.documentElement.scrollHeight") <= height
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.evaluate(CUT_OFF) == []
-        assert page.locator("table.heat tbody tr").count() == 12
         assert axe_findings(page) == []
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from kit.link import Link
 from kit.nats import NatsServer, needs_nats
+from kit.process import PATIENCE
 
 pytestmark = needs_nats
 
@@ -16,7 +17,7 @@ class Plain:
     """A connection in the text of the NATS protocol; its deadline is that of its socket."""
 
     def __init__(self, port: int, **options: object) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", port), timeout=20.0)
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
         self.lines = self._socket.makefile("rb")
         self.info = json.loads(self.lines.readline().removeprefix(b"INFO "))
         self.send(f"CONNECT {json.dumps({'verbose': False, **options})}", "PING")
@@ -97,7 +98,7 @@ def test_a_link_is_cut_and_mended(server):
         assert client.hears() == "PONG"
         link.cut()
         assert client.hears() == ""
-        with socket.create_connection(("127.0.0.1", link.port), timeout=20.0) as refused:
+        with socket.create_connection(("127.0.0.1", link.port), timeout=PATIENCE) as refused:
             assert refused.recv(1) == b""
         link.mend()
         again = Plain(link.port)

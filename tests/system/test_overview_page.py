@@ -110,7 +110,7 @@ def test_the_keyboard_tells_the_same(seen: SimpleNamespace, address: str) -> Non
 def test_a_unit_leads_to_its_page(seen: SimpleNamespace, address: str) -> None:
     seen.page.goto(address)
     shown_row(seen.page).get_by_role("link", name="silo-1").click()
-    assert urlsplit(seen.page.url).path == "/units/silo-1"
+    seen.page.wait_for_url("**/units/silo-1")
 
 
 def test_the_busy_share_is_drawn_over_a_day_and_a_week(seen: SimpleNamespace, address: str) -> None:

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -71,6 +72,7 @@ def pymodbus_server() -> Iterator[str]:
                     break
                 except ConnectionRefusedError:
                     assert process.poll() is None
+                    time.sleep(0.05)
             yield f"127.0.0.1:{number}"
         finally:
             process.kill()
@@ -118,6 +120,7 @@ def test_points_count_after_a_reload_and_the_line_stays_open(tmp_path: Path, por
         gateway.config.write_text(gateway.config.read_text().replace('name = "own"', 'name = "number"'))
         assert command("reload", *at).stdout == f"nothing has changed in {gateway.config}\n"
         assert values("silo-1", "number", *at) == [1]
+        assert gateway.stop() == 0
         assert [event["event"] for event in gateway.log].count("line_up") == 1
 
 

@@ -22,13 +22,14 @@ from gateway.errors import PortClosed, PortError
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import open_serial
 from gateway.timing.characters import CharacterFormat
+from kit.patient_clock import PatientClock
 from kit.process import PATIENCE
 from kit.pty import VirtualPort
 
 TRANSPORTS = {"pyserial-asyncio": open_serial}
-#: What happens by itself takes less, in seconds, on a busy machine too.
+#: What happens by itself takes less, in seconds of a patient clock.
 AT_ONCE = 2.0
-#: What a port that is closed takes at most when its driver takes nothing any more, in seconds.
+#: What a port that is closed takes at most when its driver takes nothing any more, in such seconds.
 CLOSED_WITHIN = 5.0
 #: More than a terminal takes while nobody reads it, in bytes; a port keeps that much, and much more is a loss.
 A_LOT = 20 * 1024
@@ -134,15 +135,13 @@ def arrived(virtual, size):
         time.sleep(0.001)
 
 
-async def longest_turn(condition):
-    """Wait for a condition; the longest time that the loop was held up meanwhile, in seconds."""
-    longest, turn = 0.0, time.monotonic()
-    deadline = turn + PATIENCE
+async def longest_turn(clock, condition):
+    """Wait for a condition; the longest time that the loop was held up meanwhile, in seconds of this clock."""
+    longest, turn = 0.0, clock.seconds
     while not condition():
         await asyncio.sleep(0.001)
-        now = time.monotonic()
+        now = clock.seconds
         longest, turn = max(longest, now - turn), now
-        assert now < deadline, "not within the time"
     return longest
 
 
@@ -387,10 +386,10 @@ async def test_a_rate_that_cannot_be_set_any_more_is_a_loss(opened, virtual, use
 
 async def test_unplugging_is_told_once_and_at_once(opened, virtual, user):
     async with opened() as port:
-        unplugged_at = time.monotonic()
-        virtual.unplug()
-        await until(lambda: user.losses)
-        assert time.monotonic() - unplugged_at < AT_ONCE
+        with PatientClock() as clock:
+            virtual.unplug()
+            await until(lambda: user.losses)
+            assert clock.seconds < AT_ONCE
         port.write(b"into the void")
         port.read_now()
         port.close()
@@ -504,12 +503,12 @@ async def test_what_was_written_is_sent_before_the_port_closes(opened, virtual, 
 async def test_a_port_that_takes_nothing_closes_all_the_same_and_holds_up_nobody(transport, virtual, user):
     port = await transport(settings(virtual.path), user)
     port.write(bytes(A_LOT))
-    closed_at = time.monotonic()
-    port.close()
-    assert time.monotonic() - closed_at < AT_ONCE
-    closing = asyncio.create_task(port.wait_closed(), name="wait_closed")
-    assert await longest_turn(closing.done) < AT_ONCE
-    assert time.monotonic() - closed_at < CLOSED_WITHIN
+    with PatientClock() as clock:
+        port.close()
+        assert clock.seconds < AT_ONCE
+        closing = asyncio.create_task(port.wait_closed(), name="wait_closed")
+        assert await asyncio.wait_for(longest_turn(clock, closing.done), PATIENCE) < AT_ONCE
+        assert clock.seconds < CLOSED_WITHIN
     assert len(user.losses) == 1
 
 

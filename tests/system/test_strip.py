@@ -23,9 +23,9 @@ def test_the_strip_shows_transactions_as_they_come(page: Any, address: str) -> N
     wait_for_rows(page)
     first = rows.first.inner_text()
     until(page, lambda: rows.first.inner_text() != first)
-    assert drawn(page) > 1000
-    assert re.search(r"[\d.]+ requests/s", page.locator(".summary").inner_text())
-    assert "73 drive-73" in page.locator(".legend:not(.heat)").inner_text()
+    until(page, lambda: drawn(page) > 1000)
+    until(page, lambda: re.search(r"[\d.]+ requests/s", page.locator(".summary").inner_text()))
+    until(page, lambda: "73 drive-73" in page.locator(".legend:not(.heat)").inner_text())
 
 
 def wait_for_rows(page: Any) -> None:
@@ -51,13 +51,17 @@ def test_a_transaction_is_reached_by_keyboard_and_its_frames_are_decoded(page: A
     wait_for_rows(page)
     page.wait_for_timeout(1500)
     page.locator("figure.strip .plot > canvas").focus()  # another plot may be there before it
-    page.keyboard.press("ArrowLeft")
-    text = page.locator(".detail").inner_text()
-    for each in ("read holding 0-1", "00 02\ncount 2", "C4 0B\nCRC", "45 9C 3D 51", "FE 7D\nCRC", "limit"):
-        assert each in text
-    assert page.get_by_role("button", name="Live").is_visible()
+
+    def is_decoded() -> bool:
+        page.keyboard.press("ArrowLeft")  # again: on a busy machine some get no answer
+        text = page.locator(".detail").inner_text()
+        parts = ("read holding 0-1", "00 02\ncount 2", "C4 0B\nCRC", "45 9C 3D 51", "FE 7D\nCRC", "limit")
+        return all(each in text for each in parts)
+
+    until(page, is_decoded)
+    page.get_by_role("button", name="Live").wait_for()
     page.keyboard.press("End")
-    assert page.get_by_role("button", name="Pause").is_visible()
+    page.get_by_role("button", name="Pause").wait_for()
 
 
 def test_it_is_pointed_at_paused_and_zoomed(page: Any, address: str) -> None:
@@ -73,12 +77,17 @@ def test_it_is_pointed_at_paused_and_zoomed(page: Any, address: str) -> None:
     page.mouse.click(box["x"] + x, box["y"] + 90)
     page.mouse.move(5, 5)
     assert "read holding" in page.locator(".detail").inner_text()
-    assert page.locator(".controls .span").inner_text() == "10 s"
+    spans(page, "10 s")
     page.get_by_role("button", name="Zoom in").click()
-    assert page.locator(".controls .span").inner_text() == "5 s"
+    spans(page, "5 s")
     page.mouse.move(box["x"] + 500, box["y"] + 90)
     page.mouse.wheel(0, 300)
-    assert page.locator(".controls .span").inner_text() == "6.3 s"
+    spans(page, "6.3 s")
+
+
+def spans(page: Any, time: str) -> None:
+    """Wait until the strip shows so much."""
+    until(page, lambda: page.locator(".controls .span").inner_text() == time)
 
 
 def test_fingers_move_and_pinch_it(browser: Any, address: str) -> None:
@@ -93,17 +102,18 @@ def test_fingers_move_and_pinch_it(browser: Any, address: str) -> None:
             send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
         span = page.locator(".controls .span")
-        assert (span.inner_text(), page.get_by_role("button", name="Pause").count()) == ("10 s", 1)
+        spans(page, "10 s")
+        page.get_by_role("button", name="Pause").wait_for()
         touch("touchStart", 300)
         for x in range(300, 500, 20):
             touch("touchMove", x)
         touch("touchEnd")
-        assert page.get_by_role("button", name="Live").count() == 1
+        page.get_by_role("button", name="Live").wait_for()
         touch("touchStart", 300, 400)
         for x in range(0, 100, 10):
             touch("touchMove", 300 - x, 400 + x)
         touch("touchEnd")
-        assert 3 < float(span.inner_text().removesuffix(" s")) < 4.5
+        until(page, lambda: 3 < float(span.inner_text().removesuffix(" s")) < 4.5)
 
 
 def test_keys_move_it(page: Any, address: str) -> None:
@@ -111,17 +121,16 @@ def test_keys_move_it(page: Any, address: str) -> None:
     wait_for_rows(page)
     page.locator("figure.strip .plot > canvas").focus()  # another plot may be there before it
     page.keyboard.press("PageUp")
-    assert page.get_by_role("button", name="Live").is_visible()
+    page.get_by_role("button", name="Live").wait_for()
     page.keyboard.press("+")
-    assert page.locator(".controls .span").inner_text() == "5 s"
+    spans(page, "5 s")
     page.keyboard.press(" ")
-    assert page.get_by_role("button", name="Pause").is_visible()
+    page.get_by_role("button", name="Pause").wait_for()
 
 
 def test_each_line_of_the_overview_has_a_strip_that_outlives_the_renewal(page: Any, address: str) -> None:
     page.goto(address)
-    page.wait_for_selector("figure.strip canvas")
-    assert page.locator("figure.strip canvas").count() == 7
+    until(page, lambda: page.locator("figure.strip canvas").count() == 7)
     page.evaluate("document.querySelector('figure.strip canvas').id = 'kept'")
     page.evaluate("document.querySelector('h2#lines').parentElement.id = 'old'")
     until(page, lambda: page.locator("#old").count() == 0)
@@ -131,8 +140,12 @@ def test_each_line_of_the_overview_has_a_strip_that_outlives_the_renewal(page: A
 def test_without_javascript_the_last_transactions_are_there(address: str, browser: Any) -> None:
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
-    page.goto(f"{address}/lines/silo")
-    assert page.locator("table[data-trace] tbody tr").count() > 3
+
+    def has_rows() -> bool:
+        page.goto(f"{address}/lines/silo")
+        return page.locator("table[data-trace] tbody tr").count() > 3
+
+    until(page, has_rows)
     assert "read holding 0-1" in page.locator("table[data-trace]").inner_text()
     assert page.locator("figure.strip").is_hidden()
     context.close()

@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 
 from kit.booted import SERVICE, SOCKET, UNITS
+from kit.process import PATIENCE
 
 pytestmark = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd on this machine")
 
 
 def analyze(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(["systemd-analyze", *words], capture_output=True, text=True, timeout=30, check=False)
+    return subprocess.run(["systemd-analyze", *words], capture_output=True, text=True, timeout=PATIENCE, check=False)
 
 
 def test_systemd_finds_nothing_wrong_with_them(tmp_path: Path) -> None:

@@ -330,7 +330,7 @@ async def test_unknown_clients_leave_the_reserve_to_those_whom_rows_name() -> No
 
 
 async def test_an_idle_client_is_closed_and_a_busy_one_is_left_alone() -> None:
-    async with listening(idle=1.0) as bench:
+    async with listening(idle=3.0) as bench:
         busy, idle = await bench.client(), await bench.client()
         busy.ask(PATIENT)
         assert await idle.is_closed()
@@ -392,7 +392,8 @@ async def test_a_client_that_reads_nothing_is_dropped(monkeypatch: pytest.Monkey
         assert await healthy.is_open()
 
 
-async def test_a_half_closed_client_that_reads_slowly_gets_everything() -> None:
+async def test_a_half_closed_client_that_reads_slowly_gets_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session_module, "TAKING_DEADLINE", PATIENCE)
     async with listening() as bench:
         slow = await bench.client(small_window=True)
         slow.ask(count=400)
@@ -800,7 +801,7 @@ async def test_a_defect_ends_its_own_connection_only_whatever_it_speaks(scheme: 
 
 
 async def test_idle_clients_and_those_beyond_the_bound_are_treated_as_for_modbus_tcp(scheme: str) -> None:
-    async with listening(scheme=scheme, clients=1, idle=1.0) as bench:
+    async with listening(scheme=scheme, clients=1, idle=3.0) as bench:
         first = await bench.client()
         second = await bench.client()
         assert await first.is_closed()

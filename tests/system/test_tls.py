@@ -10,7 +10,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -161,17 +161,29 @@ def test_a_client_is_disconnected_when_its_certificate_expires(tmp_path: Path) -
     with (
         GatewayProcess(tmp_path, listener() + IMAGE, level="debug") as gateway,
         connected(gateway.port, client_context(OPERATOR)) as other,
-        ExitStack() as stack,
     ):
-        end = datetime.now(UTC) + timedelta(seconds=8)
-        signed(tmp_path, "brief", at=f"-startdate 20200101000000Z -enddate {end:%Y%m%d%H%M%SZ}")
-        client = stack.enter_context(connected(gateway.port, client_context("brief", tmp_path)))
-        assert asks(client, READ) == "03020000"
+        # A machine may be so busy that a certificate expires before it is used.
+        assert any(is_disconnected_in_time(gateway, tmp_path, seconds) for seconds in (8, 30, 90))
+        assert asks(other, READ) == "03020000"
+
+
+def is_disconnected_in_time(gateway: GatewayProcess, folder: Path, seconds: float) -> bool:
+    """Whether the certificate of a client expires in so many seconds, and not before it has asked."""
+    end = datetime.now(UTC) + timedelta(seconds=seconds)
+    name = f"brief-{seconds}"
+    signed(folder, name, at=f"-startdate 20200101000000Z -enddate {end:%Y%m%d%H%M%SZ}")
+    with (
+        suppress(ssl.SSLError, ConnectionError),
+        connected(gateway.port, client_context(name, folder)) as client,
+    ):
+        if asks(client, READ) != "03020000":
+            return False
         client.settimeout(PATIENCE)
         assert client.recv(1) == b""
         assert datetime.now(UTC) >= end.replace(microsecond=0)
         assert gateway.wait_for("client_closed")["reason"] == "its certificate has expired"
-        assert asks(other, READ) == "03020000"
+        return True
+    return False
 
 
 def test_a_revoked_certificate_and_that_of_another_authority(tmp_path: Path) -> None:
@@ -499,7 +511,7 @@ def test_a_server_that_cannot_be_trusted_or_does_not_trust_us(
     gateway: GatewayProcess, tmp_path: Path, name: str, changes: dict[str, str], why: str
 ) -> None:
     with GatewayProcess(tmp_path, upstream(gateway.port, name, **changes)) as near:
-        lost = next(each for each in near.log if each["event"] == "line_lost")
+        lost = near.first("line_lost")
         assert "TLS failed" in lost["reason"]
         assert why in lost["reason"]
         with socket.create_connection(("127.0.0.1", near.port), PATIENCE) as client:

@@ -107,7 +107,7 @@ def test_a_page_outlives_its_renewal_without_a_complaint(page: Any, address: str
     heading = page.locator("h1").inner_text()
     page.wait_for_timeout(6000)
     assert page.locator("h1").inner_text() == heading
-    assert page.locator("main.stale").count() == 0
+    until(page, lambda: page.locator("main.stale").count() == 0)  # on a busy machine a renewal may be late
     assert page.locator(f'nav a[href="{path}"][aria-current=page]').count() == 1
 
 
@@ -123,8 +123,12 @@ def test_a_page_fits_on_a_phone(address: str, browser: Any, path: str) -> None:
 def test_without_javascript_all_of_it_is_there(address: str, browser: Any) -> None:
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
-    page.goto(f"{address}/traffic?line=silo&result=ok")
-    assert rows(page).count() > 3
+
+    def has_rows() -> bool:
+        page.goto(f"{address}/traffic?line=silo&result=ok")
+        return rows(page).count() > 3
+
+    until(page, has_rows)
     rows(page).first.locator("summary").click()
     assert "03 00 00 00 02" in rows(page).first.inner_text()
     for path, text in [("/health", "From normal traffic"), ("/clients", "127.0.0.1:"), ("/config", "[[line]]")]:

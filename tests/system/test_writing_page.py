@@ -118,6 +118,7 @@ def test_a_write_shows_old_and_new_asks_arrives_once_and_is_audited(gateway, pag
     page.go_forward()
     page.get_by_role("heading", name="It is written").wait_for()
     assert heard() == ["06" + "0000" + "007d"]
+    until(lambda: len(audits(gateway)) > before, page)
     (audit,) = audits(gateway)[before:]
     assert (audit["client"], audit["listener"], audit["unit"], audit["result"]) == (
         "web:anna@127.0.0.1",
