@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.last import NOW, Last
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +17,7 @@ class BrokerEvidence:
     devices: int
     available: int
     refused: int
+    last_refused: Last = NOW
 
 
 def about_broker(broker: BrokerEvidence) -> Iterator[Finding]:
@@ -24,7 +26,7 @@ def about_broker(broker: BrokerEvidence) -> Iterator[Finding]:
     if broker.reason:
         yield Finding("fix", about, f"nothing is published: {broker.reason}", f"see [mqtt] in {broker.source}")
     elif broker.refused:
-        what = f"has refused {broker.refused} messages"
-        yield Finding("fix", about, what, "give the user of the gateway the right to publish there")
+        what = f"has refused {broker.refused} messages{broker.last_refused}"
+        yield Finding(broker.last_refused.level, about, what, "give the user of the gateway the right to publish there")
     else:
         yield Finding("ok", about, f"takes the values of {broker.available} of {broker.devices} devices")

@@ -18,9 +18,11 @@ def about_client(client: ClientEvidence) -> Iterator[Finding]:
         return
     about = f"client {client.host} of {client.listener}"
     waited = show_duration(client.waited)
-    what = f"closed its connection {client.left} times before its response came, the last time after {waited}"
+    what = (
+        f"closed its connection {client.left} times before its response came, the last time after {waited}{client.last}"
+    )
     if client.waited < client.longest_wait:
         longest = show_duration(ceil(client.longest_wait * 10) / 10)
-        yield Finding("fix", about, what, f"set the time-out of this client above {longest}")
+        yield Finding(client.last.level, about, what, f"set the time-out of this client above {longest}")
     else:
         yield Finding("note", about, what)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from gateway.diagnosis.last import NOW, Last
 from gateway.ports.port import CharacterErrors
 
 
@@ -59,7 +60,8 @@ class UnitEvidence:
     the last one, 0 before the first request, and `limit_share` what 99 of 100 answers took of theirs. `twice` are
     answers that came a second time. `instead` is what was received lately in place of answers. The last `in_a_row`
     requests failed. The last answer came so many seconds `ago`, None if none did. Of units that are not `is_configured`
-    only clients say that they exist.
+    only clients say that they exist. `last_failed` is the last request without a valid response, `last_bad` that with
+    a bad frame, `last_late` the last late answer and `last_twice` the last one that came a second time.
     """
 
     unit: int
@@ -81,6 +83,10 @@ class UnitEvidence:
     in_a_row: int = 0
     ago: float | None = None
     is_configured: bool = True
+    last_failed: Last = NOW
+    last_bad: Last = NOW
+    last_late: Last = NOW
+    last_twice: Last = NOW
 
     @property
     def asked(self) -> int:
@@ -124,9 +130,9 @@ class LineEvidence:
     """A client line. `reason` says why it is down, or why it `is_standby`; it is empty while the line is up.
 
     `sent` requests have left; `copies` of them came back, of the last `copies_in_a_row` each. `others` are requests of
-    other clients that were heard. The last ones were heard `copied_ago` and `others_ago`, in seconds, and so many
-    requests were sent since then.
-    `errors` are what the driver says of received characters, None where it does not count them.
+    other clients that were heard; `last_copy` and `last_other` are the last ones.
+    `errors` are what the driver says of received characters, None where it does not count them. `last_parity` and
+    `last_framing` are the last ones of these.
     """
 
     name: str
@@ -141,12 +147,12 @@ class LineEvidence:
     sent: int = 0
     copies: int = 0
     copies_in_a_row: int = 0
-    copied_ago: float = 0.0
-    sent_since_copy: int = 0
+    last_copy: Last = NOW
     others: int = 0
-    others_ago: float = 0.0
-    sent_since_other: int = 0
+    last_other: Last = NOW
     errors: CharacterErrors | None = None
+    last_parity: Last = NOW
+    last_framing: Last = NOW
     units: tuple[UnitEvidence, ...] = ()
     search: Search | None = None
 
@@ -167,7 +173,7 @@ class LineEvidence:
 
 @dataclass(frozen=True, slots=True)
 class ClientEvidence:
-    """A client address. Its clients `left` so often before their response, the last one after `waited` seconds.
+    """A client address. Its clients `left` so often before their response, the `last` one after `waited` seconds.
 
     A response may take up to `longest_wait`.
     """
@@ -177,3 +183,4 @@ class ClientEvidence:
     left: int
     waited: float
     longest_wait: float
+    last: Last = NOW

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.last import NOW, Last
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +19,7 @@ class FleetEvidence:
     reason: str
     unseen: str
     dropped: int
+    last_dropped: Last = NOW
 
 
 def about_fleet(fleet: FleetEvidence) -> Iterator[Finding]:
@@ -30,5 +32,8 @@ def about_fleet(fleet: FleetEvidence) -> Iterator[Finding]:
     if fleet.unseen:
         yield Finding("note", about, f"status --fleet does not show this site: {fleet.unseen}", place)
     if fleet.dropped:
-        what = f"{fleet.dropped} requests came under the name of another site, or for its answers; none was carried out"
-        yield Finding("fix", about, what, "give each site the permissions of docs/fleet.md, and no others")
+        counted = f"{fleet.dropped} requests came under the name of another site, or for its answers"
+        what = f"{counted}{fleet.last_dropped}; none was carried out"
+        yield Finding(
+            fleet.last_dropped.level, about, what, "give each site the permissions of docs/fleet.md, and no others"
+        )

@@ -5,17 +5,14 @@ from typing import Final
 
 from gateway.config.duration import show_age
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
-from gateway.diagnosis.finding import Finding, Level
+from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.last import RECENT, Last
 from gateway.diagnosis.units import about_unit
 
 #: An adapter that echoes returns every request: some may be lost in noise.
 ECHOED: Final = 0.8
 #: So many are no chance.
 ENOUGH: Final = 3
-#: So many seconds after the last time something may be over: after as many requests without it, or in any case.
-RECENT: Final = 60.0
-OVER: Final = 300.0
-REQUESTS: Final = 100
 #: From which share of the received characters on errors are no chance, and from which share of the time on a line is
 #: full.
 WRONG: Final = 0.01
@@ -68,7 +65,7 @@ def _who_answers(line: LineEvidence, asked: list[UnitEvidence], ill: set[str]) -
 def _echo(line: LineEvidence) -> Iterator[Finding]:
     if _is_echoing(line) and not line.echo:
         what = f"the adapter returns what is sent: {line.copies} of {line.sent} requests came back"
-        yield _heard(line, what, f"{line.source}: echo = true", line.copied_ago, line.sent_since_copy)
+        yield _seen(line, what, f"{line.source}: echo = true", line.last_copy)
 
 
 def _copies(line: LineEvidence) -> Iterator[Finding]:
@@ -76,7 +73,7 @@ def _copies(line: LineEvidence) -> Iterator[Finding]:
     if line.copies >= ENOUGH and line.others < ENOUGH and not (_is_echoing(line) or line.echo):
         what = f"{line.copies} of {line.sent} requests came back: the adapter echoes, or another client asks the same"
         remedy = f"{line.source}: echo = true; if the adapter does not echo, disconnect the other client"
-        yield _heard(line, what, remedy, line.copied_ago, line.sent_since_copy)
+        yield _seen(line, what, remedy, line.last_copy)
 
 
 def _second_client(line: LineEvidence) -> Iterator[Finding]:
@@ -86,32 +83,30 @@ def _second_client(line: LineEvidence) -> Iterator[Finding]:
     others = line.others + (line.copies if copies_too else 0)
     what = f"another client sends requests on this line: {others} were heard"
     remedy = 'disconnect it, or connect it to a line of its own with role = "server"'
-    yield _heard(line, what, remedy, line.others_ago, line.sent_since_other)
+    yield _seen(line, what, remedy, line.last_other)
 
 
-def _heard(line: LineEvidence, what: str, remedy: str, ago: float, sent_since: int) -> Finding:
-    """A `note` once it is probably over."""
-    if ago <= RECENT:
-        return Finding("fix", line.name, what, remedy)
-    level: Level = "note" if ago > OVER or sent_since >= REQUESTS else "fix"
-    return Finding(level, line.name, f"{what}, the last one {show_age(1000 * ago)} ago", remedy)
+def _seen(line: LineEvidence, what: str, remedy: str, last: Last) -> Finding:
+    return Finding(last.level, line.name, f"{what}{last}", remedy)
 
 
 def _parity(line: LineEvidence) -> Iterator[Finding]:
     errors = line.errors
     if errors is None or errors.parity < ENOUGH or errors.parity < WRONG * errors.received:
         return
-    what = f"{errors.parity} of {errors.received} characters had a wrong parity bit: the devices have another"
+    counted = f"{errors.parity} of {errors.received} characters had a wrong parity bit{line.last_parity}"
     others = [f'"{each}"' for each in _OTHER_PARITIES if each != line.format]
-    yield Finding("fix", line.name, what, f"{line.source}: format = {' or '.join(others)}, as at the devices")
+    remedy = f"{line.source}: format = {' or '.join(others)}, as at the devices"
+    yield Finding(line.last_parity.level, line.name, f"{counted}: the devices have another", remedy)
 
 
 def _framing(line: LineEvidence) -> Iterator[Finding]:
     errors = line.errors
     if errors is None or errors.framing < ENOUGH or errors.framing < WRONG * errors.received:
         return
-    what = f"{errors.framing} of {errors.received} characters came without a stop bit: another rate, or noise"
-    yield Finding("fix", line.name, what, f"check baud = {line.baud} at the devices, then termination and shield")
+    counted = f"{errors.framing} of {errors.received} characters came without a stop bit{line.last_framing}"
+    remedy = f"check baud = {line.baud} at the devices, then termination and shield"
+    yield Finding(line.last_framing.level, line.name, f"{counted}: another rate, or noise", remedy)
 
 
 def _overrun(line: LineEvidence) -> Iterator[Finding]:

@@ -59,27 +59,28 @@ def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     what = f"{responses} came after the limit, the slowest after {show_duration(unit.latest)}"
     if unit.limit:
         what += f" (limit {show_duration(unit.limit)})"
-    level: Level = "fix" if unit.late >= SOME * unit.asked else "note"
+    what += str(unit.last_late)
+    level: Level = unit.last_late.level if unit.late >= SOME * unit.asked else "note"
     yield _Found(unit.late, _row(level, unit, what, _longer(unit, line)))
 
 
 def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """Two devices that respond at once damage both responses, each time differently."""
-    what, double = "", f"two devices may have the address {unit.on_the_wire}"
+    what, last, double = "", unit.last_bad, f"two devices may have the address {unit.on_the_wire}"
     if unit.twice:
-        what = f"{unit.twice} responses came twice: {double}"
+        what, last = f"{unit.twice} responses came twice{unit.last_twice}: {double}", unit.last_twice
     elif _is_garbled(unit) and _others_answer(unit, line):
-        what = f"its responses are damaged, those of other units are not: {double}"
+        what = f"its responses are damaged, those of other units are not{last}: {double}"
     elif _is_garbled(unit):
-        what = f"its responses are damaged, each in another way: {double}, or the line is disturbed"
+        what = f"its responses are damaged, each in another way{last}: {double}, or the line is disturbed"
     if what:
         remedy = "disconnect one of them and give it another address"
-        yield _Found(max(unit.bad_frames, unit.twice), _row("fix", unit, what, remedy))
+        yield _Found(max(unit.bad_frames, unit.twice), _row(last.level, unit, what, remedy))
 
 
 def _is_damaged(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.bad_frames > WRONG * unit.asked:
-        yield from _damage("fix", unit, line)
+        yield from _damage(unit.last_bad.level, unit, line)
 
 
 def _is_damaged_at_times(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -89,7 +90,7 @@ def _is_damaged_at_times(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Fo
 
 def _damage(level: Level, unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.bad_frames >= ENOUGH:
-        what = f"{unit.bad_frames} of {unit.asked} responses were damaged"
+        what = f"{unit.bad_frames} of {unit.asked} responses were damaged{unit.last_bad}"
         remedy = f"check format ({line.format}), wiring, termination and shield of {line.name}"
         yield _Found(unit.bad_frames, _row(level, unit, what, remedy))
 
@@ -142,9 +143,9 @@ def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     damaged = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else 0
     failed = unit.failed - min(damaged + unit.late, unit.failed)  # the others have rows of their own
     if failed > WRONG * unit.asked and (failed >= ENOUGH or not unit.answered):
-        what = f"{failed} of {unit.asked} requests were not answered"
+        what = f"{failed} of {unit.asked} requests were not answered{unit.last_failed}"
         remedy = "check power and wiring of the device; modbus-gateway status shows if it goes on"
-        yield _Found(failed, _row("fix", unit, what, remedy))
+        yield _Found(failed, _row(unit.last_failed.level, unit, what, remedy))
 
 
 def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:

@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 
+from gateway.timing.measured import NEVER
+
 
 @dataclass(slots=True)
 class OwnerCounts:
-    """Requests from other sites; `dropped` are those that NATS should not have let through."""
+    """Requests from other sites; `dropped` are those that NATS should not have let through, the last `dropped_at`."""
 
     requests: int = 0
     responses: int = 0
@@ -13,6 +15,7 @@ class OwnerCounts:
     expired: int = 0
     refused: int = 0
     dropped: int = 0
+    dropped_at: float = NEVER
 
 
 @dataclass(slots=True)

@@ -96,14 +96,18 @@ class Owner:
         """Take a request. `now` is the clock of requests, not that of deadlines."""
         asked = asked_by(message.subject, self.site)
         if asked is None or not 1 <= len(message.body) <= MAX_PDU:
-            self.counts.dropped += 1
+            self._drop(now)
         # Who may send a request may name any reply subject, also that of a request to a third site.
         elif not message.reply.startswith(answer_folder(asked.sender, self.site)):
-            self.counts.dropped += 1
+            self._drop(now)
             self._emit(AccessDenied(LISTENER, asked.sender, asked.unit, message.body[0]))
         else:
             self.counts.requests += 1
             self._accept(asked, message, now)
+
+    def _drop(self, now: float) -> None:
+        self.counts.dropped += 1
+        self.counts.dropped_at = now
 
     def answered(self, origin: SiteOrigin, request: Request, pdu: bytes | None) -> None:
         """A request has its response, or ends without one."""

@@ -222,8 +222,10 @@ class Attribution:
             return
         if self._is_answered:
             self.overheard.count_second_response(token.frame.unit)
+            asked.device.counts.record("twice", token.at)
         else:
             self.overheard.count_belated(token.frame.unit, token.at - asked.ends_at)
+            asked.device.counts.record("late", token.at)
 
     def _forget(self, asked: Transaction) -> None:
         """Forget requests that nothing can answer any more. The answer times of other units are not known here."""

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from operator import attrgetter
-from typing import Final
+from typing import Final, NamedTuple
 
 from gateway.errors import RequestError
 from gateway.modbus.functions import KNOWN_FUNCTIONS
@@ -63,15 +63,23 @@ class Counts:
         setattr(self, error.result, getattr(self, error.result) + requests)
 
 
+class LastTime(NamedTuple):
+    """When something happened last, and how many responses the unit had given in time by then."""
+
+    at: float
+    responses: int
+
+
 class UnitCounts(dict[int, Counts]):
     """The Counts of one unit by function; unknown functions share one. `times` has the same keys.
 
     `codes` counts the unit's exception responses by code. `last_error` is the result of the last request that was sent
     and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`. `received_instead` has the last bytes that
-    came in place of responses.
+    came in place of responses. `last_times` has those of what may be repaired: of failed requests by their result, of
+    `late` responses, and of those that came `twice`.
     """
 
-    __slots__ = ("codes", "last_error", "last_error_at", "received_instead", "times")
+    __slots__ = ("codes", "last_error", "last_error_at", "last_times", "received_instead", "times")
 
     def __init__(self) -> None:
         super().__init__()
@@ -80,6 +88,12 @@ class UnitCounts(dict[int, Counts]):
         self.received_instead: deque[bytes] = deque(maxlen=_KEPT)
         self.last_error = ""
         self.last_error_at = NEVER
+        self.last_times: dict[str, LastTime] = {}
+
+    @property
+    def responses(self) -> int:
+        """Valid responses in time."""
+        return sum(counts.responses for counts in self.values())
 
     def __missing__(self, function: int) -> Counts:
         if function not in KNOWN_FUNCTIONS and function != OTHER_FUNCTIONS:
@@ -94,6 +108,10 @@ class UnitCounts(dict[int, Counts]):
         """So many requests got the exception `code` from the unit."""
         self.codes[code] = self.codes.get(code, 0) + requests
         self.record_error(f"exception {code:02X}", now)
+
+    def record(self, what: str, now: float) -> None:
+        """Something that may be repaired has happened: see `last_times`."""
+        self.last_times[what] = LastTime(now, self.responses)
 
     def record_error(self, error: str, now: float) -> None:
         """A request that was sent has failed."""

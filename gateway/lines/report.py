@@ -42,6 +42,7 @@ class Report:
         """A response came after its time limit."""
         transaction.counts.late_responses += 1
         transaction.times.latest = max(transaction.times.latest, now - transaction.ends_at)
+        transaction.device.counts.record("late", now)
         self._log(events.LateResponse, transaction, now)
 
     def too_early(self, transaction: Transaction, *, proven: bool) -> None:

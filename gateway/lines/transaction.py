@@ -154,6 +154,7 @@ class Transaction:
         """Fail all requests; they were sent."""
         self.times.limit = self.limit
         self.device.counts.record_error(error.result, now)
+        self.device.counts.record(error.result, now)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
         self.fail(error)

@@ -3,16 +3,19 @@
 from dataclasses import dataclass
 from typing import Final
 
+from gateway.timing.measured import NEVER
+
 #: So many addresses are kept; those that have not done it for the longest time are forgotten first.
 MOST_HOSTS: Final = 64
 
 
 @dataclass(slots=True)
 class Departure:
-    """How often clients at one address did that, and how many seconds the last one had waited."""
+    """How often clients at one address did that, and how many seconds the last one had waited, which left at `at`."""
 
     count: int = 0
     waited: float = 0.0
+    at: float = NEVER
 
 
 class Departures:
@@ -21,11 +24,12 @@ class Departures:
     def __init__(self) -> None:
         self.by_host: dict[str, Departure] = {}
 
-    def add(self, host: str, waited: float) -> None:
+    def add(self, host: str, waited: float, now: float) -> None:
         """A client at `host` closed its connection `waited` seconds after its last request, without a response."""
         departure = self.by_host.pop(host, None) or Departure()
         departure.count += 1
         departure.waited = waited
+        departure.at = now
         self.by_host[host] = departure
         if len(self.by_host) > MOST_HOSTS:
             del self.by_host[next(iter(self.by_host))]

@@ -167,7 +167,7 @@ class TcpListener:
 
     def left_early(self, host: str, waited: float) -> None:
         """A client has left before its response."""
-        self.departures.add(host, waited)
+        self.departures.add(host, waited, _now())
 
     def failed(self, part: str, error: Exception) -> None:
         """An unexpected error was caught at one of this module's error boundaries."""

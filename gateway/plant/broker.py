@@ -4,6 +4,7 @@ import asyncio
 import random
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Final
 
 from gateway.errors import BrokerError, TlsError
@@ -14,6 +15,7 @@ from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
 from gateway.plant.reasons import SubscriptionRefusedError, WrongVersionError
 from gateway.ports.threads import ThreadPerCall
+from gateway.timing.measured import NEVER
 
 #: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
 FIRST_PAUSE: Final = 1.0
@@ -22,6 +24,15 @@ LONGEST_PAUSE: Final = 30.0
 ENDING_TIME: Final = 1.0
 #: So many messages are published before lines and clients have their turn.
 _SLICE: Final = 10
+
+
+@dataclass(slots=True)
+class MessageCounts:
+    """Messages that the broker has confirmed, and those that it has refused, the last one at `refused_at`."""
+
+    confirmed: int = 0
+    refused: int = 0
+    refused_at: float = NEVER
 
 
 class Broker:
@@ -43,9 +54,7 @@ class Broker:
         self.version: Version = VERSIONS[0]
         #: How often it was tried to connect.
         self.attempts = 0
-        #: Messages that the broker has confirmed, and those that it has refused.
-        self.confirmed = 0
-        self.refused = 0
+        self.counts = MessageCounts()
         self._settings = settings
         self._driver = driver
         self._emit = emit
@@ -196,9 +205,10 @@ class Broker:
 
     def _has_confirmed(self, message: Message | None, refusal: str, is_passing: bool) -> None:  # noqa: FBT001 - a callback
         if message is None or not refusal:
-            self.confirmed += 1
+            self.counts.confirmed += 1
         else:
-            self.refused += 1
+            self.counts.refused += 1
+            self.counts.refused_at = asyncio.get_running_loop().time()
             if message.topic == self._status:
                 self._refusal = refusal
             elif is_passing:

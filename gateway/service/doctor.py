@@ -14,7 +14,8 @@ from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import PortInUse, Search
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.fleet import FleetEvidence, about_fleet
-from gateway.diagnosis.lines import RECENT, about_line
+from gateway.diagnosis.last import RECENT, Last
+from gateway.diagnosis.lines import about_line
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings, SiteSettings
@@ -78,7 +79,8 @@ async def examined(
         outwards = (*_about_publishing(gateway), *_about_fleet(gateway))
         groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.line in ("", wanted)]
-    clients = [client for listener in listeners for client in client_evidence(listener, gateway)]
+    now = asyncio.get_running_loop().time()
+    clients = [client for listener in listeners for client in client_evidence(listener, gateway, now)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))
     parts: tuple[GatewayLine | GatewayServer, ...] = (*lines, *servers)
     return groups, [each for part in parts for each in _port_of(part)]
@@ -87,16 +89,24 @@ async def examined(
 def _about_publishing(gateway: Gateway) -> Iterator[Finding]:
     told = gateway.publishing.status()
     if told is not None:
-        refused = told.refused_messages
         yield from about_broker(
-            BrokerEvidence(told.broker, told.source, told.reason, told.devices, told.available, refused)
+            BrokerEvidence(
+                address=told.broker,
+                source=told.source,
+                reason=told.reason,
+                devices=told.devices,
+                available=told.available,
+                refused=told.refused_messages,
+                last_refused=Last((told.last_refused_ms or 0.0) / 1000),
+            )
         )
 
 
 def _about_fleet(gateway: Gateway) -> Iterator[Finding]:
     told = gateway.fleet.status()
     if told is not None:
-        yield from about_fleet(FleetEvidence(told.server, told.source, told.reason, told.unseen, told.dropped))
+        last = Last((told.last_dropped_ms or 0.0) / 1000)
+        yield from about_fleet(FleetEvidence(told.server, told.source, told.reason, told.unseen, told.dropped, last))
 
 
 async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks: bool) -> list[Finding]:

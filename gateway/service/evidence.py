@@ -2,7 +2,8 @@
 
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
-from gateway.lines.counts import total
+from gateway.diagnosis.last import NOW, Last
+from gateway.lines.counts import UnitCounts, total
 from gateway.lines.overheard import Belated
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
@@ -39,12 +40,12 @@ def line_evidence(
         sent=line.sent,
         copies=overheard.copies,
         copies_in_a_row=machine.copies_in_a_row,
-        copied_ago=now - overheard.copied_at,
-        sent_since_copy=overheard.sent_since_copy,
+        last_copy=Last(now - overheard.copied_at, overheard.sent_since_copy),
         others=overheard.requests,
-        others_ago=now - overheard.requested_at,
-        sent_since_other=overheard.sent_since_request,
+        last_other=Last(now - overheard.requested_at, overheard.sent_since_request),
         errors=line.driver.errors,
+        last_parity=recent.last_wrong(line, "parity", now),
+        last_framing=recent.last_wrong(line, "framing", now),
         units=units,
         search=found,
     )
@@ -83,10 +84,23 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         in_a_row=device.breaker.failures,
         ago=None if answered_at == NEVER else line.now() - answered_at,
         is_configured=not line.plan.passes_through,
+        last_failed=_last(counts, line.now(), "timeout", "bad_frame", "ambiguous"),
+        last_bad=_last(counts, line.now(), "bad_frame"),
+        last_late=_last(counts, line.now(), "late"),
+        last_twice=_last(counts, line.now(), "twice"),
     )
 
 
-def client_evidence(listener: Listener, gateway: Gateway) -> list[ClientEvidence]:
+def _last(counts: UnitCounts, now: float, *what: str) -> Last:
+    """The last time of any of them; now, if that is not known."""
+    found = [counts.last_times[each] for each in what if each in counts.last_times]
+    if not found:
+        return NOW
+    last = max(found)
+    return Last(now - last.at, counts.responses - last.responses)
+
+
+def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[ClientEvidence]:
     """The evidence about clients of a listener that left before their response."""
     if not isinstance(listener, TcpListener):
         return []
@@ -95,6 +109,6 @@ def client_evidence(listener: Listener, gateway: Gateway) -> list[ClientEvidence
     waits = [wait for part in parts if own in ("", part.name) for wait in part.longest_wait.values()]
     longest = max(waits, default=0.0)
     return [
-        ClientEvidence(host, listener.settings.name, departure.count, departure.waited, longest)
-        for host, departure in listener.departures.by_host.items()
+        ClientEvidence(host, listener.settings.name, each.count, each.waited, longest, Last(now - each.at))
+        for host, each in listener.departures.by_host.items()
     ]

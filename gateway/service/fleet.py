@@ -40,8 +40,8 @@ class FleetStatus:
 
     It has been down for `down_ms`; None if it is up. Of `requests` from other sites, so many got `responses`; `busy`
     ones were too many at once, `expired` ones too late to be sent, `refused` ones for no gateway, or in a circle.
-    `dropped` ones came with a subject that NATS should not have let through. Of messages, so many were `unreadable`, or
-    `overflowed` a queue: these were not delivered.
+    `dropped` ones came with a subject that NATS should not have let through, the last one `last_dropped_ms` ago. Of
+    messages, so many were `unreadable`, or `overflowed` a queue: these were not delivered.
     """
 
     server: str
@@ -60,6 +60,7 @@ class FleetStatus:
     dropped: int
     unreadable: int
     overflowed: int
+    last_dropped_ms: float | None = None
 
 
 class Fleet:
@@ -195,6 +196,7 @@ class Fleet:
         messages = LostMessages() if link is None else link.messages
         down_since = None if link is None else link.down_since
         reason = self.reason if link is None else link.reason
+        now = asyncio.get_running_loop().time()
         return FleetStatus(
             server=str(plan.servers[0] if link is None else link.server),
             source=plan.source,
@@ -202,7 +204,7 @@ class Fleet:
             state="down" if reason else "up",
             reason=reason,
             unseen="" if self.presence is None else self.presence.reason,
-            down_ms=None if down_since is None else 1000 * (asyncio.get_running_loop().time() - down_since),
+            down_ms=None if down_since is None else 1000 * (now - down_since),
             attempts=0 if link is None else link.attempts,
             requests=counts.requests,
             responses=counts.responses,
@@ -212,6 +214,7 @@ class Fleet:
             dropped=counts.dropped,
             unreadable=messages.unreadable,
             overflowed=messages.overflowed,
+            last_dropped_ms=1000 * (now - counts.dropped_at) if counts.dropped else None,
         )
 
     @property

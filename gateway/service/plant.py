@@ -23,7 +23,8 @@ class BrokerStatus:
 
     `down_ms`: nothing has been published for so long; None when all is well, or the library is missing. `version` is
     that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker, and
-    `refused_messages` were not. `polls` is how often points were read, and `failed_polls` how often in vain.
+    `refused_messages` were not, the last one `last_refused_ms` ago. `polls` is how often points were read, and
+    `failed_polls` how often in vain.
     """
 
     broker: str
@@ -42,6 +43,7 @@ class BrokerStatus:
     refused_commands: int
     polls: int
     failed_polls: int
+    last_refused_ms: float | None = None
 
 
 class Publishing:

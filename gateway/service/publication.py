@@ -99,6 +99,8 @@ class Publication:
         """How it stands."""
         publisher, broker = self.driver.publisher, self.broker
         reason = self.reason if broker is None else broker.reason
+        now = asyncio.get_running_loop().time()
+        refused_at = broker.counts.refused_at if broker is not None and broker.counts.refused else None
         return BrokerStatus(
             broker=str(self.plan.broker),
             source=self.plan.source,
@@ -110,12 +112,13 @@ class Publication:
             devices=len(publisher.watches),
             available=sum(watch.is_available for watch in publisher.watches.values()),
             points=sum(len(device.points) for device in self.plan.devices),
-            messages=0 if broker is None else broker.confirmed,
-            refused_messages=0 if broker is None else broker.refused,
+            messages=0 if broker is None else broker.counts.confirmed,
+            refused_messages=0 if broker is None else broker.counts.refused,
             commands=publisher.commands.counts.received,
             refused_commands=publisher.commands.counts.refused,
             polls=publisher.polls.counts.polls,
             failed_polls=publisher.polls.counts.failed,
+            last_refused_ms=None if refused_at is None else 1000 * (now - refused_at),
         )
 
     def _down_ms(self) -> float | None:

@@ -3,8 +3,9 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
+from gateway.diagnosis.last import NOW, Last
 from gateway.service.build import Gateway
 from gateway.service.parts import GatewayLine
 from gateway.timing.usage import Use, User
@@ -12,6 +13,9 @@ from gateway.timing.usage import Use, User
 #: The time between two samples in seconds, and how many are kept: those of a minute.
 STEP: Final = 5.0
 _KEPT: Final = 13
+#: What a driver finds wrong with a character.
+Wrong = Literal["parity", "framing"]
+WRONG: Final[tuple[Wrong, ...]] = ("parity", "framing")
 #: How often the lag of the event loop is measured within a step.
 _LOOKS: Final = 5
 
@@ -40,10 +44,22 @@ class _Sample(NamedTuple):
     used: Mapping[GatewayLine, Mapping[User, Use]]
 
 
+class _Wrong(NamedTuple):
+    """How many characters of a line were wrong at the last look, and at which look there was one more.
+
+    The line had sent so many requests by then.
+    """
+
+    characters: int
+    at: float
+    sent: int
+
+
 class Recent:
     """Samples of the last minute. A reload may have replaced some lines."""
 
     def __init__(self, gateway: Gateway, now: float) -> None:
+        self._wrong: dict[tuple[GatewayLine, Wrong], _Wrong] = {}
         self._samples: deque[_Sample] = deque([_sample(gateway, now, 0.0)], maxlen=_KEPT)
 
     async def keep_sampling(self, gateway: Callable[[], Gateway]) -> None:
@@ -56,6 +72,7 @@ class Recent:
                 await asyncio.sleep(STEP / _LOOKS)
                 lag = max(lag, loop.time() - due)
             self._samples.append(_sample(gateway(), loop.time(), lag))
+            self._look_at_characters(gateway(), loop.time())
 
     def rate(self, line: GatewayLine, now: float) -> Rate | None:
         """The rates of `line`; None if it is too new."""
@@ -64,6 +81,24 @@ class Recent:
             return None
         busy, sent = _busy(line, now) - first.busy[line], line.sent - first.sent[line]
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
+
+    def last_wrong(self, line: GatewayLine, kind: Wrong, now: float) -> Last:
+        """When a character was last wrong in this way, to the next sample."""
+        seen, errors = self._wrong.get((line, kind)), line.driver.errors
+        if seen is None or errors is None or getattr(errors, kind) > seen.characters:
+            return NOW
+        return Last(now - seen.at, line.sent - seen.sent)
+
+    def _look_at_characters(self, gateway: Gateway, now: float) -> None:
+        before, self._wrong = self._wrong, {}
+        for line in gateway.lines:
+            errors = line.driver.errors
+            for kind in WRONG if errors is not None else ():
+                wrong, seen = getattr(errors, kind), before.get((line, kind))
+                if seen is None or wrong > seen.characters:
+                    self._wrong[line, kind] = _Wrong(wrong, now, line.sent)
+                else:  # fewer, if the port was opened again
+                    self._wrong[line, kind] = seen._replace(characters=wrong)
 
     def users(self, line: GatewayLine, now: float) -> list[LineUser]:
         """Who used `line`, the most time first; a shared request counts for the client that asked first."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import ClientEvidence
+from gateway.diagnosis.last import Last
 
 CLIENT = ClientEvidence("10.2.0.7", "scada", left=12, waited=0.5, longest_wait=3.42)
 
@@ -19,3 +20,8 @@ def test_leaving_once_or_after_the_longest_wait_needs_nothing():
     assert not list(about_client(replace(CLIENT, left=2)))
     (row,) = about_client(replace(CLIENT, waited=5.0))
     assert row.level == "note"
+
+
+def test_a_client_that_left_long_ago_may_have_another_time_out_now():
+    (row,) = about_client(replace(CLIENT, last=Last(720.0)))
+    assert (row.level, row.what.partition("the last time ")[2]) == ("note", "after 500 ms, the last one 12 min ago")

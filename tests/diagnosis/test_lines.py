@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.diagnosis.evidence import LineEvidence, Search, UnitEvidence
+from gateway.diagnosis.last import Last
 from gateway.diagnosis.lines import about_line
 from gateway.ports.port import CharacterErrors
 
@@ -198,16 +199,26 @@ def test_copies_that_may_be_an_echo_are_named_as_such_first():
     ],
 )
 def test_what_was_repaired_is_a_note(ago, sent_since, level, told):
-    client = replace(LINE, others=7, others_ago=ago, sent_since_other=sent_since)
-    echo = replace(LINE, copies=140, copied_ago=ago, sent_since_copy=sent_since)
-    few = replace(LINE, copies=14, copied_ago=ago, sent_since_copy=sent_since)
-    for line in (client, echo, few):
+    last = Last(ago, sent_since)
+    client = replace(LINE, others=7, last_other=last)
+    echo = replace(LINE, copies=140, last_copy=last)
+    few = replace(LINE, copies=14, last_copy=last)
+    parity = replace(LINE, errors=CharacterErrors(1000, 0, 700, 0), last_parity=last)
+    framing = replace(LINE, errors=CharacterErrors(1000, 300, 0, 0), last_framing=last)
+    late = replace(SILO, late=9, latest=0.7, last_late=last)
+    twice = replace(SILO, twice=3, last_twice=last)
+    damaged = replace(SILO, bad_frames=20, last_bad=last)
+    garbled = replace(SILO, answered=20, bad_frames=30, instead=GARBLED, last_bad=last)
+    failing = replace(SILO, timeouts=30, last_failed=last)
+    units = [replace(LINE, units=(unit, PRESS)) for unit in (late, twice, damaged, garbled, failing)]
+    alone = replace(LINE, units=(garbled,))
+    for line in (client, echo, few, parity, framing, *units, alone):
         row = next(about_line(line))
-        assert (row.level, row.what.partition(", the last")[1:]) == (
-            level,
-            told.partition(", the last")[1:],
-        )
+        assert row.level == level
+        assert told in row.what
+        assert (", the last one" in row.what) is bool(told)
         assert row.remedy
+        assert ("ok" in levels(line)) is (level == "note" or bool(row.unit and line is not alone))
 
 
 STOPPED = (replace(SILO, timeouts=2, in_a_row=2), replace(PRESS, timeouts=1, in_a_row=1))

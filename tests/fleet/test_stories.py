@@ -396,6 +396,7 @@ async def test_a_request_whose_answer_would_go_to_a_third_site_is_dropped(nats):
         await asyncio.sleep(1.0)
         assert devices[0].heard == []
         assert b.gateway.fleet.serving.owner.counts.dropped == 4
+        assert b.gateway.fleet.status().last_dropped_ms == pytest.approx(1000, abs=10)
         assert {each.client for each in b.events if isinstance(each, AccessDenied)} == {"a"}
 
 

@@ -118,7 +118,7 @@ async def test_what_a_broker_has_refused_for_want_of_room_is_published_after_the
         monkeypatch.setattr(FakeConnection, "refusal", "quota exceeded")
         device.holding[0] = 7
         await asyncio.sleep(2.0)
-        assert 1 <= broker.refused <= 15, "with each read, three messages"
+        assert 1 <= broker.counts.refused <= 15, "with each read, three messages"
         monkeypatch.setattr(FakeConnection, "refusal", "")
         [connection] = connections
         connection.messages.clear()
@@ -126,6 +126,7 @@ async def test_what_a_broker_has_refused_for_want_of_room_is_published_after_the
         values, availability = connection.messages
         assert json.loads(values.payload)["weight"] == 7
         assert availability.payload == b"online"
+        assert 2.0 <= asyncio.get_running_loop().time() - broker.counts.refused_at <= 4.0
 
 
 async def test_it_is_known_since_when_nothing_is_published(connections):
@@ -146,4 +147,4 @@ async def test_values_are_published_although_the_broker_refuses_to_let_them_be_s
         told = [event for event in bench.events if isinstance(event, BrokerRefused | BrokerUp | BrokerLost)]
         assert [type(event) for event in told] == [BrokerRefused, BrokerUp]
         assert told[0].reason == "may not subscribe"
-        assert broker.confirmed > 0
+        assert broker.counts.confirmed > 0

@@ -10,6 +10,8 @@ from gateway.errors import WrongQuestion
 from gateway.events import RequestTimeout
 from gateway.ports.port import CharacterErrors
 from gateway.service.doctor import examine
+from gateway.service.fleet import FleetStatus
+from gateway.service.plant import BrokerStatus
 from gateway.service.questions import outcome_of
 from gateway.service.scan import opened
 from gateway.service.verbs import verbs
@@ -268,6 +270,79 @@ async def test_two_devices_that_answer_one_after_the_other_are_found():
         assert fixes(await found(bench)) == ["4 responses came twice: two devices may have the address 1"]
 
 
+ANSWER = bytes.fromhex("01 03 02 00 00 B8 44")
+DAMAGED = bytes.fromhex("01 03 02 00 00 B8 45")
+
+
+@pytest.mark.parametrize("requests", [240, 0])
+@pytest.mark.parametrize(
+    ("responses", "said"),
+    [
+        ([(0.01, ANSWER), (0.05, ANSWER)], "20 responses came twice{}: two devices may have the address 1"),
+        ([(0.01, DAMAGED)], "20 of {} responses were damaged{}"),
+        ([(1.5, ANSWER)], "20 responses came after the limit, the slowest after 1.5 s (limit 1.01 s){}"),
+        ([], "20 of {} requests were not answered{}"),
+    ],
+)
+async def test_what_was_repaired_is_a_note_after_a_hundred_requests_or_some_minutes(responses, said, requests):
+    """Each case is a fault of one unit, which answers as it should again."""
+    async with gateway_bench(CONFIG.replace("wire =", 'rest = "off"\nwire =')) as bench:
+        line = SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6))
+        bench.attach("hall", line)
+        client = bench.client()
+
+        async def ask(times):
+            for _ in range(times):
+                await client.asks(41, "03 00 00 00 01")
+                await asyncio.sleep(0.5)
+
+        async def row():
+            rows = [each for each in await found(bench, ask=False) if each[1] == "unit 41, silo"]
+            return rows[0][0], rows[0][2]
+
+        await ask(20)
+        for _ in range(20):
+            line.devices[1].script.append(responses)
+            await ask(1)
+            await asyncio.sleep(3.0)
+        await ask(1)
+        level, what = await row()
+        assert (level, what) == ("fix", said.format(*(41,) * (said.count("{}") - 1), ""))
+        await ask(requests)
+        await asyncio.sleep(0 if requests else 400.0)
+        level, what = await row()
+        ago = f", the last one {'2 min' if requests else '7 min'} ago"
+        assert (level, what) == ("note", said.format(*(41 + requests,) * (said.count("{}") - 1), ago))
+
+
+async def test_wrong_characters_of_long_ago_are_a_note():
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
+        sampling = asyncio.create_task(bench.running.recent.keep_sampling(lambda: bench.gateway))
+        bench.lines["hall"].errors = CharacterErrors(100, 0, 60, 0)
+        await asyncio.sleep(30.0)
+        (fix,) = fixes(await found(bench))
+        await asyncio.sleep(400.0)
+        rows = await found(bench)
+        assert fixes(rows) == []
+        said = fix.replace(" bit:", " bit, the last one 7 min ago:")
+        assert ("note", "hall", said) in rows
+        bench.lines["hall"].errors = CharacterErrors(1000, 0, 61, 0)
+        assert fixes(await found(bench)) == [fix.replace("60 of 100 ", "61 of 1000 ")]
+        sampling.cancel()
+
+
+@pytest.mark.parametrize(("ago_ms", "level"), [(1000.0, "fix"), (720_000.0, "note")])
+async def test_what_broker_and_sites_were_refused_long_ago_is_a_note(monkeypatch, ago_ms, level):
+    values = BrokerStatus("mqtt://b", "", "up", "", None, "5", 1, 2, 2, 3, 9, 4, 0, 0, 0, 0, last_refused_ms=ago_ms)
+    sites = FleetStatus("nats://n", "", "a", "up", "", "", None, 1, 0, 0, 0, 0, 0, 4, 0, 0, last_dropped_ms=ago_ms)
+    async with gateway_bench(CONFIG) as bench:
+        monkeypatch.setattr(bench.gateway.publishing, "status", lambda: values)
+        monkeypatch.setattr(bench.gateway.fleet, "status", lambda: sites)
+        levels = {about: level for level, about, _ in await found(bench, ask=False)}
+        assert (levels["broker mqtt://b"], levels["fleet nats://n"]) == (level, level)
+
+
 async def test_what_the_driver_counts_is_among_the_findings():
     async with gateway_bench(CONFIG) as bench:
         bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6)))
@@ -294,6 +369,9 @@ async def test_a_client_that_leaves_before_its_response_is_named():
         rows = await found(bench, line="hall")
         what = "closed its connection 3 times before its response came, the last time after 500 ms"
         assert ("fix", "client 10.2.0.7 of default", what) in rows
+        await asyncio.sleep(720.0)
+        rows = await found(bench, line="hall")
+        assert ("note", "client 10.2.0.7 of default", f"{what}, the last one 12 min ago") in rows
 
 
 async def test_a_line_that_does_not_exist_is_refused_with_one_that_does():

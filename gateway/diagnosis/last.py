@@ -1,0 +1,33 @@
+"""When something happened last: what was repaired is over after a while, although it stays counted."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.config.duration import show_age
+from gateway.diagnosis.finding import Level
+
+#: So many seconds after the last time something may be over: after as many requests without it, or in any case.
+RECENT: Final = 60.0
+OVER: Final = 300.0
+REQUESTS: Final = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Last:
+    """The last time of something: so many seconds `ago`, and so many requests were `since` then without it."""
+
+    ago: float = 0.0
+    since: int = 0
+
+    @property
+    def level(self) -> Level:
+        """A `note` once it is probably over."""
+        return "note" if self.ago > OVER or (self.ago > RECENT and self.since >= REQUESTS) else "fix"
+
+    def __str__(self) -> str:
+        """What is added to the finding; nothing as long as it is recent."""
+        return f", the last one {show_age(1000 * self.ago)} ago" if self.ago > RECENT else ""
+
+
+#: Where it is not known better.
+NOW: Final = Last()
