@@ -19,9 +19,9 @@ from gateway.config.address import Address, parse_address
 from gateway.config.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.config.load import builtin_profiles
 from gateway.config.points import points_of
+from gateway.config.port import DEVICE_SERVER_MODES, parse_port
 from gateway.config.problem import WrongValue, did_you_mean
-from gateway.config.schema import ProfileTable
-from gateway.config.values import DEVICE_SERVER_MODES, parse_port
+from gateway.config.schema_profile import ProfileTable
 from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.modbus.pdu import parse_request

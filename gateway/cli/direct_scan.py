@@ -11,8 +11,8 @@ from gateway.cli.usage import WrongUsageError
 from gateway.config.address import Address
 from gateway.config.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.config.plan import NETWORK_LATENCY, LinePlan
+from gateway.config.port import DEVICE_SERVER_MODES, parse_port
 from gateway.config.problem import WrongValue
-from gateway.config.values import DEVICE_SERVER_MODES, parse_port
 from gateway.errors import PortError
 from gateway.events import discard_event
 from gateway.lines.settings import LineSettings

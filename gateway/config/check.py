@@ -29,7 +29,10 @@ from gateway.config.check_upstreams import check_upstreams
 from gateway.config.check_web import check_web
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
 from gateway.config.reserved import RESERVED
-from gateway.config.schema import Config, Device, Image, Line, Listen, ProfileTable, Table, Upstream, Web
+from gateway.config.schema import Config, Device, Image, Line, Listen, Upstream
+from gateway.config.schema_profile import ProfileTable
+from gateway.config.schema_web import Web
+from gateway.config.table import Table
 
 #: Why the port at a path cannot be used, as far as can be seen without opening it; None if it can.
 PortTrouble = Callable[[str], str | None]

@@ -5,7 +5,8 @@ from typing import Final
 
 from gateway.config.fleet import SITE_RULE, is_site
 from gateway.config.problem import Problem, error, warning
-from gateway.config.schema import Config, Fleet
+from gateway.config.schema import Config
+from gateway.config.schema_fleet import Fleet
 
 _TLS_KEYS: Final = ("ca", "certificate", "key")
 

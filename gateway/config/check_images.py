@@ -8,7 +8,8 @@ from gateway.config.duration import show_duration
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
 from gateway.config.resolve import ASKED_AT_ZERO
-from gateway.config.schema import Config, Image, PointTable, Polled, ProfileTable
+from gateway.config.schema import Config, Image, Polled
+from gateway.config.schema_profile import PointTable, ProfileTable
 from gateway.images.polls import polling_function
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.pdu import Span

@@ -10,7 +10,8 @@ from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.publishing import Publishable, names_device
 from gateway.config.reserved import MQTT
 from gateway.config.resolve import publishable, resolve
-from gateway.config.schema import Config, Mqtt, Publish
+from gateway.config.schema import Config
+from gateway.config.schema_mqtt import Mqtt, Publish
 from gateway.modbus.functions import READERS
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.items import WRITERS

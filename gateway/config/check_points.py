@@ -5,7 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from gateway.config.points import is_range, names_of, size_of, type_of
 from gateway.config.problem import Problem, error
 from gateway.config.ranges import MOST_ITEMS, show_ranges
-from gateway.config.schema import Config, PointTable, ProfileTable
+from gateway.config.schema import Config
+from gateway.config.schema_profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers

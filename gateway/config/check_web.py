@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 from gateway.config.check_access import overlap
 from gateway.config.problem import Problem, error, warning
-from gateway.config.schema import Config, Web
+from gateway.config.schema import Config
+from gateway.config.schema_web import Web
 from gateway.routing.access import LOOPBACK
 
 

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from gateway.config.load import builtin_profiles
-from gateway.config.schema import Config, Table
+from gateway.config.schema import Config
+from gateway.config.table import Table
 from gateway.config.values import Kind
 from gateway.config.wording import keys_of, row_model
 

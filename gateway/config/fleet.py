@@ -57,6 +57,19 @@ def parse_other_server(value: object) -> Address | Site:
     return parse_address(value, ("tcp", "tls", "fleet"))
 
 
+def parse_lease_name(value: object) -> str:
+    """The name of a lease, which is a key of a bucket.
+
+    Raises:
+        WrongValue: it cannot be one.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if not all(map(is_site, value.split("."))):
+        raise WrongValue(f'"{value}" is not the name of a lease', f"{SITE_RULE} between two dots")
+    return value
+
+
 def _server(value: object) -> Address:
     if not isinstance(value, str):
         raise NotText

@@ -18,9 +18,9 @@ from gateway.config.imported import (
     listen_address,
     milliseconds,
 )
+from gateway.config.port import parse_port
 from gateway.config.problem import WrongValue
 from gateway.config.toml_text import TableText, Value, file_text
-from gateway.config.values import parse_port
 
 _DEFAULTS: Final[Mapping[str, str]] = {
     "device": "/dev/ttyS0",

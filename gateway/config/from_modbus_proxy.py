@@ -23,10 +23,10 @@ from gateway.config.imported import (
     listen_address,
     milliseconds,
 )
+from gateway.config.port import parse_port
 from gateway.config.problem import WrongValue
 from gateway.config.toml_text import TableText, Value, file_text
 from gateway.config.unitset import show_units
-from gateway.config.values import parse_port
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, SERVER_UNIT
 
 #: What it waits for a device when nothing else is said, in seconds.

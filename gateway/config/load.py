@@ -15,23 +15,12 @@ from gateway.config.check import AddressTrouble, PortTrouble, check
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
 from gateway.config.problem import Path, Problem, error, errors_in, warning
-from gateway.config.schema import (
-    Access,
-    Config,
-    Control,
-    Fleet,
-    Image,
-    Line,
-    Listen,
-    Log,
-    Mqtt,
-    Own,
-    ProfileTable,
-    Table,
-    Trace,
-    Upstream,
-    Web,
-)
+from gateway.config.schema import Access, Config, Control, Image, Line, Listen, Log, Own, Trace, Upstream
+from gateway.config.schema_fleet import Fleet
+from gateway.config.schema_mqtt import Mqtt
+from gateway.config.schema_profile import ProfileTable
+from gateway.config.schema_web import Web
+from gateway.config.table import Table
 from gateway.config.wording import keys_of, not_text, syntax_problem, unknown_key, value_problems
 from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
 

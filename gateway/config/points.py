@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from gateway.config.schema import PointTable
+from gateway.config.schema_profile import PointTable
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range

@@ -5,7 +5,7 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from gateway.config.plan import MqttPlan
-from gateway.config.schema import Mqtt, Publish
+from gateway.config.schema_mqtt import Mqtt, Publish
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import PublishedDevice, PublishedPoint

@@ -23,19 +23,10 @@ from gateway.config.plan import (
 from gateway.config.points import points_of
 from gateway.config.publishing import Publishable, publishing
 from gateway.config.ranges import join_ranges
-from gateway.config.schema import (
-    Access,
-    Config,
-    Device,
-    Fleet,
-    Image,
-    Line,
-    Listen,
-    Log,
-    ProfileTable,
-    Upstream,
-    Web,
-)
+from gateway.config.schema import Access, Config, Device, Image, Line, Listen, Log, Upstream
+from gateway.config.schema_fleet import Fleet
+from gateway.config.schema_profile import ProfileTable
+from gateway.config.schema_web import Web
 from gateway.devices.device import DeviceSettings
 from gateway.images import self_map
 from gateway.images.image import ImageSettings

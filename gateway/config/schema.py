@@ -1,18 +1,20 @@
 """Every key of the config file: its type, its default, and what it means. docs/configuration.md is made from this."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+from pydantic import Field
 
 from gateway.config.address import Address
 from gateway.config.fleet import Site
 from gateway.config.plan import DEFAULT_LISTENER, DEFAULT_RING
-from gateway.config.problem import Path
+from gateway.config.port import DEVICE_SERVER_MODES
+from gateway.config.schema_fleet import Fleet
+from gateway.config.schema_mqtt import Mqtt
+from gateway.config.schema_profile import PointTable, ProfileTable
+from gateway.config.schema_web import Web
+from gateway.config.table import Count, FunctionNumber, Table
 from gateway.config.values import (
-    DEVICE_SERVER_MODES,
-    AnswerDuration,
-    BrokerAddress,
     ClientUnit,
     ClientUnits,
     CredentialFile,
@@ -21,79 +23,29 @@ from gateway.config.values import (
     DurationOrOffOrAuto,
     DurationOrZeroOrAuto,
     Format,
-    HomeAssistant,
     IdleDuration,
     Item,
-    Kind,
-    LeaseDuration,
     LeaseName,
-    Limits,
     ListenAddress,
     ListOf,
     LongerDuration,
     Name,
-    NatsServers,
-    Networks,
     NetworksOrSites,
     OtherServer,
-    PasswordFile,
-    PointAddresses,
-    PointLabels,
-    PointName,
-    PointWriting,
     Ranges,
     Role,
     SerialPort,
     Size,
     SocketPath,
-    SparkplugNames,
-    TokenFile,
     Unit0,
     Units,
     UnitsOrAll,
     UpstreamUnits,
-    WebAddress,
     WireUnits,
 )
-from gateway.devices.quirks import Quirk
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 from gateway.ports.wire import Wire
-from gateway.profiles.profile import Range
-from gateway.registers.datatypes import DataType, Swap
 from gateway.routing.access import Network
-
-FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
-Count = Annotated[int, Field(ge=1)]
-
-
-class Table(BaseModel):
-    """A table of the file. `path` and `source` are its place, after `placed` was called."""
-
-    # Deferred: of most tables the validator is only needed inside that of the whole file, which builds it anyway.
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
-
-    _path: Path = PrivateAttr(default=())
-    _source: str = PrivateAttr(default="")
-
-    @property
-    def path(self) -> Path:
-        """The way to the table from the top of the file."""
-        return self._path
-
-    @property
-    def source(self) -> str:
-        """File and line of the table, such as `gateway.toml:31`."""
-        return self._source
-
-    def placed(self, path: Path, source: str) -> Self:
-        """Set the place of this table. Called once, after the file was read."""
-        self._path = path
-        self._source = source
-        return self
-
-    def has(self, key: str) -> bool:
-        """Whether the user has written the field `key`."""
-        return key in self.model_fields_set
 
 
 class Listen(Table):
@@ -165,52 +117,6 @@ class Listen(Table):
     def label(self) -> str:
         """Its name, or its default name."""
         return self.name or str(self.bind)
-
-
-class PointTable(Table):
-    """What a register, or several of them, or a coil means. Exactly one of the four areas must be given."""
-
-    name: PointName = Field(
-        description="Its name for `read` and `write`. Required with a range of addresses: `*`, which stands for the "
-        "number of each point.",
-    )
-    holding: PointAddresses | None = Field(
-        None, description='A holding register, the first one of a value; a range `"1-99"` makes several points.'
-    )
-    input: PointAddresses | None = Field(None, description="The same for input registers.")
-    coils: PointAddresses | None = Field(None, description="The same for coils.")
-    discrete: PointAddresses | None = Field(None, description="The same for discrete inputs.")
-    first: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="With a range: the number of the first point, for `*`. Default: its address."
-    )
-    type: DataType | None = Field(
-        None, description="How the value is encoded. Default: `uint16`; coils and discrete inputs are always `bit`."
-    )
-    length: Annotated[int, Field(ge=1, le=125)] | None = Field(
-        None, description="The registers of a `string`; other types know their own."
-    )
-    swap: Swap = Field(
-        "none",
-        description="`none`: the first register has the highest word, and high bytes come first. `words`: the first "
-        "register has the lowest word. `bytes`: low bytes come first. `both`: both.",
-    )
-    scale: Annotated[float, Field(allow_inf_nan=False)] = Field(
-        1.0, description="The value is the number in the registers times this."
-    )
-    decimals: Annotated[int, Field(ge=0, le=15)] | None = Field(
-        None, description="Decimals of the value. Default: as many as it needs."
-    )
-    unit: str = Field("", description='The unit of the value, such as `"kg"`.')
-    labels: PointLabels = Field({}, description="Text for some of the numbers in the register, instead of a value.")
-    write: PointWriting = Field(
-        "no", description='Whether it can be written. `"only"`: it cannot be read, and is left out when all are.'
-    )
-
-    @property
-    def places(self) -> tuple[tuple[Area, Range], ...]:
-        """The area and the addresses; a table that has been checked has one."""
-        found = ((area, getattr(self, area)) for area in Area)
-        return tuple((area, addresses) for area, addresses in found if addresses is not None)
 
 
 class Device(Table):
@@ -511,51 +417,6 @@ class Upstream(Table):
         return [f"{self.label}/{unit}" for unit in row.known_as]
 
 
-class TimingRow(Table):
-    """A point of a timing table."""
-
-    fc: FunctionNumber = Field(description="The function.")
-    items: Count = Field(description="Coils or registers in the request.")
-    time: AnswerDuration = Field(description="How long the device needs for them.")
-
-
-class ProfileTable(Table):
-    """What a kind of device accepts, and how fast it responds."""
-
-    title: str = Field("", description="The kind of device, as text.")
-    mode: Literal["rtu", "ascii"] | None = Field(
-        None, description="The mode of these devices, if they have only one: `check` warns of a line with the other."
-    )
-    functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
-        None, description="Functions that it knows; others are answered 01 and not sent. Default: all."
-    )
-    limits: Limits = Field(
-        {}, description="The maximum number of items in a request, by function; more are answered 03."
-    )
-    holding: Ranges | None = Field(
-        None, description="Holding registers that exist; others are answered 02. Default: all."
-    )
-    input: Ranges | None = Field(None, description="Input registers that exist. Default: all.")
-    coils: Ranges | None = Field(None, description="Coils that exist. Default: all.")
-    discrete: Ranges | None = Field(None, description="Discrete inputs that exist. Default: all.")
-    idle_chars: Annotated[float, Field(gt=0, le=1000)] = Field(
-        3.5, description="The silence that ends a frame, in characters."
-    )
-    timing: Annotated[tuple[TimingRow, ...], ListOf] = Field(
-        (), description="Answer time by function and item count; points are joined by straight lines."
-    )
-    margin: Annotated[float, Field(ge=1, le=100)] = Field(1.5, description="Times are multiplied by it, to be safe.")
-    timeout: Duration = Field(1.0, description="The time for functions that are not in `timing`.")
-    quirks: Annotated[tuple[Quirk, ...], ListOf] = Field(
-        (),
-        description="Deviations from the protocol. `moves`: a write to holding register 0x0100 sets the address of the "
-        "device. `changes_baud`: a float32 written to 0x0200-1 sets its baud rate.",
-    )
-    points: Annotated[tuple[PointTable, ...], ListOf] = Field(
-        (), description="What its registers mean: names for `read` and `write`."
-    )
-
-
 class Own(Table):
     """The state of the gateway as a unit with [registers](own-registers.md); without this table there is none."""
 
@@ -605,137 +466,6 @@ class Access(Table):
     def sites(self) -> tuple[str, ...]:
         """The sites that `from` names."""
         return tuple(each.name for each in self.networks or () if isinstance(each, Site))
-
-
-class Web(Table):
-    """The web page, the HTTP API, and metrics for Prometheus; without this table there are none. See [web](web.md)."""
-
-    bind: WebAddress = Field(
-        description="Where to listen: `http://` or `https://`. Clients on this machine read without a password; if "
-        "other machines can connect, `users`, `token` or `proxy` must be given."
-    )
-    certificate: CredentialFile | None = Field(
-        None, description="With `https://`: the file with the certificate and its chain (PEM)."
-    )
-    key: CredentialFile | None = Field(
-        None,
-        description="With `https://`: the file with the private key (PEM); only its owner and group may read it.",
-    )
-    users: SocketPath | None = Field(
-        None,
-        description="The file with the users, made by `modbus-gateway user`. Changes apply within 5 s.",
-    )
-    proxy: Networks | None = Field(
-        None,
-        description="Addresses of reverse proxies that ask for the password: the header `X-Forwarded-User` of their "
-        "requests names the user, whose role is that in `users`, otherwise viewer.",
-    )
-    hosts: Annotated[tuple[Name, ...], ListOf] = Field(
-        (), description="Names by which it may be called, beside its addresses and `localhost`."
-    )
-    token: TokenFile | None = Field(
-        None,
-        description="The file with the token that programs send for `/metrics` and reads of the API "
-        "(`Authorization: Bearer ...`). If it is given, `/metrics` needs it or a login also from this machine.",
-    )
-    write: bool = Field(
-        False, description="Whether users with the role `operator` may write coils and registers through it."
-    )
-    history: bool = Field(
-        True,
-        description="Whether `history.sqlite` in the state directory keeps what units did in the last day and lines in "
-        "the last week. If not, it is gone after a restart.",
-    )
-
-
-class Publish(Table):
-    """Points that are published. The first row counts that matches a device and a point."""
-
-    device: Name = Field(description="The names of devices, images or mirrors; `*` stands for any characters.")
-    points: Annotated[tuple[Name, ...], ListOf] = Field(
-        ("*",), description="The names of points, in the same way. Default: all that can be read."
-    )
-    every: LongerDuration = Field(description="Time from one read to the next.")
-    on_change: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
-        None,
-        description="A value is published when it differs by at least this from the last one published. Default: when "
-        "it differs at all.",
-    )
-    at_least: LongerDuration | None = Field(
-        None, description="An unchanged value is published again after this time. Default: never."
-    )
-
-
-class Mqtt(Table):
-    """Values for a broker, and writes from there; without this table there are none. See [plant](plant.md)."""
-
-    broker: BrokerAddress = Field(
-        description="Its address: `mqtt://`, `mqtts://`, or for WebSockets `ws://` and `wss://`, with a path if it is "
-        "not `/mqtt`. Default ports: 1883, 8883, 80, 443."
-    )
-    user: Name | None = Field(None, description="The name with which the gateway logs in.")
-    password: PasswordFile | None = Field(
-        None, description="The file with its password; only its owner and group may read it."
-    )
-    publish: Annotated[tuple[Publish, ...], ListOf] = Field(description="What is published.")
-    write: bool = Field(False, description="Whether points with `write` = true can be written through the broker.")
-    home_assistant: HomeAssistant = Field(
-        None, description="Whether Home Assistant is told what there is, so that it shows all devices by itself."
-    )
-    sparkplug: SparkplugNames = Field(
-        None,
-        description="Sparkplug B instead of plain JSON. `node` is the name of the gateway in the group (default: "
-        "`site`); with `primary_host` it waits until that host application is online.",
-    )
-    ca: CredentialFile | None = Field(
-        None,
-        description="With `mqtts://` and `wss://`: the file with the certificates of the authorities of the broker "
-        "(PEM). Default: those that the system trusts.",
-    )
-    certificate: CredentialFile | None = Field(
-        None, description="The same: the file with the certificate that the gateway shows, and its chain (PEM)."
-    )
-    key: CredentialFile | None = Field(
-        None,
-        description="The same: the file with its private key (PEM); only its owner and group may read it.",
-    )
-    server_name: Name | None = Field(
-        None,
-        description="The same: the name or address in the certificate of the broker. Default: the host in `broker`.",
-    )
-
-
-class Fleet(Table):
-    """The other gateways of a fleet, over NATS; without this table there are none. See [fleet](fleet.md)."""
-
-    servers: NatsServers = Field(
-        description="NATS servers, of which one is used: `nats://` or `tls://`. Default port: 4222."
-    )
-    credentials: CredentialFile | None = Field(
-        None, description="The credentials file of a NATS user (JWT and seed); only its owner and group may read it."
-    )
-    user: Name | None = Field(None, description="Or the name with which the gateway logs in.")
-    password: PasswordFile | None = Field(
-        None, description="The file with its password; only its owner and group may read it."
-    )
-    lease: LeaseDuration = Field(5.0, description="How long a `lease` of a line lasts that nobody renews.")
-    fallback: Literal["release", "hold"] = Field(
-        "release",
-        description="What the holder of a lease does when it cannot reach NATS. `release`: it stops sending requests "
-        "before another can have the lease. `hold`: it goes on, so two gateways may ask on one line.",
-    )
-    ca: CredentialFile | None = Field(
-        None,
-        description="With `tls://`: the file with the certificates of the authorities of the servers (PEM). Default: "
-        "those that the system trusts.",
-    )
-    certificate: CredentialFile | None = Field(
-        None, description="With `tls://`: the file with the certificate that the gateway shows, and its chain (PEM)."
-    )
-    key: CredentialFile | None = Field(
-        None,
-        description="With `tls://`: the file with its private key (PEM); only its owner and group may read it.",
-    )
 
 
 class Control(Table):

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, Literal
 
 from gateway.config.problem import WrongValue
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, SERVER_UNIT
@@ -31,6 +31,41 @@ def parse_client_units(value: object) -> tuple[int, ...]:
         WrongValue: as parse_units.
     """
     return _parse(value, CLIENT_UNITS, NO_CLIENT_UNIT)
+
+
+def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
+    """What becomes of requests to unit 0.
+
+    Raises:
+        WrongValue: nothing that is known.
+    """
+    if value == "refuse":
+        return "refuse"
+    if value == "broadcast":
+        return "broadcast"
+    if isinstance(value, int) and not isinstance(value, bool) and value in CLIENT_UNITS:
+        return value
+    raise WrongValue('must be "refuse", "broadcast" or a unit, 1-247 or 255')
+
+
+def check_client_unit(value: int) -> int:
+    """A unit that clients use.
+
+    Raises:
+        WrongValue: none can have this number.
+    """
+    if value not in CLIENT_UNITS:
+        raise WrongValue(f"{value} is {NO_CLIENT_UNIT}")
+    return value
+
+
+def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
+    """A unit set, or "all".
+
+    Raises:
+        WrongValue: it is neither.
+    """
+    return "all" if value == "all" else parse_client_units(value)
 
 
 def _parse(value: object, allowed: frozenset[int], otherwise: str) -> tuple[int, ...]:

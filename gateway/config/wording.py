@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails
 
 from gateway.config.masking import is_secret
 from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_mean, error
-from gateway.config.schema import Table
+from gateway.config.table import Table
 
 #: A key and a value without quotes, in a line that is not TOML.
 _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")

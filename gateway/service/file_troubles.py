@@ -14,7 +14,10 @@ from gateway.config.load import Loaded
 from gateway.config.positions import Positions
 from gateway.config.problem import Path as ProblemPath
 from gateway.config.problem import Problem, warning
-from gateway.config.schema import Config, Fleet, Mqtt, Web
+from gateway.config.schema import Config
+from gateway.config.schema_fleet import Fleet
+from gateway.config.schema_mqtt import Mqtt
+from gateway.config.schema_web import Web
 from gateway.errors import BrokerError, FleetError, UsersError
 from gateway.fleet.credentials import NO_LIBRARY, read_credentials
 from gateway.service.certificate_troubles import certificate_troubles

@@ -12,7 +12,7 @@ from gateway.config.forecast import (
 )
 from gateway.config.load import builtin_profiles, parse
 from gateway.config.resolve import profile_of, resolve
-from gateway.config.schema import ProfileTable
+from gateway.config.schema_profile import ProfileTable
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from gateway.config.load import builtin_profiles, load, parse
 from gateway.config.resolve import resolve
-from gateway.config.schema import Config, Table
+from gateway.config.schema import Config
+from gateway.config.table import Table
 from gateway.config.wording import keys_of, row_model
 
 SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.config.load import parse
 from gateway.config.masking import is_secret, masked
-from gateway.config.schema import Table
+from gateway.config.table import Table
 from gateway.config.wording import keys_of
 
 

@@ -4,21 +4,10 @@ import pytest
 from pydantic import ValidationError
 
 from gateway.config.load import parse
-from gateway.config.schema import (
-    Access,
-    Config,
-    Device,
-    Image,
-    Initial,
-    Line,
-    Listen,
-    Log,
-    Polled,
-    ProfileTable,
-    Table,
-    Upstream,
-    Web,
-)
+from gateway.config.schema import Access, Config, Device, Image, Initial, Line, Listen, Log, Polled, Upstream
+from gateway.config.schema_profile import ProfileTable
+from gateway.config.schema_web import Web
+from gateway.config.table import Table
 from gateway.config.wording import row_model
 from gateway.modbus.codes import Area
 

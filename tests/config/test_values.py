@@ -6,17 +6,12 @@ import pytest
 
 from gateway.config.address import Address
 from gateway.config.character_format import parse_format
+from gateway.config.limits import parse_item, parse_limits
+from gateway.config.names import parse_name
+from gateway.config.networks import parse_networks
+from gateway.config.port import parse_port
 from gateway.config.problem import NotText, WrongValue
-from gateway.config.values import (
-    check_client_unit,
-    parse_item,
-    parse_limits,
-    parse_name,
-    parse_networks,
-    parse_port,
-    parse_unit0,
-    parse_units_or_all,
-)
+from gateway.config.unitset import check_client_unit, parse_unit0, parse_units_or_all
 from gateway.timing.characters import CharacterFormat
 
 

@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 from gateway.config.check_units import served_units
 from gateway.config.load import parse
 from gateway.config.problem import Path
-from gateway.config.schema import Config, Device, Image, Line, Listen, PointTable, ProfileTable, Table, Upstream
+from gateway.config.schema import Config, Device, Image, Line, Listen, Upstream
+from gateway.config.schema_profile import PointTable, ProfileTable
+from gateway.config.table import Table
 from gateway.config.values import Kind
 from gateway.modbus.codes import Area
 

@@ -1,0 +1,46 @@
+"""Paths of files, and the names of credentials."""
+
+import re
+
+from gateway.config.problem import WrongValue
+from gateway.tls.secret_file import SecretFile
+
+#: A file in the folder of systemd's credentials, and nowhere else.
+_CREDENTIAL = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")
+
+
+def check_path(value: str) -> str:
+    """A path that the system takes, and a log can show.
+
+    Raises:
+        WrongValue: it has characters that cannot be seen, such as the NUL at which the system would end it.
+    """
+    if not value.isprintable():
+        raise WrongValue("has characters that cannot be seen")
+    return value
+
+
+def parse_token_file(value: object) -> str:
+    """The file that holds a token.
+
+    Raises:
+        WrongValue: `value` names no file.
+    """
+    match value:
+        case {"file": str(path), **others} if path and not others:
+            return check_path(path)
+    raise WrongValue("names no file", 'write { file = "/etc/modbus-gateway/metrics.token" }')
+
+
+def parse_file(value: object) -> SecretFile:
+    """A path, or the name of a credential that systemd hands to the service.
+
+    Raises:
+        WrongValue: `value` is neither.
+    """
+    match value:
+        case str(path) if path:
+            return SecretFile(check_path(path))
+        case {"credential": str(name), **others} if _CREDENTIAL.fullmatch(name) and not others:
+            return SecretFile(name, is_credential=True)
+    raise WrongValue("names no file", 'write "/etc/modbus-gateway/server.key", or { credential = "server.key" }')
