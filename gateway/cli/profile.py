@@ -19,7 +19,7 @@ from gateway.config.plan import ASSUMED_LATENCY
 from gateway.config.points import points_of, type_of
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.ranges import show_ranges
-from gateway.config.resolve import profile_of
+from gateway.config.resolve_profile import profile_of
 from gateway.config.schema_profile import PointTable, ProfileTable
 from gateway.profiles.profile import Profile, Range
 from gateway.timing.budget import AnswerTime

@@ -7,7 +7,7 @@ from gateway.config.check_units import client_lines
 from gateway.config.duration import show_duration
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
-from gateway.config.resolve import ASKED_AT_ZERO
+from gateway.config.resolve_lines import ASKED_AT_ZERO
 from gateway.config.schema import Config, Image, Polled
 from gateway.config.schema_profile import PointTable, ProfileTable
 from gateway.images.polls import polling_function

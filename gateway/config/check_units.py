@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.resolve import passing_units
+from gateway.config.resolve_lines import passing_units
 from gateway.config.schema import Config, Device, Line
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT

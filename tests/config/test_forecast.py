@@ -11,7 +11,8 @@ from gateway.config.forecast import (
     waits_behind,
 )
 from gateway.config.load import builtin_profiles, parse
-from gateway.config.resolve import profile_of, resolve
+from gateway.config.resolve import resolve
+from gateway.config.resolve_profile import profile_of
 from gateway.config.schema_profile import ProfileTable
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming

@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from gateway.config.load import builtin_profiles
-from gateway.config.resolve import profile_of
+from gateway.config.resolve_profile import profile_of
 from gateway.profiles.builtin import BUILTIN_PROFILES
 from gateway.simulator.builtin import builtin_profile
 
