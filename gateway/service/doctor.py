@@ -203,9 +203,9 @@ def _told(found: Search) -> list[str]:
 def _needs_more(line: GatewayLine, device: Device, asked_here: int) -> bool:
     unit = unit_evidence(line, device)
     if unit.answered and unit.in_a_row:  # did it lose a few requests, does it answer again?
-        return not asked_here or unit.in_a_row < ENOUGH_IN_A_ROW
+        return not asked_here or (unit.in_a_row < ENOUGH_IN_A_ROW and asked_here < FAILURES)
     if unit.ago is not None and unit.ago > min(RECENT, _failed_ago(line)):
-        return True
+        return asked_here < FAILURES
     return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
 
 

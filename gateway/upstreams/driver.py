@@ -1,6 +1,7 @@
 """Connects an upstream to the clock: with its subclasses its only part that knows the event loop."""
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -11,10 +12,10 @@ from gateway.ports.error_boundary import ErrorBoundary
 from gateway.upstreams.upstream import Upstream
 
 
-class UpstreamDriver:
+class UpstreamDriver(ABC):
     """Passes time and requests to `upstream`. Its subclasses are PortOwners: they know what carries the requests.
 
-    An unexpected error is logged here, all requests of the upstream fail, and the port is closed.
+    An unexpected error is logged here, and the port is closed.
     """
 
     is_renewing = False
@@ -66,6 +67,6 @@ class UpstreamDriver:
         """Do one step, and what follows from it."""
         step(*arguments)
 
+    @abstractmethod
     def _down(self) -> None:
         """The port was lost: what becomes of requests."""
-        self.upstream.port_down(self._time())

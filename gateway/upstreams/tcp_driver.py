@@ -16,7 +16,8 @@ from gateway.upstreams.upstream import Upstream
 class TcpDriver(UpstreamDriver):
     """Passes bytes, time and requests to `upstream`. It is the PortOwner of the connection.
 
-    It closes a connection that cannot be used any more; the reconnector opens the next one.
+    It closes a connection that cannot be used any more; the reconnector opens the next one. When it is lost, all requests
+    fail.
     """
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
@@ -49,6 +50,9 @@ class TcpDriver(UpstreamDriver):
             self._hang_up(f"what came is no Modbus TCP: {error}")
         if self.upstream.is_spent:
             self._hang_up("too many answers are overdue on it")
+
+    def _down(self) -> None:
+        self.upstream.port_down(self._time())
 
     def _hang_up(self, reason: str) -> None:
         self._emit(UpstreamClosed(self.upstream.settings.name, reason))

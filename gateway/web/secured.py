@@ -18,7 +18,7 @@ _BUFFER: Final = memoryview(bytearray(16 * 1024))
 
 
 class SecuredStream(TlsStream):
-    """A connection whose socket those know who bound what the system keeps for it."""
+    """A connection that also gives its socket: aiohttp and `streams` set its options, and nobody may write to it."""
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
         """See asyncio.BaseTransport."""

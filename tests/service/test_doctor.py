@@ -491,3 +491,17 @@ async def test_nothing_is_asked_for_a_line_that_a_reload_has_replaced():
         bench.running.gateway = replace(bench.gateway, lines=())
         await examining
         assert sum(len(device.heard) for device in devices) <= 2
+
+
+async def test_a_unit_that_answers_late_each_time_leaves_time_for_the_others():
+    async with gateway_bench(CONFIG) as bench:
+        silo, press = SimulatedDevice(1), SimulatedDevice(6)
+        bench.attach("hall", SimulatedLine("rtu", silo, press))
+        client = bench.client()
+        for unit in (41, 6) * 10:
+            await client.asks(unit, "03 00 00 00 01")
+        await asyncio.sleep(120.0)
+        silo.delay = 1.6
+        bench.lines["hall"].take_written()
+        await found(bench)
+        assert {unit for unit, _ in frames(bench)} == {1, 6}
