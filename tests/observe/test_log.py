@@ -6,6 +6,7 @@ import json
 import logging
 import re
 import time
+from functools import partial
 from threading import Event
 
 import pytest
@@ -23,17 +24,20 @@ from gateway.events import (
 )
 from gateway.lines.counts import RESULTS
 from gateway.observe.backlog import MOST_WAITING
+from gateway.observe.limiter import Limiter
 from gateway.observe.log import open_log
 from gateway.observe.writer import MOST_CAUSED
 
 LOST = LineLost("hall-a", "/dev/ttyUSB0", "unplugged")
 TIMEOUT = RequestTimeout("hall-a", 1, "silo-1", 3, 1009.3, 1009.0, "gateway.toml:4")
-PATIENCE = 20.0
+#: So long the log may take, and in so many seconds a test says all that is about one subject.
+PATIENCE, TOGETHER = 60.0, 3.0
 
 
 @pytest.fixture(autouse=True)
-def _all_of_it_is_written_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def _on_a_busy_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.observe.writer.CLOSING_PATIENCE", PATIENCE)
+    monkeypatch.setattr("gateway.observe.writer.Limiter", partial(Limiter, seconds=TOGETHER))
 
 
 class SlowStream(io.StringIO):

@@ -1,4 +1,4 @@
-"""Files in the state folder have a minute, on disks of machines that have other things to do."""
+"""Files in the state folder have time, on disks of machines that have other things to do."""
 
 import pytest
 

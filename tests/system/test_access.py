@@ -1,5 +1,6 @@
 """Rights in a real process: clients from several addresses, who is let in, who may write, and what is told of it."""
 
+import signal
 import socket
 import time
 from pathlib import Path
@@ -108,6 +109,12 @@ def test_without_rows_clients_from_elsewhere_only_read(tmp_path: Path) -> None:
         assert any('from = ["10.2.0.0/24", "127.0.0.0/8"]' in each for each in said)
 
 
+def until_all_is_logged(gateway: GatewayProcess) -> None:
+    """Wait for all of which there is a line: the end of a gateway does not wait long for that."""
+    gateway.signal(signal.SIGHUP)
+    gateway.wait_for("config_applied")
+
+
 def test_who_may_only_read_does_not_fill_the_journal_with_refused_writes(tmp_path: Path) -> None:
     """Writes to all units, as fast as they are refused: a few lines, which tell of all of them."""
     count, began = 20_000, time.monotonic()
@@ -119,6 +126,7 @@ def test_who_may_only_read_does_not_fill_the_journal_with_refused_writes(tmp_pat
                 left = 100 * 9
                 while left:
                     left -= len(reader.recv(left))
+        until_all_is_logged(gateway)
         assert gateway.stop() == 0
     told = [event for event in gateway.log if event["event"] == "write_audit"]
     tens = (time.monotonic() - began) / 10  # of seconds: in each of them a line or two
@@ -137,6 +145,7 @@ def test_each_of_many_writes_is_told_or_counted_as_missing(tmp_path: Path) -> No
             left = count * len(encode(0, 200, WRITE))
             while left:
                 left -= len(client.recv(left))
+        until_all_is_logged(gateway)
         assert gateway.stop() == 0
     told = [event for event in gateway.log if event["event"] == "write_audit"]
     missing = sum(event["write_audits"] for event in gateway.log if event["event"] == "events_dropped")

@@ -70,7 +70,10 @@ class Hall:
 
 def test_a_healthy_set_up_has_nothing_to_fix(tmp_path):
     with Hall(tmp_path) as hall:
-        status, rows = hall.doctor()
+        for _ in range(ATTEMPTS):
+            status, rows = hall.doctor()
+            if status == 0:
+                break
         assert (status, rows["fix"]) == (0, [])
         assert [row.partition(":")[0] for row in rows["ok"]] == ["port of hall", "hall"]
         again = hall.doctor("hall", "--passive")

@@ -7,6 +7,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import cycle, islice
 from pathlib import Path
 
 import pytest
@@ -340,23 +341,26 @@ async def test_what_nobody_reads_does_not_stop_a_line(port: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["rtu", "ascii"])
 async def test_a_panel_asks_in_turn_and_collects_the_answers(port: Path, mode) -> None:
+    """A busy machine may make some of them late."""
     requests = [Frame(1, bytes.fromhex("10 0001 0001 02 1234")), Frame(1, bytes.fromhex("03 0001 0001"))]
-    answers = []
+    asked, answers = [], []
     async with Panel(port, mode=mode) as panel:
         with served(port, Generic(1), RtuFramer(silence=1.0) if mode == "rtu" else AsciiFramer()):
-            async for _, answer in panel.poll(requests):
-                answers.append(answer)
-                if len(answers) == 4:
+            async for request, answer in panel.poll(requests):
+                asked.append(request)
+                answers += [] if answer is None else [answer.pdu.hex()]
+                if min(answers.count("1000010001"), answers.count("03021234")) >= 2:
                     break
             assert await panel.ask(Frame(9, bytes.fromhex("03 0001 0001")), patience=0.1) is None
-    assert [answer.pdu.hex() for answer in answers] == 2 * ["1000010001", "03021234"]
+    assert asked == list(islice(cycle(requests), len(asked)))
+    assert set(answers) == {"1000010001", "03021234"}
 
 
 async def test_a_panel_takes_the_time_of_its_requests_on_the_wire(port: Path) -> None:
     async with Panel(port) as panel:
         with served(port, Generic(1), RtuFramer(silence=1.0), baud=1200):
             start = time.monotonic()
-            assert await panel.ask(Frame(1, bytes.fromhex("10 0000 0014 28") + bytes(40)))
+            assert await panel.ask(Frame(1, bytes.fromhex("10 0000 0014 28") + bytes(40)), patience=PATIENCE)
             assert time.monotonic() - start > 49 * 11 / 1200
 
 

@@ -494,6 +494,7 @@ def upstream(port: int, name: str = OPERATOR, **changes: str) -> str:
 
 def test_units_behind_a_secured_server(gateway: GatewayProcess, tmp_path: Path) -> None:
     with GatewayProcess(tmp_path, upstream(gateway.port)) as near, from_address("127.0.0.1", near.port) as client:
+        near.first("line_up")
         client.sendall(encode(1, 37, WRITE))
         assert client.recv(260)[7:] == WRITE
         client.sendall(encode(2, 37, READ))

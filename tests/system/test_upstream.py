@@ -142,6 +142,7 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
         GatewayProcess(other, config(behind.port, "20 s")) as gateway,
         closing(Client(gateway)) as client,
     ):
+        gateway.first("line_up")
         assert client.read(37, 5) == "03 02 00 07"
         assert client.ask(37, "06 0006 0102") == "06 00 06 01 02"
         assert device.holding[6] == 0x0102
