@@ -190,11 +190,13 @@ class Mirror:
         """
         parse_request(row.waiting[0].pdu)
         request = row.take()
-        row.under_way += 1
+        passed_on = Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now)
+        row.under_way += 1  # until it is over: see `passed`
         try:
-            self._device.submit(Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now), now)
+            self._device.submit(passed_on, now)
         except BaseException:
-            row.under_way -= 1
+            if not passed_on.is_over:
+                passed_on.fail(ServerDeviceFailure())
             raise
 
     def _fail(self, request: Request, error: RequestError, now: float) -> None:

@@ -29,13 +29,58 @@ class BrokenDevice:
         return False
 
 
+class RaisingDevice:
+    """A device that raises for what a client asks, before or after it has answered; `polls` are for the test."""
+
+    def __init__(self, *, answers_first):
+        self.polls = []
+        self._answers_first = answers_first
+
+    def submit(self, request, now, *, yields=False):
+        if yields:
+            self.polls.append(request)
+            return
+        if self._answers_first:
+            request.respond(request.pdu)
+        raise ZeroDivisionError
+
+    def is_resting(self, now):
+        return False
+
+
+def mirror_of(device, emit):
+    polls = (Poll(Area.HOLDING, 0, 9, 0.5),)
+    settings = MirrorSettings(241, "silo", "silo-1", Profile("a"), polls, {Area.HOLDING: ((0, 9),)}, 2.0, "g.toml:1")
+    return MirrorDriver(settings, device, asyncio.get_running_loop(), emit)
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize(
+    ("answers_first", "written"), [(True, "06 00 01 00 05"), (False, "86 04")], ids=["answered", "not answered"]
+)
+async def test_a_device_that_raises_is_counted_once_and_what_waits_behind_is_answered(answers_first, written):
+    """The defect is met as a poll ends, so that nobody is in `submit` whose request could be failed instead."""
+    events, device, client = [], RaisingDevice(answers_first=answers_first), Asker()
+    driver = mirror_of(device, events.append)
+    driver.start()
+    await asyncio.sleep(0.1)
+    for pdu in ("03 00 00 00 01", "06 00 01 00 05", "03 00 00 00 01"):
+        driver.submit(client.ask(pdu, unit=241), asyncio.get_running_loop().time())
+    values = bytes.fromhex("03 14") + bytes(20)
+    device.polls.pop().respond(values)
+    await asyncio.sleep(0.6)
+    device.polls.pop().respond(values)
+    assert client.answers == ["03 02 00 00", written, "03 02 00 00"]
+    assert [type(event) for event in events] == [PartFailed]
+    assert driver.mirror._rows == {}
+    driver.close()
+
+
 @pytest.mark.interpreted
 @pytest.mark.parametrize("pdu", ["06 00 01 00 05", "03 00 00 00 01"])
 async def test_a_request_that_meets_a_defect_fails_and_the_next_one_goes_on(monkeypatch, pdu):
     events, device, client = [], BrokenDevice(), Asker()
-    polls = (Poll(Area.HOLDING, 0, 9, 0.5),)
-    settings = MirrorSettings(241, "silo", "silo-1", Profile("a"), polls, {Area.HOLDING: ((0, 9),)}, 2.0, "g.toml:1")
-    driver = MirrorDriver(settings, device, asyncio.get_running_loop(), events.append)
+    driver = mirror_of(device, events.append)
     with monkeypatch.context() as patched:
         patched.setattr(driver.mirror, "_read", lambda *_: 1 // 0)
         driver.submit(client.ask(pdu, unit=241), 0.0)
