@@ -56,21 +56,19 @@ class Router:
 
     def submit_for(self, identity: Identity, request: Request, now: float) -> None:
         """The same for a client with a certificate, which has the rights of its role."""
+        self._submit_with(self.rights.of_role(identity.role), identity, request, now)
+
+    def submit_named(self, identity: Identity, request: Request, now: float) -> None:
+        """The same for a client of which `identity` is told, for the audit only: it has the rights of its host."""
+        self._submit_with(self.rights, identity, request, now)
+
+    def _submit_with(self, rights: Rights, identity: Identity, request: Request, now: float) -> None:
         unit = request.unit
-        target, rights = self.routes.get(unit), self.rights.of_role(identity.role)
+        target = self.routes.get(unit)
         if target is not None and request.pdu[0] in rights[request.origin.host][unit]:
             target.submit(request, now)
         else:
             self._submit_other(request, target, now, rights, identity)
-
-    def submit_named(self, identity: Identity, request: Request, now: float) -> None:
-        """The same for a client of which `identity` is told, for the audit only: it has the rights of its host."""
-        unit = request.unit
-        target = self.routes.get(unit)
-        if target is not None and request.pdu[0] in self.rights[request.origin.host][unit]:
-            target.submit(request, now)
-        else:
-            self._submit_other(request, target, now, self.rights, identity)
 
     def _submit_other(
         self, request: Request, target: NamedTarget | None, now: float, rights: Rights, identity: Identity
