@@ -16,8 +16,8 @@ from gateway.upstreams.upstream import Upstream
 class TcpDriver(UpstreamDriver):
     """Passes bytes, time and requests to `upstream`. It is the PortOwner of the connection.
 
-    It closes a connection that cannot be used any more; the reconnector opens the next one. When it is lost, all requests
-    fail.
+    It closes a connection that cannot be used any more; the reconnector opens the next one. When it is lost, its
+    requests fail.
     """
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
