@@ -35,10 +35,29 @@ class CommandCounts:
     refused: int = 0
 
 
+class CarriedOut:
+    """The commands of late that have a correlation. It outlives a reload: they may come again then."""
+
+    def __init__(self) -> None:
+        self._keys: OrderedDict[bytes, None] = OrderedDict()
+
+    def __contains__(self, delivery: Delivery) -> bool:
+        """Whether one with its topic and correlation is among them."""
+        return delivery.correlation is not None and _key(delivery.topic, delivery.correlation) in self._keys
+
+    def add(self, delivery: Delivery) -> None:
+        """Find the delivery if it comes again."""
+        if delivery.correlation is None:
+            return
+        self._keys[_key(delivery.topic, delivery.correlation)] = None
+        if len(self._keys) > MOST_REMEMBERED:
+            self._keys.popitem(last=False)
+
+
 class Commands:
     """Writes go to `way`, and their responses come to `asker`; `tell` is called with what became of each command.
 
-    `clock` is that of `now` everywhere.
+    Those that are `carried_out` already are refused. `clock` is that of `now` everywhere.
     """
 
     def __init__(
@@ -48,6 +67,7 @@ class Commands:
         emit: Emit,
         clock: Callable[[], float],
         tell: Callable[[Command | Misdirected, str | None, float], None],
+        carried_out: CarriedOut,
     ) -> None:
         self.counts = CommandCounts()
         self._way = way
@@ -57,7 +77,7 @@ class Commands:
         self._tell = tell
         self._in_progress = 0
         self._is_closed = False
-        self._done: OrderedDict[bytes, None] = OrderedDict()
+        self._carried_out = carried_out
 
     def close(self) -> None:
         """Carry out no more: the way may lead to other devices from now on."""
@@ -73,7 +93,7 @@ class Commands:
             return "it may have been delivered before"
         if delivery.expiry is not None and delivery.expiry <= 0:
             return "it has expired"
-        if delivery.correlation is not None and _key(delivery.topic, delivery.correlation) in self._done:
+        if delivery in self._carried_out:
             return "one with this correlation was received before"
         return ""
 
@@ -91,7 +111,7 @@ class Commands:
             self._emit(_audit(command))
             self._failed(command, refusal, now)
             return
-        self._remember(command.delivery)
+        self._carried_out.add(command.delivery)
         self._in_progress += 1
         expiry = command.delivery.expiry
         origin = _Writer(self._asker, command, self._clock, None if expiry is None else now + expiry)
@@ -116,14 +136,6 @@ class Commands:
     def _failed(self, command: Command | Misdirected, why: str, now: float) -> None:
         self.counts.refused += 1
         self._tell(command, why, now)
-
-    def _remember(self, delivery: Delivery) -> None:
-        """Find the delivery if it comes again."""
-        if delivery.correlation is None:
-            return
-        self._done[_key(delivery.topic, delivery.correlation)] = None
-        if len(self._done) > MOST_REMEMBERED:
-            self._done.popitem(last=False)
 
 
 class _Writer:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from gateway.events import Emit, PartFailed
-from gateway.plant.commands import CLIENT
+from gateway.plant.commands import CLIENT, CarriedOut
 from gateway.plant.messages import Command, Delivery, Form, Message
 from gateway.plant.polls import Target
 from gateway.plant.publisher import Publisher, PublisherSettings
@@ -31,6 +31,7 @@ class PublisherDriver:
         way: Way,
         emit: Emit,
         unix: Callable[[], float],
+        carried_out: CarriedOut,
     ) -> None:
         """`unix` is the time of the day."""
         loop = asyncio.get_running_loop()
@@ -39,7 +40,7 @@ class PublisherDriver:
         self._emit = emit
         self._is_open = False
         self.publisher = Publisher(
-            settings, form, targets, way, self, emit, loop.time, lambda now: unix() - loop.time() + now
+            settings, form, targets, way, self, emit, loop.time, lambda now: unix() - loop.time() + now, carried_out
         )
         self._timer = LazyTimer(loop, self._tick)
 

@@ -12,7 +12,7 @@ from typing import Final
 from gateway.events import Emit
 from gateway.plant.births import Births
 from gateway.plant.changes import Watch
-from gateway.plant.commands import Asker, Commands
+from gateway.plant.commands import Asker, CarriedOut, Commands
 from gateway.plant.messages import (
     Command,
     Delivery,
@@ -80,13 +80,14 @@ class Publisher:
         emit: Emit,
         clock: Callable[[], float],
         unix: Callable[[float], float],
+        carried_out: CarriedOut,
     ) -> None:
         #: Results that nobody got, because there were too many.
         self.dropped_results = 0
         self.form = form
         #: Whether the connection is to be given up and made anew.
         self.must_leave = False
-        self.commands = Commands(way, origin, emit, clock, self._tell)
+        self.commands = Commands(way, origin, emit, clock, self._tell, carried_out)
         self._clock = clock
         self._unix = unix
         self._watches = {

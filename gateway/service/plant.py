@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Literal
 
 from gateway import events
+from gateway.plant.commands import CarriedOut
 from gateway.service.announced import AnnouncedDevices
 from gateway.tls.store import TlsStore
 
@@ -58,6 +59,7 @@ class Publishing:
         self._emit = emit
         #: What Home Assistant was told.
         self.announced = AnnouncedDevices()
+        self._carried_out = CarriedOut()
         self._contexts = contexts
         self._unix = unix
         #: What publishes; None without [mqtt].
@@ -77,7 +79,9 @@ class Publishing:
         if plan is not None:
             announcing = await import_module("gateway.service.announcing").Announcing.of(plan, self.announced)
             publication = import_module("gateway.service.publication").Publication
-            self.part = publication(plan, gateway, self._emit, self._contexts, announcing, self._unix)
+            self.part = publication(
+                plan, gateway, self._emit, self._contexts, announcing, self._carried_out, self._unix
+            )
 
     def status(self) -> BrokerStatus | None:
         """How it stands; None without [mqtt]."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
 from gateway.config.plan import MqttPlan
+from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Form, Message
 from gateway.plant.plain import PlainForm
@@ -40,6 +41,7 @@ def reading(
     plan: MqttPlan,
     gateway: "Gateway",
     emit: events.Emit,
+    carried_out: CarriedOut,
     unix: Callable[[], float] = time.time,
     announcements: Sequence[Message] = (),
 ) -> PublisherDriver:
@@ -49,7 +51,7 @@ def reading(
     patience = {unit: wait for owner in owners for unit, wait in owner.longest_wait.items()}
     waits = {each.name: patience.get(each.unit, 0.0) for each in plan.devices}
     settings = PublisherSettings(plan.devices, waits, plan.source)
-    driver = PublisherDriver(settings, _form(plan, announcements), targets, gateway.mqtt, emit, unix)
+    driver = PublisherDriver(settings, _form(plan, announcements), targets, gateway.mqtt, emit, unix, carried_out)
     driver.start()
     return driver
 
@@ -64,12 +66,13 @@ class Publication:
         emit: events.Emit,
         contexts: TlsStore,
         announcing: Announcing,
+        carried_out: CarriedOut,
         unix: Callable[[], float],
     ) -> None:
         self.plan = plan
         self._announcing = announcing
         self._destinations = _destinations(plan, gateway)
-        self.driver = reading(plan, gateway, emit, unix, announcing.messages)
+        self.driver = reading(plan, gateway, emit, carried_out, unix, announcing.messages)
         #: What keeps the connection; None if it cannot, because its library is missing.
         self.broker: Any = None
         self.reason = ""

@@ -208,7 +208,7 @@ class Api:
     async def write_values(self, request: web.Request) -> web.Response:
         """Write values from an address on."""
         self._check_writing()
-        unit, (area, points), values = self._any_unit(request), _place(request), await _values(request)
+        values, unit, (area, points) = await _values(request), self._any_unit(request), _place(request)
         if len(points) != len(values):
             raise ProblemError(400, f"{len(values)} values do not fill {len(points)} places")
         outcome = await self._write(request, unit, points, values)
@@ -217,7 +217,7 @@ class Api:
     async def write_point(self, request: web.Request) -> web.Response:
         """Write one point."""
         self._check_writing()
-        (unit, point), values = self._point(request), await _values(request)
+        values, (unit, point) = await _values(request), self._point(request)
         if len(values) != 1:
             raise ProblemError(400, f"{point.name} takes one value, not {len(values)}")
         outcome = await self._write(request, unit, [point], values)
@@ -226,7 +226,7 @@ class Api:
     async def write_points(self, request: web.Request) -> web.Response:
         """Write points that lie side by side, with one request."""
         self._check_writing()
-        unit, values = self._answers.unit(_wanted(request)), await _values(request)
+        values, unit = await _values(request), self._answers.unit(_wanted(request))
         named = [value for value in values if isinstance(value, dict) and set(value) == {"point", "value"}]
         if not values or len(named) != len(values):
             raise ProblemError(400, 'each value must be {"point": NAME, "value": VALUE}')

@@ -4,16 +4,31 @@ from functools import partial
 
 from aiohttp import web
 
-from gateway.web.answers import Answers, Asker, Unit
+from gateway.web.answers import Answer, Answers, Asker, Unit
 from gateway.web.guard import VISITOR
+from gateway.web.problems import ProblemError
 from gateway.web.values import Ask
 
 
 def ask_for(request: web.Request, answers: Answers, unit: Unit) -> Ask:
-    """What sends request PDUs to a unit, with the rights of the visitor."""
+    """What sends request PDUs to a unit, with the rights of the visitor; see `ask_as`."""
     visitor = request[VISITOR]
-    asker = Asker(visitor.client, visitor.host, partial(is_there, request))
-    return lambda pdu: answers.ask(unit.unit, pdu, asker)
+    return ask_as(Asker(visitor.client, visitor.host, partial(is_there, request)), answers, unit)
+
+
+def ask_as(asker: Asker, answers: Answers, unit: Unit) -> Ask:
+    """What sends request PDUs to a unit until a reload leads its number elsewhere; then it raises ProblemError.
+
+    To be called as soon as the unit is known, before anything is waited for.
+    """
+    target = answers.target(unit.unit)
+
+    async def ask(pdu: bytes) -> Answer:
+        if answers.target(unit.unit) is not target:
+            raise ProblemError(409, f"unit {unit.unit} has changed by a reload: ask again")
+        return await answers.ask(unit.unit, pdu, asker)
+
+    return ask
 
 
 def is_there(request: web.Request) -> bool:

@@ -4,6 +4,7 @@ import asyncio
 import json
 from dataclasses import dataclass, field
 
+from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Delivery, Message
 from gateway.service.publication import reading
@@ -22,7 +23,9 @@ class FakeBroker:
     def of(cls, bench: GatewayBench) -> "FakeBroker":
         """The broker of a gateway; its devices are read from now on. Times of messages are those of the loop."""
         gateway = bench.gateway
-        return cls(reading(gateway.plan.mqtt, gateway, bench.events.append, asyncio.get_running_loop().time))
+        return cls(
+            reading(gateway.plan.mqtt, gateway, bench.events.append, CarriedOut(), asyncio.get_running_loop().time)
+        )
 
     def connect(self) -> list[str]:
         """Connect and take the birth; the topics that are subscribed to afterwards."""

@@ -11,6 +11,7 @@ from gateway.events import BrokerLost, BrokerRefused, BrokerUp
 from gateway.plant import broker as module
 from gateway.plant.broker import Broker
 from gateway.plant.client import STEP_TIME
+from gateway.plant.commands import CarriedOut
 from gateway.plant.reasons import SubscriptionRefusedError
 from gateway.service.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
@@ -92,7 +93,7 @@ async def publishing():
         device = SimulatedDevice(1, delay=0.002)
         bench.attach("hall", SimulatedLine("rtu", device))
         loop, gateway = asyncio.get_running_loop(), bench.gateway
-        driver = reading(gateway.plan.mqtt, gateway, bench.events.append, loop.time)
+        driver = reading(gateway.plan.mqtt, gateway, bench.events.append, CarriedOut(), loop.time)
         broker = Broker("broker", lambda: None, driver, bench.events.append, loop.time)
         task = asyncio.create_task(broker.run())
         yield bench, device, broker

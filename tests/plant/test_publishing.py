@@ -624,3 +624,26 @@ async def test_no_command_of_earlier_points_goes_by_the_routes_of_a_reload(monke
         written = [frame.pdu.hex() for device in devices for frame in device.heard if frame.pdu[0] == 6]
         assert written == ([] if is_changed else ["0600020001"])
         await new.publishing.stop()
+
+
+async def test_a_command_that_comes_again_after_a_reload_is_carried_out_once(monkeypatch):
+    monkeypatch.setattr("gateway.plant.broker.Broker", SilentBroker)
+    config = CONFIG + MQTT + "write = true\n"
+    async with gateway_bench(config) as bench:
+        silo, _ = furnish(bench)
+        old = bench.gateway
+        await old.publishing.adopt(old)
+        driver = old.publishing.part.driver
+        driver.received(Delivery(f"{STATE}/set", b"1", driver.now(), correlation=b"7"))
+        await asyncio.sleep(0.5)
+        loaded = parse(config.replace('rest    = "2 s"', 'rest    = "3 s"'), port_trouble=lambda _: None, real_path=str)
+        loop = asyncio.get_running_loop()
+        new = build(resolve(loaded.config), loop, bench._open, bench.memory, bench.events.append, running=old)
+        await bench.running.switch(new)
+        bench.gateway = new
+        await asyncio.sleep(1.0)
+        driver = new.publishing.part.driver
+        driver.received(Delivery(f"{STATE}/set", b"1", driver.now(), correlation=b"7"))
+        await asyncio.sleep(1.0)
+        await new.publishing.stop()
+        assert [frame.pdu.hex() for frame in silo.heard if frame.pdu[0] == 6] == ["0600020001"]

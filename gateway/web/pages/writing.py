@@ -20,7 +20,7 @@ from gateway.registers.items import WRITERS
 from gateway.registers.reference import reference
 from gateway.web.answers import Answer, Answers, Asker, Unit
 from gateway.web.api import unit_in
-from gateway.web.asking import ask_for, is_there
+from gateway.web.asking import ask_as, ask_for, is_there
 from gateway.web.guard import VISITOR, Need, Visitor
 from gateway.web.pages.addresses import page_of, path_of, see_other
 from gateway.web.pages.fields import whole
@@ -104,8 +104,8 @@ class WritePages:
         """
         if not self._rights.may_write:
             raise ProblemError(403, "nothing is written over HTTP without write = true in [web]")
-        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
         form = {name: str(text) for name, text in (await request.post()).items()}
+        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
         points, values = _wanted(unit, form)
         readings, pdu = prepared(unit, points, values)
         if not self._answers.may(unit.unit, pdu[0], visitor.host):
@@ -164,12 +164,13 @@ class WritePages:
         if not self._is_as_asked(question):
             return Result(_CHANGED, 0.0)
         asker = Asker(visitor.client, visitor.host, is_awaited)
-        answer = await self._answers.ask(unit.unit, question.pdu, asker)
+        ask = ask_as(asker, self._answers, unit)
+        answer = await ask(question.pdu)
         self._reads.forget(unit)
         if answer.pdu[0] & EXCEPTION_BIT:
             return Result(complaint(answer), answer.elapsed_ms, may_have_acted=_may_have_acted(answer))
         points = [each.point for each in question.wanted]
-        after, why = await self._read(unit, points, lambda pdu: self._answers.ask(unit.unit, pdu, asker))
+        after, why = await self._read(unit, points, ask)
         return Result(None, answer.elapsed_ms, tuple(after), why)
 
     def _is_as_asked(self, question: Question) -> bool:
