@@ -164,7 +164,8 @@ def remake(kind: type[Any], values: dict[str, Any]) -> object:
 def _interpreter() -> list[str]:
     """Python with the same environment as here, for a program that sets its own path."""
     isolated = ["-I", "-S"] if sys.flags.isolated else ["-P"]
-    return [sys.executable, *isolated, "-c", _PROGRAM]
+    bytecode = [] if sys.pycache_prefix is None else ["-X", f"pycache_prefix={sys.pycache_prefix}"]
+    return [sys.executable, *isolated, *bytecode, "-c", _PROGRAM]
 
 
 def _explain(status: int, said: bytes) -> str:

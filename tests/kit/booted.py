@@ -32,6 +32,15 @@ _CODE = "/opt/modbus-gateway"
 _LIBRARIES = "/opt/libraries"
 #: Where what was compiled of both is kept. Without it each start would compile all of it again: nobody may write there.
 _BYTECODE = "/opt/bytecode"
+#: A line, and an address that no machine has.
+_ELSEWHERE = """
+[[listen]]
+bind = "tcp://192.0.2.1:502"
+
+[[line]]
+port = "/dev/nowhere"
+devices = [{ unit = 1 }]
+"""
 #: What the Debian package starts, and where it looks there.
 _LAUNCHER = Path(__file__).parents[2] / "deploy/debian/launcher/modbus-gateway"
 _PACKAGED = 'sys.path.insert(0, "/usr/lib/modbus-gateway")'
@@ -231,8 +240,15 @@ def _installed(system: BootedSystem) -> BootedSystem:
     for unit in UNITS.iterdir():
         system.write(f"/etc/systemd/system/{unit.name}", unit.read_text())
     system.done("systemctl", "daemon-reload")
-    system.done("modbus-gateway", "run", "--help")
+    _compile(system)
     return system
+
+
+def _compile(system: BootedSystem) -> None:
+    """Start it as root, who may write what was compiled, with a config with which it ends once it has imported all."""
+    system.write("/tmp/elsewhere.toml", _ELSEWHERE)
+    ran = system.run("modbus-gateway", "run", "/tmp/elsewhere.toml")
+    assert ran.stderr.endswith("this machine has no such address\n"), ran
 
 
 @contextmanager

@@ -72,6 +72,14 @@ def _fake(monkeypatch, folder: Path, script: str) -> None:
     monkeypatch.setattr(sys, "executable", str(program))
 
 
+def test_it_keeps_what_it_compiles_where_we_do(tmp_path, monkeypatch):
+    _fake(monkeypatch, tmp_path, f'echo "$@" > {tmp_path}/words')
+    monkeypatch.setattr(sys, "pycache_prefix", "/var/bytecode")
+    with pytest.raises(ConfigError):
+        read_config(tmp_path / "gateway.toml")
+    assert " -X pycache_prefix=/var/bytecode " in (tmp_path / "words").read_text()
+
+
 @pytest.mark.parametrize(
     ("script", "reason"),
     [
