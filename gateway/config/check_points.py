@@ -23,7 +23,7 @@ def check_points(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         for row in line.devices or ():
             named = None if "profile" in failed else config.profile.get(row.profile or line.profile)
             yield from _check_tables(row.points, named)
-            yield from _check_names(row.points, {} if named is None else _names(named.points))
+            yield from _check_names(row.points, _names(named.points) if named is not None and row.points else {})
 
 
 def _check_tables(tables: Iterable[PointTable], profile: ProfileTable | None) -> Iterator[Problem]:

@@ -1,7 +1,8 @@
 """The time limits that follow from a plan, and how long a client may have to wait for each unit."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
@@ -39,6 +40,10 @@ _LARGEST: Final[dict[int, bytes]] = {
 }
 
 
+#: Limits are worked out for each device from few requests: so many are kept.
+_REQUESTS: Final = 128
+
+
 @dataclass(frozen=True, slots=True)
 class FunctionLimits:
     """Time limits of one function in seconds: for `one` item, and for the `most` items a device takes.
@@ -73,6 +78,17 @@ def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True
     return plan.line.max_wait + plan.line.silence_before_request + longest
 
 
+def longest_waits(plan: LinePlan, *, repeats: bool = True) -> dict[str, float]:
+    """The longest wait for each device of the line, by its name."""
+    waits = {_limiting(each): longest_wait(plan, each, repeats=repeats) for each in one_of_each_kind(plan)}
+    return {each.name: waits[_limiting(each)] for each in plan.devices}
+
+
+def one_of_each_kind(plan: LinePlan) -> Iterable[DeviceSettings]:
+    """A device for each set of limits: all units of a line may have the same."""
+    return {_limiting(each): each for each in plan.devices}.values()
+
+
 def guard(plan: LinePlan) -> float:
     """Longer than any transaction on the line may take from the moment of its writing, in seconds."""
     line = plan.line
@@ -83,20 +99,19 @@ def guard(plan: LinePlan) -> float:
 def longest_late_window(plan: LinePlan) -> float:
     """How long after its limit an answer may still come on the line, in seconds."""
     limit = _longest_transaction(plan)
-    return max((_late_window(limit, plan.line, device) for device in plan.devices), default=2 * limit)
+    return max((_late_window(limit, plan.line, device) for device in one_of_each_kind(plan)), default=2 * limit)
 
 
 def _longest_transaction(plan: LinePlan) -> float:
     """From the writing of a request to the end of its limit."""
-    waits = (longest_wait(plan, device, repeats=False) for device in plan.devices)
-    return max(waits, default=plan.line.max_wait) - plan.line.max_wait
+    return max(longest_waits(plan, repeats=False).values(), default=plan.line.max_wait) - plan.line.max_wait
 
 
 def least_for_repeat(plan: LinePlan) -> float:
     """The shortest `retry_within` with which any read can be sent again after silence; 0 if there are no reads."""
     needed = (
         _needed_for_repeat(one, plan.line, device)
-        for device in plan.devices
+        for device in one_of_each_kind(plan)
         for one in function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
         if one.function in READING_FUNCTIONS
     )
@@ -126,7 +141,7 @@ def most_items(function: int, profile: Profile) -> int:
 
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
     """For each unit of a server line: the name of its destination, and the longest wait."""
-    behind = {device.name: longest_wait(line, device) for line in plan.lines for device in line.devices}
+    behind = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
     behind |= {device.name: longest_wait_behind(upstream) for upstream in plan.upstreams for device in upstream.devices}
     shared = [device for line in plan.lines for device in line.shared]
     shared += [device for upstream in plan.upstreams for device in upstream.devices]
@@ -141,6 +156,11 @@ def longest_wait_outside(server: ServerPlan, plan: Plan) -> float:
     slowest = max(wait for _, wait in waits_behind(server, plan).values())
     line = server.line
     return min(slowest, line.answer_within) + line.silence_before_response + server.latency + line.timing.longest_frame
+
+
+def _limiting(device: DeviceSettings) -> tuple[int, int]:
+    """What its limits depend on, told apart as objects: the units of a row of the config have the same."""
+    return id(device.profile), id(device.answer_time)
 
 
 def _is_repeated(function: int | None) -> bool:
@@ -177,7 +197,7 @@ def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: Ans
     if function not in TABLE_FUNCTIONS:
         named = None if profile.functions is None else function
         functions = {*KNOWN_FUNCTIONS - TABLE_FUNCTIONS, _UNKNOWN_FUNCTION} if named is None else {named}
-        longest = [parse_request(_largest_request(each)) for each in functions]
+        longest = [_largest_request(each) for each in functions]
         limit = max(budget.limit(asked, answer_time) for asked in longest)
         return FunctionLimits(named, 0, limit, limit, max(map(budget.request_wire_time, longest)))
     most = most_items(function, profile)
@@ -191,9 +211,11 @@ def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: Ans
     )
 
 
-def _largest_request(function: int) -> bytes:
+@lru_cache(maxsize=_REQUESTS)
+def _largest_request(function: int) -> RequestPdu:
     row = FUNCTIONS.get(function)
-    return _LARGEST.get(function, bytes((function,)) + bytes((row.request.sizes[-1] if row else MAX_PDU) - 1))
+    size = row.request.sizes[-1] if row else MAX_PDU
+    return parse_request(_LARGEST.get(function, bytes((function,)) + bytes(size - 1)))
 
 
 def _items_of(function: int) -> list[Items]:
@@ -202,6 +224,7 @@ def _items_of(function: int) -> list[Items]:
     return [items for items in (row.reads, row.writes) if items is not None]
 
 
+@lru_cache(maxsize=_REQUESTS)
 def request_for(function: int, count: int) -> RequestPdu:
     """A request for so many items from address 0 on, or for the most there can be."""
     pdu = bytes((function,))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from gateway.config.forecast import most_items
+from gateway.config.forecast import most_items, one_of_each_kind
 from gateway.config.plan import NETWORK_LATENCY, LinePlan, Plan
 from gateway.config.reserved import MQTT
 from gateway.devices.device import DeviceSettings
@@ -119,9 +119,14 @@ def a_read(profile: Profile, count: int) -> Span | None:
 
 def _rate(line: LinePlan, device: DeviceSettings, area: Area, count: int) -> ReadRate:
     time = _time_of_read(line, device, count)
-    round_trip = 0.0 if line.passes_through else sum(_time_of_read(line, each, count) for each in line.devices)
+    round_trip = 0.0 if line.passes_through else _round_trip(line, count)
     has_time = READERS[area][0] in device.profile.timing.rows
     return ReadRate(area, count, time, 1 / time if time else None, 1 / round_trip if round_trip else None, has_time)
+
+
+def _round_trip(line: LinePlan, count: int) -> float:
+    times = {id(each.profile): _time_of_read(line, each, count) for each in one_of_each_kind(line)}
+    return sum(times[id(each.profile)] for each in line.devices)
 
 
 def _time_of_read(line: LinePlan, device: DeviceSettings, count: int) -> float:

@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from gateway.config.forecast import longest_wait, longest_wait_behind
+from gateway.config.forecast import longest_wait_behind, longest_waits
 from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
@@ -140,10 +140,10 @@ class GatewayLine:
         """Take over `plan`, which differs only in its place in the file or in passed-through units."""
         self.plan = plan
         self.devices = devices
+        waits = longest_waits(plan)
         for each in plan.devices:
             devices[each.known_as].source = each.source
-            if each.known_as not in self.longest_wait:
-                self.longest_wait[each.known_as] = longest_wait(plan, each)
+            self.longest_wait.setdefault(each.known_as, waits[each.name])
 
     def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
         """What it takes is loaded only with a lease."""
