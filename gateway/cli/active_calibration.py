@@ -67,7 +67,7 @@ def ask_actively(unit: DaemonUnit, registers: Span | None, seconds: float | None
     """Ask each size once in a round, for ROUNDS or so many seconds; after each round tells what is wrong, if anything.
 
     Raises:
-        DaemonError: the daemon is gone.
+        DaemonError: the gateway is gone.
     """
     questions = _Questions(unit)
     end = None if seconds is None else time.monotonic() + seconds

@@ -30,7 +30,7 @@ def count_ok(one: _Row) -> int:
 
 
 def count_failed(one: _Row) -> int:
-    """Requests that failed. A result that an older daemon does not know counts as 0."""
+    """Requests that failed. A result that an older gateway does not know counts as 0."""
     counts: Mapping[str, int] = one["counts"]
     return sum(counts.get(result, 0) for result in RESULTS) - count_ok(one)
 
@@ -55,7 +55,7 @@ def for_line(line: _Row) -> Iterator[str]:
 
 
 def _mostly(line: _Row) -> str:
-    """Who takes most of a line's time. Daemons of earlier versions do not tell."""
+    """Who takes most of a line's time. Gateways of earlier versions do not tell."""
     users = line.get("users")
     if not users:
         return ""

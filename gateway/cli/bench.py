@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure, and print both rates; 1 when a read failed.
 
     Raises:
-        DaemonError: no daemon answers, or it cannot read there.
+        DaemonError: no gateway answers, or it cannot read there.
     """
     unit = int(args.unit) if args.unit is not None and args.unit.isdecimal() else args.unit
     with Conversation(args.control) as daemon:

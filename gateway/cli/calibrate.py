@@ -23,7 +23,7 @@ from gateway.errors import DaemonError, GatewayError
 from gateway.timing.proposal import Proposal, Row
 from gateway.timing.verdict import ENOUGH_TO_SHORTEN
 
-#: How often the daemon is asked for new times, in seconds, and how many are kept for one row here.
+#: How often the gateway is asked for new times, in seconds, and how many are kept for one row here.
 _STEP: Final = 1.0
 _KEPT: Final = 2000
 
@@ -104,7 +104,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 class Source:
-    """The times that the daemon keeps, gathered: it keeps the last ones only. `about` says what they are of."""
+    """The times that the gateway keeps, gathered: it keeps the last ones only. `about` says what they are of."""
 
     def __init__(self, daemon: Conversation, unit: int) -> None:
         self.about: Mapping[str, Any] = {}

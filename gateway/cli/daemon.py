@@ -15,12 +15,12 @@ from gateway.cli.main import DEFAULT_CONFIG
 from gateway.errors import DaemonError
 from gateway.service.control_path import SYSTEM_SOCKET, control_path
 
-#: How long the daemon may take to answer, in seconds. A reload may need 60 to read the file, 15 to look up names, 3 for
+#: How long the gateway may take to answer, in seconds. A reload may need 60 to read the file, 15 to look up names, 3 for
 #: requests in progress, and 1.5 to close ports.
 _PATIENCE: Final = 90.0
 #: `struct ucred`: the process at the other end of a socket, its user and group.
 _PEER: Final = struct.Struct("=3i")
-#: Shown for values that a daemon of another version does not have.
+#: Shown for values that a gateway of another version does not have.
 UNKNOWN: Final = "unknown"
 
 
@@ -32,7 +32,7 @@ def add_control_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def ask(verb: str, control: str | None) -> dict[str, Any]:
-    """The daemon's answer to one request. A daemon of another version is reported on standard error.
+    """The gateway's answer to one request. A gateway of another version is reported on standard error.
 
     Raises:
         DaemonError: it does not answer, or refuses the request.
@@ -42,10 +42,10 @@ def ask(verb: str, control: str | None) -> dict[str, Any]:
 
 
 class Conversation:
-    """A connection to the daemon for any number of requests; open inside the context.
+    """A connection to the gateway for any number of requests; open inside the context.
 
     Raises:
-        DaemonError: no daemon can be reached, or it does not answer, or refuses a request.
+        DaemonError: no gateway can be reached, or it does not answer, or refuses a request.
     """
 
     def __init__(self, control: str | None) -> None:
@@ -68,18 +68,18 @@ class Conversation:
 
     @property
     def pid(self) -> int:
-        """The process of the daemon."""
+        """The process of the gateway."""
         pid, _user, _group = _PEER.unpack(self._sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
         return int(pid)
 
     def ask(self, verb: str, **details: object) -> dict[str, Any]:
-        """The daemon's answer to a request."""
+        """The gateway's answer to a request."""
         with suppress(ConnectionError, TimeoutError):  # it has closed the connection, perhaps after an error message
             self._sock.sendall(json.dumps({"verb": verb, **details}).encode() + b"\n")
         return self.next_answer()
 
     def next_answer(self) -> dict[str, Any]:
-        """The daemon's next answer, where a request has several."""
+        """The gateway's next answer, where a request has several."""
         try:
             line = self._stream.readline()
         except TimeoutError:
@@ -112,7 +112,7 @@ def _compare_versions(daemon: object) -> None:
 
 
 def _connect(control: str | None) -> socket.socket:
-    """A connection to the first daemon that answers."""
+    """A connection to the first gateway that answers."""
     reasons: list[str] = []
     forbidden: list[Path] = []
     paths = [Path(control)] if control else [*_read_config(reasons), control_path(Path("gateway.toml")), SYSTEM_SOCKET]

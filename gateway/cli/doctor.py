@@ -18,7 +18,7 @@ from gateway.diagnosis.finding import Finding
 from gateway.errors import DaemonError
 from gateway.service.outside import findings_about
 
-#: How long the daemon may take, in seconds: it asks units, and may try other rates and formats on several lines.
+#: How long the gateway may take, in seconds: it asks units, and may try other rates and formats on several lines.
 _PATIENCE: Final = 120.0
 
 _EXAMPLES: Final = """\
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the findings; 1 if something needs fixing.
 
     Raises:
-        DaemonError: the daemon refuses the question, or there is no such line.
+        DaemonError: the gateway refuses the question, or there is no such line.
         ReportError: the port to report on cannot be opened.
     """
     if args.hardware_report:
@@ -111,7 +111,7 @@ def _in_config(file: str, line: str | None) -> list[Finding]:
 
 
 def _finding(row: Mapping[str, Any]) -> Finding:
-    """A finding of a daemon, perhaps of another version."""
+    """A finding of a gateway, perhaps of another version."""
     level = row.get("level")
     return Finding(
         level if level in ("ok", "note", "fix") else "note",

@@ -42,7 +42,7 @@ def _open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
     """Open the unit with this number or name, in the way that the arguments name.
 
     Raises:
-        DaemonError: the daemon cannot be reached, or has no such unit.
+        DaemonError: the gateway cannot be reached, or has no such unit.
         DirectError: the port or the server cannot be reached.
         WrongUsageError: the arguments do not fit together.
     """

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     """Reload, and print what has changed; 1 if the file was rejected or an error occurred.
 
     Raises:
-        DaemonError: no daemon answers.
+        DaemonError: no gateway answers.
     """
     answer = ask("reload", args.control)
     if args.json:
@@ -47,6 +47,6 @@ def _lines(answer: dict[str, Any]) -> list[str]:
 
 
 def _told(answer: dict[str, Any], key: str, *otherwise: str) -> list[str]:
-    """A list in the answer, or `otherwise` if a daemon of another version does not have it."""
+    """A list in the answer, or `otherwise` if a gateway of another version does not have it."""
     told = answer.get(key, otherwise)
     return [str(each) for each in told] if isinstance(told, (list, tuple)) else [UNKNOWN]

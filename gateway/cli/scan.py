@@ -26,7 +26,7 @@ from gateway.errors import DaemonError
 
 #: The time limit of a question, in seconds, when nobody says otherwise.
 _USUAL_LIMIT: Final = 0.3
-#: A daemon without idle time on the line says so within a minute.
+#: A gateway without idle time on the line says so within a minute.
 _LONGEST_SILENCE: Final = 70.0
 
 _EXAMPLES: Final = """\

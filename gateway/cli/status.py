@@ -47,10 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the daemon's status.
+    """Print the gateway's status.
 
     Raises:
-        DaemonError: no daemon answers.
+        DaemonError: no gateway answers.
     """
     in_place = args.watch and not args.json and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
     while True:
@@ -108,7 +108,7 @@ def _users(lines: Iterable[Any]) -> Iterator[Mapping[str, Any]]:
 
 
 def _rows(status: Mapping[str, Any], section: str) -> list[Any] | None:
-    """A section of the status; None if this daemon does not have it."""
+    """A section of the status; None if this gateway does not have it."""
     rows = status.get(section)
     return rows if isinstance(rows, list) else None
 
@@ -139,7 +139,7 @@ def _name(row: Mapping[str, Any]) -> str:
 
 
 def _told(advise: Callable[[Mapping[str, Any]], Iterator[str]], row: Any) -> list[str]:
-    """The notes about a row; none if another version's daemon has sent it in another form."""
+    """The notes about a row; none if another version's gateway has sent it in another form."""
     try:
         return list(advise(row))
     except _NOT_UNDERSTOOD:
@@ -147,7 +147,7 @@ def _told(advise: Callable[[Mapping[str, Any]], Iterator[str]], row: Any) -> lis
 
 
 def _cell(column: _Column, row: Any) -> object:
-    """The text in a column. A daemon of another version may lack the value, or send it in another form."""
+    """The text in a column. A gateway of another version may lack the value, or send it in another form."""
     try:
         return row[column] if isinstance(column, str) else column(row)
     except _NOT_UNDERSTOOD:

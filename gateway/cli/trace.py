@@ -1,4 +1,4 @@
-"""`trace`: what passes on the lines, live or from the daemon's ring, as rows, as a capture file, or as stories."""
+"""`trace`: what passes on the lines, live or from the gateway's ring, as rows, as a capture file, or as stories."""
 
 import argparse
 import json
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     """Show what passes until Ctrl-C, or what has passed; 1 when there is no story to tell.
 
     Raises:
-        DaemonError: the daemon cannot be reached, keeps nothing, or knows no such line or unit.
+        DaemonError: the gateway cannot be reached, keeps nothing, or knows no such line or unit.
     """
     try:
         _refuse_what_does_not_fit(args)
@@ -168,7 +168,7 @@ def _created(path: str) -> BinaryIO:
 
 
 class _Follower:
-    """Asks the daemon again and again for what is new; `modes` and `descriptions` are those of its lines."""
+    """Asks the gateway again and again for what is new; `modes` and `descriptions` are those of its lines."""
 
     def __init__(self, daemon: Conversation, args: argparse.Namespace) -> None:
         self._daemon = daemon

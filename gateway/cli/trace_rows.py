@@ -1,4 +1,4 @@
-"""Facts of the daemon's ring as rows: one for each frame, and one for each request that got no answer."""
+"""Facts of the gateway's ring as rows: one for each frame, and one for each request that got no answer."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple

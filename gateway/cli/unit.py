@@ -1,4 +1,4 @@
-"""A unit to read or write: through the daemon or directly."""
+"""A unit to read or write: through the gateway or directly."""
 
 import argparse
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from gateway.profiles.point import Point
 #: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
 _SPARE_TIME: Final = 5.0
 
-#: Why the gateway itself has answered with an exception, and what to do, by the daemon's `result`.
+#: Why the gateway itself has answered with an exception, and what to do, by its `result`.
 _REASONS: Final[Mapping[str, str]] = {
     "timeout": "no response within its time limit",
     "bad_frame": "the response was damaged, or was not for this request",
@@ -100,7 +100,7 @@ class DaemonUnit:
     """A unit of the running gateway.
 
     Raises:
-        DaemonError: the daemon has no such unit.
+        DaemonError: the gateway has no such unit.
     """
 
     def __init__(self, daemon: Conversation, wanted: str) -> None:
@@ -131,7 +131,7 @@ class DaemonUnit:
 
 
 def _point(told: Mapping[str, Any]) -> Point:
-    """A point from the daemon. A daemon of another version may send more fields."""
+    """A point from the gateway. A gateway of another version may send more fields."""
     known = {name: told[name] for name in Point.__dataclass_fields__ if name in told}
     labels = {int(number): label for number, label in known.get("labels", {}).items()}
     return Point(**{**known, "area": Area(known["area"]), "labels": labels})

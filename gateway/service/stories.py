@@ -50,7 +50,7 @@ def _sent(story: Story) -> list[str]:
 
 
 def _is_line(story: Story) -> bool:
-    """Whether the request goes to a line, and not to another server. Daemons of earlier versions do not tell."""
+    """Whether the request goes to a line, and not to another server. Gateways of earlier versions do not tell."""
     return story.get("mode") != "tcp"
 
 

@@ -72,3 +72,8 @@ def test_every_command_and_option_is_completed(shell):
 @pytest.mark.parametrize("shell", [shell for shell in FILES if shutil.which(shell)])
 def test_a_shell_that_is_here_can_read_its_script(shell):
     subprocess.run([shell, "-n"], input=completion(shell), check=True, text=True)
+
+
+def test_the_running_program_has_one_name():
+    """Pages and messages call it the gateway."""
+    assert "daemon" not in manual().casefold()
