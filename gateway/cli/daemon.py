@@ -15,8 +15,8 @@ from gateway.cli.main import DEFAULT_CONFIG
 from gateway.errors import DaemonError
 from gateway.service.control_path import SYSTEM_SOCKET, control_path
 
-#: How long the gateway may take to answer, in seconds. A reload may need 60 to read the file, 15 to look up names, 3 for
-#: requests in progress, and 1.5 to close ports.
+#: How long the gateway may take to answer, in seconds. A reload may need 60 to read the file, 15 to look up names, 3
+#: for requests in progress, and 1.5 to close ports.
 _PATIENCE: Final = 90.0
 #: `struct ucred`: the process at the other end of a socket, its user and group.
 _PEER: Final = struct.Struct("=3i")
