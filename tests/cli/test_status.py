@@ -249,6 +249,13 @@ def test_a_unit_that_fails_says_what_to_check() -> None:
     assert "10 requests failed; last was timeout, 3 s ago: check its power" in notes(state="fine", counts=lossy)
 
 
+@pytest.mark.parametrize(("last_ms", "told"), [(3000.0, ", 3 s ago"), (720_000.0, ", 12 min ago"), (None, "")])
+def test_how_long_ago_a_unit_failed_last_is_told(last_ms, told) -> None:
+    lossy = Counts(sent=100, ok=90, timeout=10, responses=90)
+    said = notes(state="fine", counts=lossy, last_error_ms=last_ms)
+    assert f"10 requests failed; last was timeout{told}: check its power" in said
+
+
 def test_a_line_says_why_it_is_down_and_that_it_is_too_busy(monkeypatch, capsys) -> None:
     down = replace(LINE, state="down", reason="/dev/ttyUSB0 does not exist", busy_share=None, requests_per_s=None)
     busy = replace(LINE, name="hall-b", busy_share=0.97)

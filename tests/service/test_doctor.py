@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -358,6 +359,16 @@ async def test_a_line_without_a_port_is_named_and_its_port_is_to_be_looked_at():
         assert [each.what for each in answer["findings"]] == ["is down: /dev/hall is held by another program"]
         (port,) = answer["ports"]
         assert (port.line, port.port, port.is_open) == ("hall", "/dev/hall", False)
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+async def test_of_a_port_it_is_told_whether_another_gateway_may_have_it(monkeypatch, is_held):
+    async with gateway_bench(CONFIG) as bench:
+        lease = SimpleNamespace(is_held=is_held)
+        with monkeypatch.context() as patched:
+            patched.setattr(bench.gateway.lines[0], "standby", SimpleNamespace(name="hall", lease=lease))
+            (port,) = (await examine(bench.running, {"ask": False}, is_there))["ports"]
+        assert port.is_standby is not is_held
 
 
 async def test_a_client_that_leaves_before_its_response_is_named():

@@ -45,6 +45,12 @@ class Machine:
         return look_at(PortInUse("hall", "gateway.toml:3", str(port or self.link), is_open), pid, self.places)
 
 
+def test_that_another_gateway_may_have_the_port_is_kept(machine) -> None:
+    port = PortInUse("hall", "gateway.toml:3", str(machine.link), is_open=False, is_standby=True)
+    assert look_at(port, GATEWAY, machine.places).is_standby
+    assert not machine.look().is_standby
+
+
 @pytest.fixture
 def machine(tmp_path) -> Machine:
     return Machine(tmp_path)

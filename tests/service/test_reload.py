@@ -20,6 +20,7 @@ from gateway.service.reload import Outcome, Reloader
 from gateway.service.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
+from gateway.service.verbs import verbs
 from images.disk import MemoryDatabase
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench
@@ -161,6 +162,12 @@ def serving(tmp_path, monkeypatch):
         await task
 
     return serve_config
+
+
+async def test_who_reloads_is_told_which_file(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        answer = await verbs(service.running, service.reloader)["reload"]({}, lambda: True)
+        assert (answer["ok"], answer["file"]) == (True, str(service.file.absolute()))
 
 
 async def test_a_file_that_means_the_same_changes_nothing(serving):

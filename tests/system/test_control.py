@@ -54,6 +54,12 @@ def asked(client: socket.socket) -> bytes:
     return client.recv(260)
 
 
+def test_the_log_says_where_the_control_socket_is_once_it_is_ready(tmp_path: Path, config: str) -> None:
+    with GatewayProcess(tmp_path, config) as gateway:
+        (ready,) = (event for event in gateway.log if event["event"] == "ready")
+        assert ready["control"] == str(tmp_path / "control.sock")
+
+
 def test_status_shows_lines_units_and_listeners(tmp_path: Path, config: str) -> None:
     with GatewayProcess(tmp_path, config) as gateway, connected(gateway) as client:
         assert asked(client) == RIGHT

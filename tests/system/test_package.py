@@ -4,6 +4,7 @@ Whether the package installs and serves is seen by tests/soak/package.py, which 
 """
 
 import ast
+import os
 import re
 import shutil
 import subprocess
@@ -166,6 +167,47 @@ def test_the_package_admits_the_pythons_for_which_it_has_libraries():
     control = (DEPLOY / "debian/control").read_text(encoding="utf-8")
     assert minors == list(range(minors[0], minors[-1] + 1))
     assert f"python3 (>= 3.{minors[0]}~), python3 (<< 3.{minors[-1] + 1}~)" in control
+
+
+BUILDERS_TOOLS = {
+    "dpkg": "echo amd64",
+    "dh": "true",
+    "python3": "echo python3 $* >&2",
+    "dpkg-architecture": 'touch "$OUT/modbus-gateway_0_amd64.deb"',
+}
+
+
+def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
+    """With other programs in place of those that take minutes: what they are told to do stands behind each step."""
+    tools = tmp_path / "tools"
+    for folder in ("deploy/debian", "deploy/udev", "docs", "gateway", "systemd", "tools"):
+        (tmp_path / folder).mkdir(parents=True)
+    for file in ("CHANGELOG.md", "CONTRIBUTING.md", "README.md", "LICENSE", "deploy/udev/modbus-gateway.rules"):
+        (tmp_path / file).touch()
+    (tmp_path / "gateway/__init__.py").write_text('__version__ = "0"\n')
+    (tmp_path / "systemd/modbus-gateway.service").touch()
+    shutil.copy(DEPLOY / "build-deb", tmp_path / "deploy")
+    for name, does in BUILDERS_TOOLS.items():
+        (tools / name).write_text(f"#!/bin/sh\n{does}\n")
+        (tools / name).chmod(0o755)
+    environment = {"PATH": f"{tools}:{os.environ['PATH']}", "OUT": str(tmp_path / "dist"), "SOURCE_DATE_EPOCH": "0"}
+    done = subprocess.run(
+        [tmp_path / "deploy/build-deb"], capture_output=True, text=True, check=True, cwd=tmp_path, env=environment
+    )
+    steps = [line for line in done.stderr.splitlines() if not line.startswith("python3 -m zipfile")]
+    versions = ["3.11", "3.12", "3.13", "3.14"]
+    fetching = [f"fetching libraries for Python {each} ..." for each in versions]
+    assert steps[::2] == [*fetching, "building the package ..."]
+    assert [f"--python-version {each} " in step for each, step in zip(versions, steps[1::2], strict=True)] == [True] * 4
+    assert done.stdout.strip().endswith("dist/modbus-gateway_0_amd64.deb")
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/install.md"])
+def test_who_installs_with_pipx_is_told_every_extra(page):
+    extras = ",".join(declared_project()["project"]["optional-dependencies"])
+    commands = re.findall(r"pipx install.*?whl\[(.*?)\]", (CHECKOUT / page).read_text(encoding="utf-8"))
+    assert commands
+    assert set(commands) == {extras}
 
 
 def test_completion_knows_every_verb():
