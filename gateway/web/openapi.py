@@ -16,6 +16,7 @@ _WHATS: Final = {
     403: "Not allowed; `exception` 1: by [[access]], or the unit has no such function",
     404: "There is no such unit, line or point",
     408: "The body took too long",
+    409: "A reload has led this unit's number elsewhere meanwhile: ask again",
     413: "The body is too large",
     415: "The body is not JSON",
     422: "`exception` 2 or 3 of the unit, or a value that does not fit; of a reload: the file was rejected",
@@ -23,7 +24,7 @@ _WHATS: Final = {
     503: "`exception` 6: the line is too busy; or too many readers",
     504: "`exception` 11: no valid response within the time limit",
 }
-_ASKING: Final = (400, 401, 403, 404, 422, 502, 503, 504)
+_ASKING: Final = (400, 401, 403, 404, 409, 422, 502, 503, 504)
 _WRITING: Final = (*_ASKING, 408, 413, 415)
 
 _VALUE: Final[Schema] = {"type": ["number", "string", "null"]}
