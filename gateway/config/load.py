@@ -59,7 +59,10 @@ _NOT_REFERRED_TO: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A loaded file: its config if it has no error, its problems in the order of the file, and its text."""
+    """A loaded file: its config if it has no error, its problems in the order of the file, and its text.
+
+    The text has the line ends of Unix, and no byte order mark.
+    """
 
     config: Config | None
     problems: tuple[Problem, ...]
@@ -82,7 +85,7 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
             content = stream.read(_MOST_BYTES + 1)
         if len(content) > _MOST_BYTES:
             return _fail(error((), f"has more than {_MOST_BYTES} bytes", "is it the right file?"), file, 0, 0)
-        text = content.decode("utf-8")
+        text = content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as wrong:
         line = wrong.object.count(b"\n", 0, wrong.start) + 1
         return _fail(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
@@ -102,7 +105,6 @@ def parse(
     address_trouble: AddressTrouble = lambda _: None,
 ) -> Loaded:
     """Parse `text`, the content of `file`."""
-    text = text.removeprefix("\ufeff").replace("\r\n", "\n")
     try:
         document = tomllib.loads(text)
         positions = Positions(text)

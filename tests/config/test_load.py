@@ -303,8 +303,11 @@ def test_the_built_in_profiles_say_what_the_documents_say():
     assert profiles["generic"].functions is None
 
 
-def test_lines_may_end_as_on_windows_and_a_byte_order_mark_may_lead():
-    assert problems("\ufeff" + SMALLEST.replace("\n", "\r\n")) == []
+def test_lines_may_end_as_on_windows_and_a_byte_order_mark_may_lead(tmp_path):
+    file = tmp_path / "gateway.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + SMALLEST.replace("\n", "\r\n").encode())
+    loaded = load(file)
+    assert (loaded.errors, loaded.text) == ((), SMALLEST)
 
 
 def test_a_file_is_read(tmp_path):
