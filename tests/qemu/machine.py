@@ -6,15 +6,16 @@ unpacked the first time, and kept in `~/.cache`; none of its programs runs on th
 
 import json
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple, NoReturn, Self
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -139,12 +140,20 @@ class Booted:
         )  # fmt: skip
 
     def __enter__(self) -> Self:
-        self._qemu = subprocess.Popen(self._command, stderr=subprocess.DEVNULL)
-        self.console = connected(self._folder / "console")
-        self.line = connected(self._folder / "line")
+        # However this process ends, the machine ends with it.
+        command = ("setpriv", "--pdeathsig", "KILL", *self._command)
+        with ExitStack() as on_error:
+            self._qemu = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+            on_error.callback(self._end)
+            self.console = connected(self._folder / "console")
+            self.line = connected(self._folder / "line")
+            on_error.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _end(self) -> None:
         self._qemu.terminate()
         self._qemu.wait()
 
@@ -180,6 +189,12 @@ class Booted:
                 returned += "return" in said
                 if returned == 2 and event in ("", said.get("event")):
                     return
+
+
+def run_to_end(main: Callable[[], int]) -> NoReturn:
+    """Be the process of a check. What it has made goes with it, also if it is stopped by SIGTERM."""
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    sys.exit(main())
 
 
 def connected(path: Path) -> socket.socket:

@@ -16,7 +16,7 @@ from typing import Final
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from qemu.gateway_guest import frames
-from qemu.machine import ARM, PC, Booted, answer_on, debian_for, pack, package_for
+from qemu.machine import ARM, PC, Booted, answer_on, debian_for, pack, package_for, run_to_end
 
 #: The machine, more words for qemu, the port, and who switches the line there.
 KINDS: Final = {
@@ -43,4 +43,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_to_end(main)

@@ -22,7 +22,7 @@ import serial_asyncio
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from qemu.machine import ARM, CHECKOUT, PC, Booted, debian_for, pack
+from qemu.machine import ARM, CHECKOUT, PC, Booted, debian_for, pack, run_to_end
 
 #: The machine of a kind, more words for qemu, and the port under test.
 KINDS: Final = {"8250": (PC, ("-serial", "chardev:line"), "/dev/ttyS1"), "pl011": (ARM, (), "/dev/ttyAMA0")}
@@ -51,4 +51,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_to_end(main)

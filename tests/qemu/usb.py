@@ -17,7 +17,7 @@ from typing import Final
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from qemu.gateway_guest import OTHER_ANSWERS, frames
-from qemu.machine import PC, Booted, answer_on, connected, debian_for, pack, package_for
+from qemu.machine import PC, Booted, answer_on, connected, debian_for, pack, package_for, run_to_end
 
 #: What udev and the drivers need of the Debian.
 TREE: Final = (
@@ -52,4 +52,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_to_end(main)
