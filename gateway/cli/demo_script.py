@@ -17,7 +17,7 @@ class DemoLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class DemoRequest:
     """A request to `unit` and its expected response, both as PDUs in hexadecimal.
 
     `printed` are the frames on the line, if a manual prints them; `shows` says how to read the response.
@@ -36,7 +36,7 @@ class Chapter:
     """Some questions under one heading."""
 
     heading: str
-    questions: tuple[Question, ...]
+    questions: tuple[DemoRequest, ...]
 
 
 LINES: Final = (
@@ -93,9 +93,9 @@ PANEL_LINE: Final = (
 IMAGE: Final = '[[image]]\nunit = 200\nname = "shift-data"\nholding = 100\n'
 
 
-def _quote(unit: int, about: str, request: str, response: str, shows: str = "") -> Question:
+def _quote(unit: int, about: str, request: str, response: str, shows: str = "") -> DemoRequest:
     """A question made of the frames in a manual: unit identifier, PDU, CRC."""
-    return Question(unit, about, request[3:-6], response[3:-6], shows, (request, response))
+    return DemoRequest(unit, about, request[3:-6], response[3:-6], shows, (request, response))
 
 
 FIRST_QUESTION: Final = _quote(
@@ -130,30 +130,30 @@ CHAPTERS: Final = (
     Chapter(
         "Mint motion controller, ASCII 19200 7E1: its functions and its three exceptions",
         (
-            Question(52, "write Comms 29-30", "10 00 1D 00 02 04 01 02 03 04", "10 00 1D 00 02"),
-            Question(52, "read Comms 29-30", "03 00 1D 00 02", "03 04 01 02 03 04", "uint16"),
-            Question(52, "both in one", "17 00 1D 00 01 00 1D 00 01 02 00 2A", "17 02 00 2A", "uint16"),
-            Question(52, "output 3 on", "05 00 03 FF 00", "05 00 03 FF 00"),
-            Question(52, "outputs 0-15", "01 00 00 00 10", "01 02 08 00", "bits"),
-            Question(52, "inputs 0-15", "02 00 00 00 10", "02 02 00 00", "bits"),
-            Question(52, "Comms 0 does not exist", "03 00 00 00 01", "83 02"),
-            Question(52, "a coil is on or off", "05 00 03 12 34", "85 03"),
-            Question(52, "no function 04", "04 00 01 00 01", "84 01"),
+            DemoRequest(52, "write Comms 29-30", "10 00 1D 00 02 04 01 02 03 04", "10 00 1D 00 02"),
+            DemoRequest(52, "read Comms 29-30", "03 00 1D 00 02", "03 04 01 02 03 04", "uint16"),
+            DemoRequest(52, "both in one", "17 00 1D 00 01 00 1D 00 01 02 00 2A", "17 02 00 2A", "uint16"),
+            DemoRequest(52, "output 3 on", "05 00 03 FF 00", "05 00 03 FF 00"),
+            DemoRequest(52, "outputs 0-15", "01 00 00 00 10", "01 02 08 00", "bits"),
+            DemoRequest(52, "inputs 0-15", "02 00 00 00 10", "02 02 00 00", "bits"),
+            DemoRequest(52, "Comms 0 does not exist", "03 00 00 00 01", "83 02"),
+            DemoRequest(52, "a coil is on or off", "05 00 03 12 34", "85 03"),
+            DemoRequest(52, "no function 04", "04 00 01 00 01", "84 01"),
         ),
     ),
     Chapter(
         "A controller that is switched off: each request has its own time limit",
         (
-            Question(53, "1 output", "01 00 00 00 01", "81 0B"),
-            Question(53, "99 registers", "03 00 01 00 63", "83 0B"),
-            Question(53, "1 register: a late response may come", "03 00 01 00 01", "83 0B"),
+            DemoRequest(53, "1 output", "01 00 00 00 01", "81 0B"),
+            DemoRequest(53, "99 registers", "03 00 01 00 63", "83 0B"),
+            DemoRequest(53, "1 register: a late response may come", "03 00 01 00 01", "83 0B"),
         ),
     ),
     Chapter(
         "Register image 200, answered by the gateway itself",
         (
-            Question(200, "write 40001", "06 00 00 00 07", "06 00 00 00 07"),
-            Question(200, "read 40001", "03 00 00 00 01", "03 02 00 07", "uint16"),
+            DemoRequest(200, "write 40001", "06 00 00 00 07", "06 00 00 00 07"),
+            DemoRequest(200, "read 40001", "03 00 00 00 01", "03 02 00 07", "uint16"),
         ),
     ),
 )

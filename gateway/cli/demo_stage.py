@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
-from gateway.cli.demo_script import Question, reading
+from gateway.cli.demo_script import DemoRequest, reading
 from gateway.config.plan import Plan
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
@@ -91,7 +91,7 @@ class Stage:
             print(f"  page      {self._page}")
         print(f"  config    {self._config}")
 
-    async def first(self, question: Question) -> bool:
+    async def first(self, question: DemoRequest) -> bool:
         """Send a request, and print every hop."""
         print(f"\nThe first request, hop by hop: {question.about}\n")
         request, answer, right = await self._exchange(question)
@@ -104,7 +104,7 @@ class Stage:
         print(f"\n  {value}, {hop.elapsed:.1f} ms after the end of the request; time limit {hop.limit:.0f} ms")
         return right
 
-    async def panel_asks(self, panel: Panel, question: Question) -> bool:
+    async def panel_asks(self, panel: Panel, question: DemoRequest) -> bool:
         """Let the HMI on the server line send the same request, and print every hop."""
         print("\nAn old HMI sends the same request over a serial line, in ASCII\n")
         request = Frame(question.unit, bytes.fromhex(question.request))
@@ -117,7 +117,7 @@ class Stage:
         self._hop("gateway", "panel", _frame("ascii", *answer) if answer is not None else "(silence)")
         return answer == Frame(question.unit, bytes.fromhex(question.answer))
 
-    async def ask(self, question: Question) -> bool:
+    async def ask(self, question: DemoRequest) -> bool:
         """Send a request, and print the frames on the line."""
         _, answer, right = await self._exchange(question)
         mark = "ok " if right else "BAD"
@@ -168,7 +168,7 @@ class Stage:
         print(f"  {mbpoll} -a 52 -t 4 -0 -r 30 127.0.0.1 1234 5678  # axis-1: Comms 30-31")
         print("\nCtrl-C ends everything.", flush=True)
 
-    async def _exchange(self, question: Question) -> tuple[bytes, bytes, bool]:
+    async def _exchange(self, question: DemoRequest) -> tuple[bytes, bytes, bool]:
         """The request and response as TCP ADUs, and whether both are right, on the line too."""
         self._transaction += 1
         request = mbap.encode(self._transaction, question.unit, bytes.fromhex(question.request))

@@ -41,7 +41,7 @@ _LARGEST_UNDELIVERED: Final = 4 * 1024 * 1024
 T = TypeVar("T")
 
 
-class Connection:
+class NatsConnection:
     """A connection to `server`. What it loses is not sent again: the next connection begins with nothing.
 
     Answers come to subjects below `inbox`, which begins with the site, so that the permissions of NATS can keep others

@@ -14,7 +14,7 @@ from gateway.fleet.subjects import all_answers, answer_folder, clock_subject, re
 from gateway.ports.port import CharacterErrors, PortUser
 
 if TYPE_CHECKING:
-    from gateway.fleet.connection import Connection
+    from gateway.fleet.connection import NatsConnection
 
 #: How long the port to a site is opened: the connection and the first heartbeat are waited for, in seconds.
 OPENING_TIME: Final = 2.5
@@ -39,7 +39,7 @@ class Exchange:
         """`why_down` says why there is no connection."""
         self.site = site
         self._why_down = why_down
-        self._connection: Connection | None = None
+        self._connection: NatsConnection | None = None
         self._clocks: dict[str, Clocks] = {}
         #: Since when each site is listened to over this connection.
         self._listening_since: dict[str, float] = {}
@@ -47,7 +47,7 @@ class Exchange:
         #: By how the reply subjects of their requests begin.
         self._ports: dict[str, SitePort] = {}
 
-    async def connected(self, connection: "Connection") -> None:
+    async def connected(self, connection: "NatsConnection") -> None:
         """See Member."""
         await connection.subscribe(all_answers(self.site), self._answered)
         self._listening_since.clear()

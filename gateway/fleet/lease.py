@@ -49,7 +49,7 @@ class Write(NamedTuple):
     revision: int
 
 
-Question = Read | Write
+StoreCall = Read | Write
 
 
 class Lease:
@@ -95,7 +95,7 @@ class Lease:
         """Whether a request may be written to the line."""
         return now < self.until
 
-    def next(self, now: float) -> Question | None:
+    def next(self, now: float) -> StoreCall | None:
         """What to ask of the store now. Its result must be reported before the next question."""
         self.tick(now)
         if self._releases:

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 from gateway.errors import FleetError, TlsError
 from gateway.events import Emit, FleetBucketUnsafe, FleetLost, FleetRefused, FleetUp, PartFailed
-from gateway.fleet.connection import Connection
+from gateway.fleet.connection import NatsConnection
 from gateway.fleet.counts import LostMessages
 from gateway.fleet.settings import Login, Server
 from gateway.ports.threads import ThreadPerCall
@@ -24,7 +24,7 @@ _MOST_REFUSALS: Final = 20
 class Member(Protocol):
     """Something that needs NATS: the owner of units, what asks other sites, the list of sites."""
 
-    async def connected(self, connection: Connection) -> None:
+    async def connected(self, connection: NatsConnection) -> None:
         """There is a connection from now on. Raises FleetError if no member can use it: then it is closed."""
 
     def disconnected(self) -> None:
@@ -36,7 +36,7 @@ class Link:
 
     def __init__(self, servers: Sequence[Server], login: Callable[[], Login], emit: Emit) -> None:
         #: The connection in use; None if there is none.
-        self.connection: Connection | None = None
+        self.connection: NatsConnection | None = None
         #: Why there is none; empty if there is one.
         self.reason = "not tried yet"
         #: Since when, by the clock of the event loop; None if there is one.
@@ -82,14 +82,14 @@ class Link:
         self.server = self._servers[(self._first + self.attempts) % len(self._servers)]
         self.attempts += 1
         self._refusals.clear()
-        connection = Connection(self.server, login, self._refused, self.messages, self._warn)
+        connection = NatsConnection(self.server, login, self._refused, self.messages, self._warn)
         try:
             await connection.open()
             await self._use(connection, members)
         finally:
             await connection.close()
 
-    async def _use(self, connection: Connection, members: Sequence[Member]) -> None:
+    async def _use(self, connection: NatsConnection, members: Sequence[Member]) -> None:
         """Tell the members of the connection, and that it is lost.
 
         Raises:
@@ -118,7 +118,7 @@ class Link:
         """A bucket is not as it must be."""
         self._emit(FleetBucketUnsafe(str(self.server), reason))
 
-    def _up(self, connection: Connection) -> None:
+    def _up(self, connection: NatsConnection) -> None:
         self.connection = connection
         self.reason = self._told = ""
         self.down_since = None

@@ -15,7 +15,7 @@ from gateway.fleet.messages import Entry
 
 if TYPE_CHECKING:
     from gateway.fleet.bucket import Bucket
-    from gateway.fleet.connection import Connection
+    from gateway.fleet.connection import NatsConnection
 
 BUCKET: Final = "mbgw-status"
 #: How often a site renews its entry, in seconds, and after how long one that is not renewed is lost.
@@ -59,10 +59,10 @@ class Presence:
         self._tell = tell
         self._emit = emit
         self._unix = unix
-        self._connection: Connection | None = None
+        self._connection: NatsConnection | None = None
         self._task: asyncio.Task[None] | None = None
 
-    async def connected(self, connection: "Connection") -> None:
+    async def connected(self, connection: "NatsConnection") -> None:
         """See Member."""
         self._connection = connection
         self._task = asyncio.create_task(self._renew(), name="fleet: presence")

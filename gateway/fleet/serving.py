@@ -13,7 +13,7 @@ from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.fleet.subjects import GROUP, clock_subject, request_subject
 
 if TYPE_CHECKING:
-    from gateway.fleet.connection import Connection
+    from gateway.fleet.connection import NatsConnection
 
 #: The most requests to a unit that wait to be looked at: several senders may send all that they may at once.
 MOST_WAITING: Final = 4 * MOST_OF_SENDER
@@ -31,15 +31,15 @@ class Serving:
         self._emit = emit
         self._loop = asyncio.get_running_loop()
         self._units: Callable[[], Iterable[int]] = tuple
-        self._connection: Connection | None = None
+        self._connection: NatsConnection | None = None
         self._subscribed: dict[int, Callable[[], Awaitable[None]]] = {}
         #: The connection that these are of.
-        self._subscribed_at: Connection | None = None
+        self._subscribed_at: NatsConnection | None = None
         self._subscribing = asyncio.Lock()
         self._timer: asyncio.TimerHandle | None = None
         self._task: asyncio.Task[None] | None = None
 
-    async def connected(self, connection: "Connection") -> None:
+    async def connected(self, connection: "NatsConnection") -> None:
         """See Member."""
         self._connection = connection
         await self._subscribe()

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 from gateway.errors import FleetError, PortError
 from gateway.events import Emit, LeaseLost, LeaseTaken
-from gateway.fleet.lease import Lease, Question, Read
+from gateway.fleet.lease import Lease, Read, StoreCall
 from gateway.fleet.lease_entry import State
 from gateway.fleet.lease_settings import LeaseSettings
 
@@ -141,7 +141,7 @@ class Standby:
             async with asyncio.timeout(max(0.0, self.lease.deadline() - _now())):
                 await self._wake.wait()
 
-    async def _ask(self, question: Question, within: float) -> None:
+    async def _ask(self, question: StoreCall, within: float) -> None:
         """Put a question to the store, and report what became of it."""
         try:
             async with asyncio.timeout(within):
@@ -151,7 +151,7 @@ class Standby:
         except TimeoutError:
             self.lease.failed(f"NATS did not answer within {within:.1g} s", _now())
 
-    async def _put(self, question: Question) -> None:
+    async def _put(self, question: StoreCall) -> None:
         bucket, key = await self._bucket(), self.name
         if isinstance(question, Read):
             entry = await bucket.get(key)

@@ -171,13 +171,13 @@ class WaitingQueue:
         until = min(transaction.gives_up_at for transaction in self._repeats)
         return until if expiry is None else min(until, expiry)
 
-    def drop(self, is_doomed: Held) -> list[Transaction]:
-        """Remove the transactions of which `is_doomed` is true."""
+    def drop(self, is_dropped: Held) -> list[Transaction]:
+        """Remove the transactions of which `is_dropped` is true."""
         waiting = dict.fromkeys(transaction for row in self._rows.values() for transaction in row.waiting)
-        doomed = [transaction for transaction in waiting if is_doomed(transaction)]
-        for transaction in doomed:
+        dropped = [transaction for transaction in waiting if is_dropped(transaction)]
+        for transaction in dropped:
             self._remove(transaction)
-        return doomed
+        return dropped
 
     def clear(self) -> list[Transaction]:
         """Remove all."""

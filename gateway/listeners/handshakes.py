@@ -29,7 +29,7 @@ TOO_SLOW: Final = f"its handshake was not done within {DEADLINE:g} s"
 
 
 @dataclass(frozen=True, slots=True)
-class Visitor:
+class ConnectingClient:
     """Where a connection comes from: its address, its name in events, and what counts as its address.
 
     `resumable_until` as in gateway.tls.contexts.Loaded.
@@ -44,11 +44,13 @@ class Visitor:
 class Handshakes:
     """The handshakes of one listener. `secured` is told of each that is done, `refused` of each that is not."""
 
-    def __init__(self, secured: Callable[[TlsStream, Visitor], None], refused: Callable[[Visitor, str], None]) -> None:
+    def __init__(
+        self, secured: Callable[[TlsStream, ConnectingClient], None], refused: Callable[[ConnectingClient, str], None]
+    ) -> None:
         self._secured = secured
         self._refused = refused
         #: By stream, in the order in which they began.
-        self._pending: dict[TlsStream, tuple[Visitor, float]] = {}
+        self._pending: dict[TlsStream, tuple[ConnectingClient, float]] = {}
         self._worker: ThreadPoolExecutor | None = None
         self._turns: Turns[TlsStream] = Turns()
         self._is_working = False
@@ -59,7 +61,7 @@ class Handshakes:
 
     def trouble(self, origin: str) -> str:
         """Why no handshake can begin with a client from there; empty if it can, perhaps after another was ended."""
-        share = Counter(visitor.origin for visitor, _ in self._pending.values())
+        share = Counter(connecting.origin for connecting, _ in self._pending.values())
         if share[origin] >= MOST_OF_ONE:
             return TOO_MANY_OF_ONE
         if len(self._pending) < MOST:
@@ -67,12 +69,14 @@ class Handshakes:
         other, most = share.most_common(1)[0]
         if most <= share[origin] + 1:
             return TOO_MANY
-        next(stream for stream, (visitor, _) in self._pending.items() if visitor.origin == other).refuse(MADE_ROOM)
+        next(stream for stream, (connecting, _) in self._pending.items() if connecting.origin == other).refuse(
+            MADE_ROOM
+        )
         return ""
 
-    def begin(self, stream: TlsStream, visitor: Visitor, now: float) -> None:
+    def begin(self, stream: TlsStream, connecting: ConnectingClient, now: float) -> None:
         """A client has connected."""
-        self._pending[stream] = visitor, now
+        self._pending[stream] = connecting, now
         stream.start()
 
     def sweep(self, now: float) -> None:
@@ -103,8 +107,8 @@ class Handshakes:
 
     def secured(self, stream: TlsStream) -> None:
         """See HandshakeOwner."""
-        visitor, _ = self._pending.pop(stream)
-        self._secured(stream, visitor)
+        connecting, _ = self._pending.pop(stream)
+        self._secured(stream, connecting)
 
     def not_secured(self, stream: TlsStream, reason: str) -> None:
         """See HandshakeOwner."""

@@ -9,7 +9,7 @@ from typing import Final
 from gateway import events
 from gateway.listeners.admission import NO_RIGHTS
 from gateway.listeners.connection import SecuredConnection
-from gateway.listeners.handshakes import Handshakes, Visitor
+from gateway.listeners.handshakes import ConnectingClient, Handshakes
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls_stream import TlsStream
@@ -92,37 +92,37 @@ class TlsListener(TcpListener):
         if loaded is not self._loaded:  # a reload came between: others may be trusted now
             stream.abort()
             return
-        visitor = Visitor(host, client, self._origins.of(host, loop.time()), loaded.resumable_until)
-        self._handshakes.begin(stream, visitor, loop.time())
+        connecting = ConnectingClient(host, client, self._origins.of(host, loop.time()), loaded.resumable_until)
+        self._handshakes.begin(stream, connecting, loop.time())
 
-    def _secured(self, stream: TlsStream, visitor: Visitor) -> None:
+    def _secured(self, stream: TlsStream, connecting: ConnectingClient) -> None:
         """A client has shown a certificate of the authority."""
         now = asyncio.get_running_loop().time()
-        if stream.is_resumed and time.time() > visitor.resumable_until:
-            self._turn_away(stream, visitor, OUTLIVED)
+        if stream.is_resumed and time.time() > connecting.resumable_until:
+            self._turn_away(stream, connecting, OUTLIVED)
             return
         try:
             certificate = _parsed(stream.peer_certificate)
             identity = _identify(certificate)
         except ValueError as wrong:
-            self._turn_away(stream, visitor, f"its certificate cannot be used: {wrong}")
+            self._turn_away(stream, connecting, f"its certificate cannot be used: {wrong}")
             return
         rights, role = self.router.rights, identity.role
-        why_not = self.connections.refusal(visitor.host, rights, self.settings, now, self._dismiss, role)
+        why_not = self.connections.refusal(connecting.host, rights, self.settings, now, self._dismiss, role)
         if why_not:
-            self._turn_away(stream, visitor, why_not)
+            self._turn_away(stream, connecting, why_not)
             return
         clock, router = asyncio.get_running_loop().time, CertifiedRouter(self.router, identity)
-        connection = SecuredConnection(self, visitor.host, visitor.client, clock, router, identity)
+        connection = SecuredConnection(self, connecting.host, connecting.client, clock, router, identity)
         connection.valid_until, connection.role = certificate.not_after, role
         stream.begin(connection)
 
-    def _turn_away(self, stream: TlsStream, visitor: Visitor, reason: str) -> None:
-        self._refused(visitor, reason)
+    def _turn_away(self, stream: TlsStream, connecting: ConnectingClient, reason: str) -> None:
+        self._refused(connecting, reason)
         stream.close()
 
-    def _refused(self, visitor: Visitor, reason: str) -> None:
-        self.rejected(visitor.client, reason)
+    def _refused(self, connecting: ConnectingClient, reason: str) -> None:
+        self.rejected(connecting.client, reason)
 
     def _sweep(self) -> None:
         self._handshakes.sweep(asyncio.get_running_loop().time())

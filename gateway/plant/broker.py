@@ -10,7 +10,7 @@ from typing import Final
 from gateway.errors import BrokerError, TlsError
 from gateway.events import BrokerLost, BrokerRefused, BrokerUp, Emit, PartFailed
 from gateway.plant.client import STEP_TIME, VERSIONS, BrokerSettings, Version
-from gateway.plant.connection import Connection
+from gateway.plant.connection import BrokerConnection
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
 from gateway.plant.reasons import SubscriptionRefusedError, WrongVersionError
@@ -108,7 +108,7 @@ class Broker:
         self.attempts += 1
         will = publisher.will(driver.now())
         self._status, self._refusal = will.topic, ""
-        connection = Connection(
+        connection = BrokerConnection(
             settings,
             self.version,
             will,
@@ -134,14 +134,14 @@ class Broker:
             publisher.disconnected()
             connection.close()
 
-    async def _take_commands(self, connection: Connection, topics: Sequence[str]) -> None:
+    async def _take_commands(self, connection: BrokerConnection, topics: Sequence[str]) -> None:
         """Subscribe to what writes. Values are published also if the broker refuses that."""
         try:
             await connection.subscribe(topics)
         except SubscriptionRefusedError as refusal:
             self._tell_refusal(str(refusal))
 
-    async def _publish(self, connection: Connection, goes_on: Callable[[], bool]) -> None:
+    async def _publish(self, connection: BrokerConnection, goes_on: Callable[[], bool]) -> None:
         """Publish what there is, as long as it `goes_on`."""
         sent = 0
         while goes_on():
@@ -161,11 +161,11 @@ class Broker:
                 await asyncio.sleep(0)
             self._raise_if_lost(connection)
 
-    async def _until(self, connection: Connection, is_so: Callable[[], bool]) -> None:
+    async def _until(self, connection: BrokerConnection, is_so: Callable[[], bool]) -> None:
         while not is_so():
             await self._wait(connection)
 
-    async def _wait(self, connection: Connection) -> None:
+    async def _wait(self, connection: BrokerConnection) -> None:
         """Wait until something happens.
 
         Raises:
@@ -179,13 +179,13 @@ class Broker:
         if connection.deadline is not None and asyncio.get_running_loop().time() >= connection.deadline:
             raise BrokerError(f"it has not confirmed a message for {STEP_TIME:g} s")
 
-    def _raise_if_lost(self, connection: Connection) -> None:
+    def _raise_if_lost(self, connection: BrokerConnection) -> None:
         if connection.lost.done():
             raise BrokerError(connection.lost.result())
         if self._refusal:
             raise BrokerError(self._refusal)
 
-    async def _leave(self, connection: Connection, messages: Sequence[Message]) -> None:
+    async def _leave(self, connection: BrokerConnection, messages: Sequence[Message]) -> None:
         """Publish the last messages, and log out."""
         try:
             async with asyncio.timeout(ENDING_TIME):

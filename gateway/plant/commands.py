@@ -20,7 +20,7 @@ MOST_COMMANDS: Final = 32
 MOST_REMEMBERED: Final = 1000
 
 
-class Asker(Origin, Protocol):
+class PlantOrigin(Origin, Protocol):
     """The Origin of reads. The responses to writes come to it too."""
 
     def written(self, command: Command, request: Request, response: bytes | None) -> None:
@@ -55,23 +55,23 @@ class CarriedOut:
 
 
 class Commands:
-    """Writes go to `way`, and their responses come to `asker`; `tell` is called with what became of each command.
+    """They go to `writes_to`, and their responses come to `origin`; `tell` is called with what became of each command.
 
     Those that are `carried_out` already are refused. `clock` is that of `now` everywhere.
     """
 
     def __init__(
         self,
-        way: Target,
-        asker: Asker,
+        writes_to: Target,
+        origin: PlantOrigin,
         emit: Emit,
         clock: Callable[[], float],
         tell: Callable[[Command | Misdirected, str | None, float], None],
         carried_out: CarriedOut,
     ) -> None:
         self.counts = CommandCounts()
-        self._way = way
-        self._asker = asker
+        self._target = writes_to
+        self._origin = origin
         self._emit = emit
         self._clock = clock
         self._tell = tell
@@ -80,7 +80,7 @@ class Commands:
         self._carried_out = carried_out
 
     def close(self) -> None:
-        """Carry out no more: the way may lead to other devices from now on."""
+        """Carry out no more: the units may be other devices from now on."""
         self._is_closed = True
 
     def refusal(self, delivery: Delivery) -> str:
@@ -114,14 +114,14 @@ class Commands:
         self._carried_out.add(command.delivery)
         self._in_progress += 1
         expiry = command.delivery.expiry
-        origin = _Writer(self._asker, command, self._clock, None if expiry is None else now + expiry)
-        self._way.submit(Request(command.device.unit, pdu, origin, now), now)
+        origin = _Writer(self._origin, command, self._clock, None if expiry is None else now + expiry)
+        self._target.submit(Request(command.device.unit, pdu, origin, now), now)
 
-    def refuse(self, wish: Misdirected, now: float) -> None:
+    def refuse(self, misdirected: Misdirected, now: float) -> None:
         """Log and tell why it is no command."""
         self.counts.received += 1
-        self._emit(CommandRefused(CLIENT, wish.delivery.topic, wish.refusal))
-        self._failed(wish, wish.refusal, now)
+        self._emit(CommandRefused(CLIENT, misdirected.delivery.topic, misdirected.refusal))
+        self._failed(misdirected, misdirected.refusal, now)
 
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
         """A command's request is over."""
@@ -144,8 +144,8 @@ class _Writer:
     client = CLIENT
     host = ""
 
-    def __init__(self, asker: Asker, command: Command, clock: Callable[[], float], until: float | None) -> None:
-        self._asker = asker
+    def __init__(self, origin: PlantOrigin, command: Command, clock: Callable[[], float], until: float | None) -> None:
+        self._origin = origin
         self._command = command
         self._clock = clock
         self._until = until
@@ -156,7 +156,7 @@ class _Writer:
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response."""
-        self._asker.written(self._command, request, pdu)
+        self._origin.written(self._command, request, pdu)
 
 
 def _audit(command: Command) -> WriteAudit:

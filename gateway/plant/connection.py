@@ -25,7 +25,7 @@ from gateway.ports.threads import ThreadPerCall
 from gateway.tls.reasons import explain
 
 
-class Connection:
+class BrokerConnection:
     """A connection with one `version` of MQTT. `deliver` takes what is received.
 
     `confirmed` is called for each message that the broker has taken, or refused for the reason given, and is told

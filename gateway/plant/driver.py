@@ -7,11 +7,10 @@ from typing import Any
 from gateway.events import Emit, PartFailed
 from gateway.plant.commands import CLIENT, CarriedOut
 from gateway.plant.messages import Command, Delivery, Form, Message
-from gateway.plant.polls import Target
+from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import Publisher, PublisherSettings
 from gateway.ports.lazy_timer import LazyTimer
-from gateway.request import Request
-from gateway.request import Target as Way
+from gateway.request import Request, Target
 
 
 class PublisherDriver:
@@ -27,8 +26,8 @@ class PublisherDriver:
         self,
         settings: PublisherSettings,
         form: Form,
-        targets: Mapping[str, Target],
-        way: Way,
+        targets: Mapping[str, PolledTarget],
+        writes_to: Target,
         emit: Emit,
         unix: Callable[[], float],
         carried_out: CarriedOut,
@@ -40,7 +39,15 @@ class PublisherDriver:
         self._emit = emit
         self._is_open = False
         self.publisher = Publisher(
-            settings, form, targets, way, self, emit, loop.time, lambda now: unix() - loop.time() + now, carried_out
+            settings,
+            form,
+            targets,
+            writes_to,
+            self,
+            emit,
+            loop.time,
+            lambda now: unix() - loop.time() + now,
+            carried_out,
         )
         self._timer = LazyTimer(loop, self._tick)
 

@@ -35,7 +35,7 @@ TOGETHER_AGAIN: Final = 60.0
 _NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
 
 
-class Target(Protocol):
+class PolledTarget(Protocol):
     """What answers for a device that is published."""
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
@@ -110,7 +110,7 @@ class Polls:
     def __init__(
         self,
         devices: Sequence[PublishedDevice],
-        targets: Mapping[str, Target],
+        targets: Mapping[str, PolledTarget],
         origin: Origin,
         emit: Emit,
         source: str,

@@ -12,7 +12,7 @@ from typing import Final
 from gateway.events import Emit
 from gateway.plant.births import Births
 from gateway.plant.changes import Watch
-from gateway.plant.commands import Asker, CarriedOut, Commands
+from gateway.plant.commands import CarriedOut, Commands, PlantOrigin
 from gateway.plant.messages import (
     Command,
     Delivery,
@@ -25,10 +25,9 @@ from gateway.plant.messages import (
     Readings,
     Rebirth,
 )
-from gateway.plant.polls import Answer, Polls, Target
+from gateway.plant.polls import Answer, PolledTarget, Polls
 from gateway.profiles.published import PublishedDevice
-from gateway.request import Request
-from gateway.request import Target as Way
+from gateway.request import Request, Target
 
 #: So many results wait until they are published; the oldest are dropped for more.
 MOST_RESULTS: Final = 100
@@ -65,7 +64,7 @@ class _Results:
 
 
 class Publisher:
-    """Publishes `settings.devices` in a `form`; reads go to `targets` as requests of `origin`, writes to `way`.
+    """Publishes `settings.devices` in a `form`; reads go to `targets` as requests of `origin`, writes to `writes_to`.
 
     `clock` is that of `now` everywhere; `unix` makes a Unix time of its times.
     """
@@ -74,9 +73,9 @@ class Publisher:
         self,
         settings: PublisherSettings,
         form: Form,
-        targets: Mapping[str, Target],
-        way: Way,
-        origin: Asker,
+        targets: Mapping[str, PolledTarget],
+        writes_to: Target,
+        origin: PlantOrigin,
         emit: Emit,
         clock: Callable[[], float],
         unix: Callable[[float], float],
@@ -87,7 +86,7 @@ class Publisher:
         self.form = form
         #: Whether the connection is to be given up and made anew.
         self.must_leave = False
-        self.commands = Commands(way, origin, emit, clock, self._tell, carried_out)
+        self.commands = Commands(writes_to, origin, emit, clock, self._tell, carried_out)
         self._clock = clock
         self._unix = unix
         self._watches = {
@@ -178,15 +177,15 @@ class Publisher:
     def received(self, delivery: Delivery, now: float) -> None:
         """Do what a message from the broker asks for."""
         refusal = self.commands.refusal(delivery)
-        for wish in self.form.received(delivery):
-            if isinstance(wish, Command):
-                self.commands.carry_out(wish, refusal, now)
-            elif isinstance(wish, Misdirected):
-                self.commands.refuse(wish, now)
-            elif isinstance(wish, Rebirth) and self._is_connected:
+        for received in self.form.received(delivery):
+            if isinstance(received, Command):
+                self.commands.carry_out(received, refusal, now)
+            elif isinstance(received, Misdirected):
+                self.commands.refuse(received, now)
+            elif isinstance(received, Rebirth) and self._is_connected:
                 if self._births.may_begin(now):
                     self._be_born(now)
-            elif isinstance(wish, Leave):
+            elif isinstance(received, Leave):
                 self.must_leave = True
 
     def ended(self, now: float) -> Sequence[Message]:

@@ -45,7 +45,7 @@ class ErrorBoundary:
     def fail(self, error: Exception) -> None:
         """A step has failed unexpectedly."""
         self._log(error)
-        self.hang_up()
+        self.close_port()
 
     def plan(self, deadline: float | None) -> None:
         """Set the timer to the part's deadline, which may have changed. No step runs before this returns."""
@@ -60,7 +60,7 @@ class ErrorBoundary:
         self.port = None
         self.run(self._down)
 
-    def hang_up(self) -> None:
+    def close_port(self) -> None:
         """Close the port, and fail what depends on it."""
         port, self.port = self.port, None
         try:

@@ -22,7 +22,7 @@ from gateway.profiles.batches import batches
 from gateway.registers.items import read_request
 from gateway.request import Request
 from gateway.service.build import Gateway
-from gateway.service.operator import Question, find_line, find_unit
+from gateway.service.operator import AwaitedOrigin, find_line, find_unit
 from gateway.service.running import Running
 
 #: One is on the line, and the next one waits.
@@ -140,7 +140,7 @@ async def _read_on(
     """Read until it is time to stop or no unit answers, and count what becomes of it."""
     now = asyncio.get_running_loop().time
     while now() < until and is_wanted() and any(each.failures < MOST_FAILURES for each in reads):
-        read, origin = reads[0], Question(is_wanted)
+        read, origin = reads[0], AwaitedOrigin(is_wanted)
         reads.rotate(-1)
         if not read.may_be_sent:
             await asyncio.sleep(0 if any(each.may_be_sent for each in reads) else _PAUSE)

@@ -86,7 +86,7 @@ class ConfigProcess:
         self._limit = limit
         kind = "look-around" if look_around else "plan"
         try:
-            with _without_hang_up():
+            with _without_sighup():
                 self._process = subprocess.Popen(  # noqa: S603 - this interpreter, and a program of ours
                     [*_interpreter(), str(file), kind, f"{limit:g}", str(os.getpid()), ":".join(sys.path)],
                     stdin=subprocess.DEVNULL,
@@ -144,7 +144,7 @@ def _handed_over(output: bytes) -> ConfigRead:
 
 
 @contextmanager
-def _without_hang_up() -> Iterator[None]:
+def _without_sighup() -> Iterator[None]:
     """A process that is started in this context never gets SIGHUP.
 
     `systemctl kill --signal=HUP` sends it to all processes of the service, and means the gateway.

@@ -127,7 +127,7 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
-    loop.add_signal_handler(signal.SIGHUP, _hang_up, reloader, stop)
+    loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop)
     pages = _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder)
     async with control_open(control, verbs(running, reloader), emit):
         garbage.settle()
@@ -139,7 +139,7 @@ def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager
     return nullcontext() if plan is None else import_module("gateway.service.web").web_pages(plan, *parts)
 
 
-def _hang_up(reloader: Reloader, stop: Stop) -> None:
+def _reload_or_stop(reloader: Reloader, stop: Stop) -> None:
     """SIGHUP: stop if the terminal was closed; reload the config as a daemon."""
     if sys.stderr is not None and sys.stderr.isatty():
         stop.order("SIGHUP")

@@ -39,7 +39,7 @@ class UnitPicture:
     points: tuple[Point, ...]
 
 
-class Question:
+class AwaitedOrigin:
     """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
 
     def __init__(self, is_there: Callable[[], bool], client: str = CONTROL, host: str = "") -> None:
@@ -80,7 +80,7 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
         WrongQuestion: there is no such unit, or `pdu` is not a PDU.
     """
     unit, pdu = find_unit(gateway.plan, question.get("unit")), _pdu(question.get("pdu"))
-    done = await send(gateway.control, unit, pdu, Question(is_there))
+    done = await send(gateway.control, unit, pdu, AwaitedOrigin(is_there))
     answer = {
         "unit": unit,
         "pdu": None if done.pdu is None else done.pdu.hex(" ").upper(),
@@ -90,7 +90,7 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
     return answer if done.error is None else {**answer, "result": done.error.result, "reason": str(done.error)}
 
 
-async def send(router: Router, unit: int, pdu: bytes, question: Question) -> Done:
+async def send(router: Router, unit: int, pdu: bytes, question: AwaitedOrigin) -> Done:
     """Send a request through `router`, and wait for what becomes of it."""
     now = asyncio.get_running_loop().time
     started = now()

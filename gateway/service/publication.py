@@ -17,11 +17,10 @@ from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Form, Message
 from gateway.plant.plain import PlainForm
-from gateway.plant.polls import Target
+from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
-from gateway.request import Request
-from gateway.request import Target as Destination
+from gateway.request import Request, Target
 from gateway.service.announcing import Announcing
 from gateway.service.libraries import not_installed
 from gateway.service.parts import GatewayLine, GatewayUpstream
@@ -179,28 +178,28 @@ class _Access:
         )
 
 
-class _Unhurried:
+class _AtOnce:
     """An image or a mirror as a target of reads: it answers at once, and never backs off."""
 
-    def __init__(self, destination: Destination) -> None:
+    def __init__(self, destination: Target) -> None:
         self._destination = destination
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - nobody waits
-        """See Target."""
+        """See PolledTarget."""
         self._destination.submit(request, now)
 
     def is_resting(self, now: float) -> bool:  # noqa: ARG002 - at any time
-        """See Target."""
+        """See PolledTarget."""
         return False
 
 
-def _destinations(plan: MqttPlan, gateway: "Gateway") -> Mapping[str, Destination]:
+def _destinations(plan: MqttPlan, gateway: "Gateway") -> Mapping[str, Target]:
     """What answers for each published device."""
     return {device.name: gateway.mqtt.routes[device.unit] for device in plan.devices}
 
 
-def _as_target(destination: Any) -> Target:
-    return destination if hasattr(destination, "is_resting") else _Unhurried(destination)
+def _as_target(destination: Any) -> PolledTarget:
+    return destination if hasattr(destination, "is_resting") else _AtOnce(destination)
 
 
 def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:

@@ -8,7 +8,7 @@ from gateway.errors import RequestError
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.profiles.profile import Profile
 from gateway.request import Request, Target
-from gateway.service.operator import Question
+from gateway.service.operator import AwaitedOrigin
 
 #: The functions that read, the most usual first, and what they read.
 _READS: Final = (
@@ -33,6 +33,6 @@ async def outcome_of(
 ) -> tuple[RequestError | None, bytes | None]:
     """Send a request; its error, if any, and its response."""
     loop = asyncio.get_running_loop()
-    question = Question(is_there)
+    question = AwaitedOrigin(is_there)
     target.submit(Request(unit, pdu, question, loop.time()), loop.time())
     return await question.outcome

@@ -166,10 +166,10 @@ class Running:
         """Tell the lines on a port that was lent, or the next process, which responses may still come there."""
         now, place = asyncio.get_running_loop().time(), place_of(line.plan.port)
         overdue = [each for borrower in borrowers for each in borrower.overdue(now, line.patience)]
-        heirs = [each for each in self.gateway.lines if place_of(each.plan.port) == place]
-        for heir in heirs:
-            heir.driver.line.await_overdue(overdue)
-        if overdue and (self._is_ending or not heirs):
+        successors = [each for each in self.gateway.lines if place_of(each.plan.port) == place]
+        for successor in successors:
+            successor.driver.line.await_overdue(overdue)
+        if overdue and (self._is_ending or not successors):
             self._left_behind.leave(place, [*self._left_behind.at(place, now), *overdue], now)
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:

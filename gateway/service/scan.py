@@ -31,7 +31,7 @@ from gateway.lines.transaction import ScanTransaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request
-from gateway.service.operator import Question
+from gateway.service.operator import AwaitedOrigin
 from gateway.service.parts import GatewayLine
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import Mode
@@ -253,7 +253,7 @@ class Scan:
         Raises:
             WrongQuestion: the line cannot be asked.
         """
-        origin = Question(lambda: True)
+        origin = AwaitedOrigin(lambda: True)
         request = Request(unit.unit, pdu, origin, self._now())
         patience = self._line.patience
         question = ScanTransaction(request, parse_request(pdu), unit, awaits_second=awaits_second, patience=patience)

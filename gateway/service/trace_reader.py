@@ -36,7 +36,7 @@ _CHOICES: Final = ("line", "unit", "function", "client", "result")
 #: So many records are looked at for the latest ones, at most.
 MOST_LOOKED_AT: Final = 20_000
 
-Question = Mapping[str, Any]
+Query = Mapping[str, Any]
 MaySee = Callable[[Record], bool]
 
 
@@ -69,7 +69,7 @@ class TraceReader:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
 
-    def __init__(self, gateway: Callable[[], Gateway], question: Question, host: str, texts: Texts) -> None:
+    def __init__(self, gateway: Callable[[], Gateway], question: Query, host: str, texts: Texts) -> None:
         self.is_lost = False
         self._gateway = gateway
         self._chosen = _choices(question)
@@ -96,7 +96,7 @@ class TraceReader:
                 return []
         return found
 
-    def _fetch(self, place: Question) -> list[str]:
+    def _fetch(self, place: Query) -> list[str]:
         gateway, clock = self._gateway(), clocks()
         may_see = what_is_seen(gateway, self._host)
 
@@ -122,7 +122,7 @@ class TraceReader:
         return {} if self._sample is None else {"left_out": self._sample.taken()}
 
 
-async def latest(gateway: Gateway, question: Question, host: str, most: int) -> Sequence[Fact]:
+async def latest(gateway: Gateway, question: Query, host: str, most: int) -> Sequence[Fact]:
     """The last facts, the newest first, as a reader at the address `host` may see them: `most` at most.
 
     Raises:
@@ -156,7 +156,7 @@ def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Recor
         number = begin
 
 
-async def capture(gateway_now: Callable[[], Gateway], question: Question, host: str) -> AsyncIterator[bytes]:
+async def capture(gateway_now: Callable[[], Gateway], question: Query, host: str) -> AsyncIterator[bytes]:
     """A capture file of what the ring has of the last `seconds`, part by part: each with the rights of its moment.
 
     Raises:
@@ -168,7 +168,7 @@ async def capture(gateway_now: Callable[[], Gateway], question: Question, host: 
     descriptions = {line["name"]: description(line) for line in told}
     writer, chosen = Writer(f"modbus-gateway {__version__}"), _choices(question)
 
-    def fetch(place: Question) -> dict[str, Any]:
+    def fetch(place: Query) -> dict[str, Any]:
         gateway = gateway_now()
         may_see = what_is_seen(gateway, host)
 
@@ -191,7 +191,7 @@ async def capture(gateway_now: Callable[[], Gateway], question: Question, host: 
         found = fetch({"after": found["next"]})
 
 
-def _choices(question: Question) -> Question:
+def _choices(question: Query) -> Query:
     return {name: question[name] for name in _CHOICES if question.get(name) is not None}
 
 

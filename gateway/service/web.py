@@ -24,7 +24,7 @@ from gateway.service.config_view import ConfigView, ConfigViewer
 from gateway.service.examinations import Examinations
 from gateway.service.history import history_kept
 from gateway.service.libraries import not_installed
-from gateway.service.operator import Question, UnitPicture, picture, pictures, send
+from gateway.service.operator import AwaitedOrigin, UnitPicture, picture, pictures, send
 from gateway.service.password import read_token
 from gateway.service.reload import Outcome, Reloader
 from gateway.service.rights import Verdict, rights_in_words, routers, verdict
@@ -33,7 +33,7 @@ from gateway.service.trace import Fact
 from gateway.service.trace_reader import Texts, TraceReader, capture, latest, may_see_all
 from gateway.timing.history import History, Past
 from gateway.tls.store import TlsStore, load_all
-from gateway.web.answers import Answer, Asker, Which
+from gateway.web.answers import Answer, WebClient, Which
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
 
 #: How old the status may be that is told, in seconds: any number of readers costs no more than one.
@@ -216,9 +216,9 @@ class _Answers:
     def unit(self, wanted: int | str) -> UnitPicture:
         return picture(self._running.gateway, wanted)
 
-    async def ask(self, unit: int, pdu: bytes, asker: Asker) -> Answer:
+    async def ask(self, unit: int, pdu: bytes, client: WebClient) -> Answer:
         """By the way of `[[access]] listen = ["web"]`."""
-        question = Question(asker.is_there, asker.client, asker.host)
+        question = AwaitedOrigin(client.is_there, client.client, client.host)
         done = await send(self._running.gateway.web, unit, pdu, question)
         response = exception_response(pdu[0], 0) if done.pdu is None else done.pdu
         if done.error is None:

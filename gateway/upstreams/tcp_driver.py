@@ -47,13 +47,13 @@ class TcpDriver(UpstreamDriver):
         try:
             step(*arguments)
         except NotModbus as error:
-            self._hang_up(f"what came is no Modbus TCP: {error}")
+            self._close_connection(f"what came is no Modbus TCP: {error}")
         if self.upstream.is_spent:
-            self._hang_up("too many answers are overdue on it")
+            self._close_connection("too many answers are overdue on it")
 
     def _down(self) -> None:
         self.upstream.port_down(self._time())
 
-    def _hang_up(self, reason: str) -> None:
+    def _close_connection(self, reason: str) -> None:
         self._emit(UpstreamClosed(self.upstream.settings.name, reason))
-        self._boundary.hang_up()
+        self._boundary.close_port()

@@ -97,7 +97,7 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Asker:
+class WebClient:
     """A client: `client` in the log, at the address `host`. `is_there` tells whether it still waits."""
 
     client: str
@@ -321,7 +321,7 @@ class Answers(UnitAnswers, Protocol):
             WrongQuestion: there is none.
         """
 
-    async def ask(self, unit: int, pdu: bytes, asker: Asker) -> Answer:
+    async def ask(self, unit: int, pdu: bytes, client: WebClient) -> Answer:
         """Send a request to a unit, as any client's: with its rights, queue and limits."""
 
     async def reload(self) -> Mapping[str, Any]:

@@ -4,7 +4,7 @@ from functools import partial
 
 from aiohttp import web
 
-from gateway.web.answers import Answer, Answers, Asker, Unit
+from gateway.web.answers import Answer, Answers, Unit, WebClient
 from gateway.web.guard import VISITOR
 from gateway.web.problems import ProblemError
 from gateway.web.values import Ask
@@ -13,10 +13,10 @@ from gateway.web.values import Ask
 def ask_for(request: web.Request, answers: Answers, unit: Unit) -> Ask:
     """What sends request PDUs to a unit, with the rights of the visitor; see `ask_as`."""
     visitor = request[VISITOR]
-    return ask_as(Asker(visitor.client, visitor.host, partial(is_there, request)), answers, unit)
+    return ask_as(WebClient(visitor.client, visitor.host, partial(is_there, request)), answers, unit)
 
 
-def ask_as(asker: Asker, answers: Answers, unit: Unit) -> Ask:
+def ask_as(client: WebClient, answers: Answers, unit: Unit) -> Ask:
     """What sends request PDUs to a unit until a reload leads its number elsewhere; then it raises ProblemError.
 
     To be called as soon as the unit is known, before anything is waited for.
@@ -26,7 +26,7 @@ def ask_as(asker: Asker, answers: Answers, unit: Unit) -> Ask:
     async def ask(pdu: bytes) -> Answer:
         if answers.target(unit.unit) is not target:
             raise ProblemError(409, f"unit {unit.unit} has changed by a reload: ask again")
-        return await answers.ask(unit.unit, pdu, asker)
+        return await answers.ask(unit.unit, pdu, client)
 
     return ask
 

@@ -8,7 +8,7 @@ from typing import Any, Final, cast
 from aiohttp import web
 
 from gateway.listeners.connection import Stream
-from gateway.listeners.handshakes import Handshakes, Visitor
+from gateway.listeners.handshakes import ConnectingClient, Handshakes
 from gateway.listeners.tls_stream import TlsStream
 
 #: How often it is looked for handshakes that take too long, while there are any, in seconds.
@@ -44,7 +44,7 @@ class SecuredConnections:
     def begin(self, stream: SecuredStream, host: str, origin: str) -> None:
         """A client has connected; it is served once its handshake is done."""
         loop = asyncio.get_running_loop()
-        self._handshakes.begin(stream, Visitor(host, host, origin), loop.time())
+        self._handshakes.begin(stream, ConnectingClient(host, host, origin), loop.time())
         if self._sweeping is None:
             self._sweeping = loop.call_later(_SWEEP_STEP, self._sweep)
 
@@ -54,7 +54,7 @@ class SecuredConnections:
         if self._sweeping is not None:
             self._sweeping.cancel()
 
-    def _secured(self, stream: TlsStream, _visitor: Visitor) -> None:
+    def _secured(self, stream: TlsStream, _connecting: ConnectingClient) -> None:
         stream.begin(_Served(self._serve()))
 
     def _sweep(self) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
-from gateway.fleet.lease import Lease, Question, Read, Write
+from gateway.fleet.lease import Lease, Read, StoreCall, Write
 from gateway.fleet.lease_settings import LeaseSettings
 
 SETTINGS = LeaseSettings("hall-a", ttl=20.0, guard=3.0, late=4.0)
@@ -40,10 +40,10 @@ class Gateway:
     rate: float
     offset: float
     is_stopped: bool = False
-    asked: Question | None = None
+    asked: StoreCall | None = None
     #: What the store has answered, on its way: how to report it.
     answer: tuple[Any, ...] | None = None
-    stray: tuple[Question, ...] = ()
+    stray: tuple[StoreCall, ...] = ()
     #: Whether its connection to the store is lost, which it does not know yet.
     is_cut: bool = False
     #: The true time at which it could write last.
@@ -193,7 +193,7 @@ class World:
         assert one.asked is not None
         one.answer = self._carry_out(one.asked)
 
-    def _carry_out(self, asked: Question) -> tuple[Any, ...]:
+    def _carry_out(self, asked: StoreCall) -> tuple[Any, ...]:
         if isinstance(asked, Read):
             return ("found", self.value, 0 if self.value is None else self.revision)
         if asked.revision != (0 if self.value is None else self.revision):

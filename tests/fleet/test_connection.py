@@ -6,7 +6,7 @@ from nats.js import JetStreamContext
 from nats.js.errors import ServiceUnavailableError
 
 from gateway.errors import FleetError
-from gateway.fleet.connection import Connection
+from gateway.fleet.connection import NatsConnection
 from gateway.fleet.settings import Login, Server
 
 
@@ -17,4 +17,4 @@ async def test_a_server_without_jetstream_is_named_with_what_mends_it(monkeypatc
 
     monkeypatch.setattr(Client, "jetstream", lambda self, **_: Without(self))
     with pytest.raises(FleetError, match=r"this NATS server has no JetStream.*start it with --jetstream"):
-        await Connection(Server("127.0.0.1", 4222), Login("a")).bucket("mbgw-status")
+        await NatsConnection(Server("127.0.0.1", 4222), Login("a")).bucket("mbgw-status")

@@ -34,7 +34,7 @@ class Member:
 def nats(monkeypatch) -> FakeNats:
     made = FakeNats()
     monkeypatch.setattr(FakeConnection, "nats", made, raising=False)
-    monkeypatch.setattr(module, "Connection", FakeConnection)
+    monkeypatch.setattr(module, "NatsConnection", FakeConnection)
     return made
 
 

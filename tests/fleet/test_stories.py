@@ -55,7 +55,7 @@ WRITE = "06 00 05 00 09"
 def nats(monkeypatch) -> FakeNats:
     made = FakeNats()
     monkeypatch.setattr(FakeConnection, "nats", made, raising=False)
-    monkeypatch.setattr(link, "Connection", FakeConnection)
+    monkeypatch.setattr(link, "NatsConnection", FakeConnection)
     return made
 
 

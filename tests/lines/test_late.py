@@ -283,13 +283,13 @@ def test_one_late_response_closes_one_of_two_equal_windows(bench: Bench) -> None
     time_out(bench)
     time_out(bench, unit=2)
     for _ in range(2):
-        heir = succeed(bench)
-        heir.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
-        assert heir.line.late_windows(heir.now) == 4
-        heir.respond()
-        assert heir.line.late_windows(heir.now) == 3
-        heir.hear(heir.frame(1, RESPONSE) + heir.frame(2, RESPONSE) * 2)
-        assert heir.line.late_windows(heir.now) == 0
+        successor = succeed(bench)
+        successor.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
+        assert successor.line.late_windows(successor.now) == 4
+        successor.respond()
+        assert successor.line.late_windows(successor.now) == 3
+        successor.hear(successor.frame(1, RESPONSE) + successor.frame(2, RESPONSE) * 2)
+        assert successor.line.late_windows(successor.now) == 0
 
 
 @pytest.mark.parametrize("timing", [Bench().settings.timing, ASCII], ids=["rtu", "ascii"])
@@ -615,45 +615,45 @@ def test_what_no_window_forbids_goes_as_soon_as_a_broadcast_has_had_its_time() -
 def test_a_line_that_follows_awaits_what_the_earlier_one_has_awaited(bench: Bench) -> None:
     time_out(bench, WRITE)
     time_out(bench)
-    heir = succeed(bench)
-    assert heir.line.late_windows(heir.now) == 2
-    heir.ask()
-    assert heir.client.answers == ["83 0B"]
-    heir.ask(unit=2)
-    assert heir.written == [heir.frame(2, READ)]
-    heir.pass_time(0.01)
-    heir.respond(unit=2)
-    heir.respond(WRITE)
-    assert heir.line.late_windows(heir.now) == 1
-    assert (heir.told(OtherClientHeard), heir.told(LateResponse)) == ([], [])
-    heir.pass_time(WINDOW)
-    assert heir.line.overdue(heir.now, PATIENCE) == []
-    heir.ask()
-    assert heir.written[-1] == heir.frame(1, READ)
+    successor = succeed(bench)
+    assert successor.line.late_windows(successor.now) == 2
+    successor.ask()
+    assert successor.client.answers == ["83 0B"]
+    successor.ask(unit=2)
+    assert successor.written == [successor.frame(2, READ)]
+    successor.pass_time(0.01)
+    successor.respond(unit=2)
+    successor.respond(WRITE)
+    assert successor.line.late_windows(successor.now) == 1
+    assert (successor.told(OtherClientHeard), successor.told(LateResponse)) == ([], [])
+    successor.pass_time(WINDOW)
+    assert successor.line.overdue(successor.now, PATIENCE) == []
+    successor.ask()
+    assert successor.written[-1] == successor.frame(1, READ)
 
 
 def test_a_line_that_follows_on_one_that_was_asked_at_address_0_trusts_no_unit(bench: Bench) -> None:
     bench.devices[0] = AddressZeroDevice(bench.device(0).settings, bench.line)
     time_out(bench, READ, unit=0)
-    heir = succeed(bench)
-    heir.ask(unit=5)
-    assert heir.client.answers == ["83 0B"]
-    heir.respond(unit=9)
-    heir.pass_time(0.01)
-    heir.ask(unit=5)
-    assert heir.written == [heir.frame(5, READ)]
+    successor = succeed(bench)
+    successor.ask(unit=5)
+    assert successor.client.answers == ["83 0B"]
+    successor.respond(unit=9)
+    successor.pass_time(0.01)
+    successor.ask(unit=5)
+    assert successor.written == [successor.frame(5, READ)]
 
 
 def test_a_line_that_follows_awaits_what_other_clients_are_owed(bench: Bench) -> None:
     bench.hear(bench.frame(1, READ))
     bench.pass_time(PATIENCE - 0.3)
-    heir = succeed(bench)
-    heir.ask()
-    heir.respond()
-    heir.pass_time(0.01)
-    heir.ask()
-    assert heir.client.answers == ["83 0B"]
-    assert heir.written == [heir.frame(1, READ)]
+    successor = succeed(bench)
+    successor.ask()
+    successor.respond()
+    successor.pass_time(0.01)
+    successor.ask()
+    assert successor.client.answers == ["83 0B"]
+    assert successor.written == [successor.frame(1, READ)]
     bench.pass_time(0.31)
     assert bench.line.overdue(bench.now, PATIENCE) == []
 

@@ -565,7 +565,7 @@ def test_what_was_given_up_leaves_nothing_behind() -> None:
     assert len(waiting.queue._expiries) <= 3
 
 
-def test_what_is_doomed_is_dropped_and_the_rest_keeps_its_turn(waiting: Waiting) -> None:
+def test_what_is_to_be_dropped_is_and_the_rest_keeps_its_turn(waiting: Waiting) -> None:
     waiting.put("A", unit=1)
     waiting.put("A", unit=2)
     waiting.put("B", unit=3)

@@ -13,7 +13,7 @@ import pytest
 
 from gateway.listeners import tls
 from gateway.listeners.connection import SecuredConnection
-from gateway.listeners.handshakes import Handshakes, Visitor
+from gateway.listeners.handshakes import ConnectingClient, Handshakes
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.tls_stream import TlsStream
@@ -28,7 +28,7 @@ from gateway.tls.store import TlsStore
 from kit.pki import OPERATOR, client_context, pki
 
 READ, WRITE = bytes.fromhex("03 0000 0001"), bytes.fromhex("06 0000 0007")
-VISITOR = Visitor("10.0.0.1", "10.0.0.1:1", "10.0.0.1")
+CLIENT = ConnectingClient("10.0.0.1", "10.0.0.1:1", "10.0.0.1")
 
 
 class Network(asyncio.Transport):
@@ -289,7 +289,7 @@ def test_what_a_thread_is_using_is_left_alone_when_the_connection_is_ended() -> 
         handshakes.step_due = lambda _: None  # type: ignore[method-assign] # a step that takes long
         stream = TlsStream(tls, handshakes)  # type: ignore[arg-type]
         stream.connection_made(network)
-        handshakes.begin(stream, VISITOR, 0.0)
+        handshakes.begin(stream, CLIENT, 0.0)
         arrive(stream, b"hello")
         handshakes.sweep(100.0)
         assert network.is_over
@@ -309,7 +309,7 @@ def test_a_handshake_that_is_refused_is_not_ended_in_tls() -> None:
         handshakes = Handshakes(lambda *_: None, lambda *_: None)
         stream = TlsStream(tls, handshakes)  # type: ignore[arg-type]
         stream.connection_made(network)
-        handshakes.begin(stream, VISITOR, 0.0)
+        handshakes.begin(stream, CLIENT, 0.0)
         handshakes.sweep(100.0)
         assert network.is_over
         assert "unwrap" not in tls.asked
@@ -329,7 +329,7 @@ def test_what_a_client_has_sent_before_its_handshake_begins_is_kept() -> None:
         peer.goes_on()
         arrive(stream, peer.outgoing.read())
         assert due == []
-        handshakes.begin(stream, VISITOR, 0.0)
+        handshakes.begin(stream, CLIENT, 0.0)
         assert due == [stream]
         assert network.is_paused
         stream.stepped(stream.step())

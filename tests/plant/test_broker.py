@@ -82,7 +82,7 @@ class FakeConnection:
 @pytest.fixture
 def connections(monkeypatch):
     """The connections that were made."""
-    monkeypatch.setattr(module, "Connection", FakeConnection)
+    monkeypatch.setattr(module, "BrokerConnection", FakeConnection)
     monkeypatch.setattr(FakeConnection, "made", [])
     return FakeConnection.made
 

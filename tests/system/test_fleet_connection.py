@@ -11,7 +11,7 @@ import pytest
 from nats.js.api import KeyValueConfig
 
 from gateway.errors import FleetError
-from gateway.fleet.connection import PING_INTERVAL, Connection
+from gateway.fleet.connection import PING_INTERVAL, NatsConnection
 from gateway.fleet.counts import LostMessages
 from gateway.fleet.messages import Message
 from gateway.fleet.settings import Login, Server
@@ -26,7 +26,7 @@ def server_of(nats: NatsServer, *, is_encrypted: bool = False) -> Server:
     return Server("127.0.0.1", nats.port, is_encrypted)
 
 
-async def subscribed(nats: NatsServer, connection: Connection, subject: str, *how: Any) -> None:
+async def subscribed(nats: NatsServer, connection: NatsConnection, subject: str, *how: Any) -> None:
     """Subscribe, and wait until the server has taken it: what others send from now on is delivered."""
     await connection.subscribe(subject, *how)
 
@@ -38,7 +38,7 @@ async def subscribed(nats: NatsServer, connection: Connection, subject: str, *ho
 
 async def test_a_message_that_nobody_wants_says_so(tmp_path):
     with NatsServer(tmp_path) as nats:
-        connection = Connection(server_of(nats), Login("a"))
+        connection = NatsConnection(server_of(nats), Login("a"))
         await connection.open()
         heard: asyncio.Queue[Message] = asyncio.Queue()
         await connection.subscribe("mbgw.a.answer.>", heard.put_nowait)
@@ -50,7 +50,7 @@ async def test_a_message_that_nobody_wants_says_so(tmp_path):
 
 async def test_what_is_subscribed_comes_with_its_headers_until_it_is_ended(tmp_path):
     with NatsServer(tmp_path) as nats:
-        connection = Connection(server_of(nats), Login("a"))
+        connection = NatsConnection(server_of(nats), Login("a"))
         await connection.open()
         heard: asyncio.Queue[Message] = asyncio.Queue()
         end = await connection.subscribe("mbgw.a.unit.1.from.*", heard.put_nowait, "mbgw")
@@ -74,7 +74,7 @@ DELETE_A = b"HPUB $KV.mbgw-status.a 31 31\r\nNATS/1.0\r\nKV-Operation: DEL\r\n\r
 
 async def test_a_bucket_changes_only_for_who_knows_what_is_there(tmp_path):
     with NatsServer(tmp_path) as nats:
-        connection = Connection(server_of(nats), Login("a"))
+        connection = NatsConnection(server_of(nats), Login("a"))
         await connection.open()
         bucket = await connection.bucket("mbgw-status")
         assert await bucket.entries() == []
@@ -97,7 +97,7 @@ async def test_a_bucket_changes_only_for_who_knows_what_is_there(tmp_path):
 async def test_a_flood_leaves_turns_to_other_work_and_what_it_loses_is_counted(tmp_path):
     with NatsServer(tmp_path) as nats:
         messages = LostMessages()
-        connection = Connection(server_of(nats), Login("a"), messages=messages)
+        connection = NatsConnection(server_of(nats), Login("a"), messages=messages)
         await connection.open()
         heard, longest, turns = 0, 0, 0
         at_last_turn = 0
@@ -128,7 +128,7 @@ async def test_a_flood_leaves_turns_to_other_work_and_what_it_loses_is_counted(t
 async def test_messages_that_overflow_their_queue_are_counted(tmp_path):
     with NatsServer(tmp_path) as nats:
         messages = LostMessages()
-        connection = Connection(server_of(nats), Login("a"), messages=messages)
+        connection = NatsConnection(server_of(nats), Login("a"), messages=messages)
         await connection.open()
         heard: list[Message] = []
         await subscribed(nats, connection, "unit.1", heard.append, "mbgw", 4)
@@ -159,7 +159,7 @@ def delete_bucket(nats: NatsServer, name: str) -> None:
 )
 async def test_a_bucket_that_was_deleted_is_made_again_by_who_asks_for_it_next(tmp_path, call):
     with NatsServer(tmp_path) as nats:
-        connection = Connection(server_of(nats), Login("a"))
+        connection = NatsConnection(server_of(nats), Login("a"))
         await connection.open()
         bucket = await connection.bucket("mbgw-status")
         await bucket.put("a", b"1")
@@ -173,7 +173,7 @@ async def test_a_bucket_that_was_deleted_is_made_again_by_who_asks_for_it_next(t
 
 
 async def _opened(nats: NatsServer, login: Login, *, is_encrypted: bool = False) -> None:
-    connection = Connection(server_of(nats, is_encrypted=is_encrypted), login)
+    connection = NatsConnection(server_of(nats, is_encrypted=is_encrypted), login)
     try:
         await connection.open()
     finally:
@@ -219,7 +219,7 @@ async def test_no_password_goes_where_tls_was_asked_for_and_is_not_offered(tmp_p
 
 
 async def test_nobody_at_the_address_is_told_in_words():
-    connection = Connection(Server("127.0.0.1", free_port()), Login("a"))
+    connection = NatsConnection(Server("127.0.0.1", free_port()), Login("a"))
     with pytest.raises(FleetError, match="Connection refused"):
         await connection.open()
     await connection.close()
@@ -227,7 +227,7 @@ async def test_nobody_at_the_address_is_told_in_words():
 
 async def test_a_connection_that_is_lost_says_so_and_takes_nothing_more(tmp_path):
     with NatsServer(tmp_path) as nats:
-        connection = Connection(server_of(nats), Login("a"))
+        connection = NatsConnection(server_of(nats), Login("a"))
         await connection.open()
         nats.kill()
         assert await asyncio.wait_for(asyncio.shield(connection.lost), PATIENCE)
@@ -241,7 +241,7 @@ async def test_a_subject_that_is_refused_is_told(tmp_path):
         tmp_path, f"authorization {{ users: [{{ user: a, password: a, permissions: {rights} }}] }}"
     ) as nats:
         refused: asyncio.Queue[str] = asyncio.Queue()
-        connection = Connection(server_of(nats), Login("a", "a", "a"), refused.put_nowait)
+        connection = NatsConnection(server_of(nats), Login("a", "a", "a"), refused.put_nowait)
         await connection.open()
         connection.publish(Message("mbgw.b.unit.1.from.c", b"\x03"))
         assert "mbgw.b.unit.1.from.c" in await asyncio.wait_for(refused.get(), PATIENCE)
@@ -280,7 +280,7 @@ def raw_message(subject: bytes, reply: bytes, headers: bytes = b"") -> bytes:
 async def test_a_message_that_cannot_be_read_is_dropped_and_no_other(tmp_path, subject, reply, headers):
     with NatsServer(tmp_path) as nats:
         messages = LostMessages()
-        connection = Connection(server_of(nats), Login("a"), messages=messages)
+        connection = NatsConnection(server_of(nats), Login("a"), messages=messages)
         await connection.open()
         heard: asyncio.Queue[Message] = asyncio.Queue()
         await subscribed(nats, connection, "unit.*", heard.put_nowait)
@@ -311,7 +311,7 @@ async def server_that_says(line: bytes):
 
 async def test_a_connection_that_is_not_read_any_more_is_lost_at_once():
     async with server_that_says(b"INFO {]\r\n") as server:
-        connection = Connection(server, Login("a"))
+        connection = NatsConnection(server, Login("a"))
         await connection.open()
         async with asyncio.timeout(PING_INTERVAL):
             assert await connection.lost == "it cannot be read any more"
@@ -322,7 +322,7 @@ async def test_in_a_bucket_of_a_gateway_nothing_can_be_emptied(tmp_path):
     """Who may write one key could empty it by a header, or have the server's own answer come as a request to purge."""
     with NatsServer(tmp_path) as nats:
         warned: list[str] = []
-        connection = Connection(server_of(nats), Login("a"), warn=warned.append)
+        connection = NatsConnection(server_of(nats), Login("a"), warn=warned.append)
         await connection.open()
         bucket = await connection.bucket("mbgw-lease")
         await bucket.create("b.hall", b"held")
@@ -343,7 +343,7 @@ async def test_a_bucket_that_lets_sites_empty_it_is_used_with_a_warning(tmp_path
     """So do the library and `nats kv add` make them."""
     with NatsServer(tmp_path) as nats:
         warned: list[str] = []
-        connection = Connection(server_of(nats), Login("a"), warn=warned.append)
+        connection = NatsConnection(server_of(nats), Login("a"), warn=warned.append)
         await connection.open()
         await connection._client.jetstream().create_key_value(KeyValueConfig("mbgw-lease", direct=True, ttl=60.0))
         bucket = await connection.bucket("mbgw-lease")

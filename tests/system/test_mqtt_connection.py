@@ -9,7 +9,7 @@ import pytest
 from paho.mqtt.client import Client
 
 from gateway.plant.client import LARGEST_PACKET, BrokerSettings, Version
-from gateway.plant.connection import Connection
+from gateway.plant.connection import BrokerConnection
 from gateway.plant.messages import Delivery, Message
 from kit.process import PATIENCE
 
@@ -59,7 +59,7 @@ async def connected(version: Version, deliveries: list[Delivery]):
     peer = Peer(version)
     server = await asyncio.start_server(peer.serve, "127.0.0.1", 0)
     settings = BrokerSettings("127.0.0.1", server.sockets[0].getsockname()[1], "", "mbgw-test")
-    connection = Connection(
+    connection = BrokerConnection(
         settings, version, Message("gone", b""), deliver=deliveries.append, confirmed=lambda *_: None, unix=lambda: 0.0
     )
     await connection.open()

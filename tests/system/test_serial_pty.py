@@ -280,7 +280,7 @@ async def test_a_driver_that_hangs_at_open_holds_nobody_up(virtual, user, monkey
     ids=["SerialException", "OSError", "termios.error"],
 )
 @pytest.mark.parametrize("call", ["read", "write"])
-async def test_each_way_a_driver_says_goodbye_is_a_loss(virtual, user, monkeypatch, error, call):
+async def test_each_way_in_which_a_driver_reports_a_vanished_device_is_a_loss(virtual, user, monkeypatch, error, call):
     async with opened(virtual.path, user) as port:
         await asyncio.sleep(0)
         with monkeypatch.context() as patch:

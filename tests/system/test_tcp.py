@@ -172,7 +172,7 @@ class Client:
         return await self.asks() == self._transaction
 
     def reset(self) -> None:
-        """Leave without a goodbye."""
+        """End with a reset."""
         sock = self.writer.get_extra_info("socket")
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.writer.transport.abort()
@@ -403,7 +403,7 @@ async def test_a_half_closed_client_that_reads_slowly_gets_everything(monkeypatc
         assert await slow.is_closed()
 
 
-# --- goodbyes ---
+# --- how clients leave ---
 
 
 async def test_a_half_closed_client_is_answered_then_closed() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.request import Request
 from gateway.routing.access import NOTHING, Rights, Row
-from gateway.service.operator import Question, ask
+from gateway.service.operator import AwaitedOrigin, ask
 from gateway.service.trace_reader import capture
 from gateway.trace.records import Answered, PortChanged
 from gateway.web.downloads import MOST_DOWNLOADS
@@ -127,7 +127,7 @@ async def test_a_sample_has_so_many_a_second_and_the_time_tells_how_many_more_th
     await asyncio.sleep(1)
     for _ in range(10):
         for _ in range(30):
-            ring.answer(Request(200, bytes.fromhex("0300000001"), Question(lambda: True), now()), b"", now(), "")
+            ring.answer(Request(200, bytes.fromhex("0300000001"), AwaitedOrigin(lambda: True), now()), b"", now(), "")
         await asyncio.sleep(0.1)
     await asyncio.sleep(2)
     assert 10 <= len(told(wire)) <= 20

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from gateway.request import Request
-from gateway.service.operator import Question, ask
+from gateway.service.operator import AwaitedOrigin, ask
 from gateway.trace.records import Heard, PortChanged
 from gateway.web.pages.traffic import MOST_ROWS
 from kit.browser import web_bench
@@ -146,7 +146,7 @@ async def test_nothing_like_it_is_said(bench):
 async def test_the_page_is_bounded_and_has_the_newest(bench):
     ring, now = bench.running.gateway.ring, asyncio.get_running_loop().time
     for at in range(1000):
-        request = Request(200, b"\x03" + at.to_bytes(2, "big") + b"\0\1", Question(lambda: True), now())
+        request = Request(200, b"\x03" + at.to_bytes(2, "big") + b"\0\1", AwaitedOrigin(lambda: True), now())
         ring.answer(request, b"\x03\x02\0\0", now(), "shift")
     found = await rows(bench)
     assert len(found) == MOST_ROWS

@@ -18,7 +18,7 @@ from gateway.profiles.point import Point
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import WRITERS
 from gateway.registers.reference import reference
-from gateway.web.answers import Answer, Answers, Asker, Unit
+from gateway.web.answers import Answer, Answers, Unit, WebClient
 from gateway.web.api import unit_in
 from gateway.web.asking import ask_as, ask_for, is_there
 from gateway.web.guard import VISITOR, Need, Visitor
@@ -163,8 +163,8 @@ class WritePages:
         unit = question.unit
         if not self._is_as_asked(question):
             return Result(_CHANGED, 0.0)
-        asker = Asker(visitor.client, visitor.host, is_awaited)
-        ask = ask_as(asker, self._answers, unit)
+        client = WebClient(visitor.client, visitor.host, is_awaited)
+        ask = ask_as(client, self._answers, unit)
         answer = await ask(question.pdu)
         self._reads.forget(unit)
         if answer.pdu[0] & EXCEPTION_BIT:
