@@ -21,6 +21,7 @@ _CAUSES: Final[Mapping[str, str]] = {
     "ambiguous": "another client on the line polls it",
     "line_lost": "its port was lost",
 }
+_MORE_TIME: Final = "modbus-gateway doctor says how to give it more time"
 
 
 def count_ok(one: _Row) -> int:
@@ -71,9 +72,10 @@ def for_unit(unit: _Row) -> Iterator[str]:
     share, late, limit = times["limit_share_p99"], counts["late_responses"], times["limit_ms"]
     found = verdict(share, counts["responses"], late, limit or 0.0)
     if late:
-        yield f"{late} responses came after its limit: raise its timeout ({unit['source']})"
+        responses = "one response" if late == 1 else f"{late} responses"
+        yield f"{responses} came after the limit: {_MORE_TIME} ({unit['source']})"
     elif found == "tight":
-        yield f"close to its limit ({share:.0%}): raise its timeout ({unit['source']})"
+        yield f"close to its limit ({share:.0%}): {_MORE_TIME} ({unit['source']})"
     elif found == "long" and counts["timeout"]:
         yield (
             f"each request without a response stops its line for {show_duration(limit / 1000)}, which is "

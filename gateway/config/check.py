@@ -27,6 +27,7 @@ from gateway.config.check_units import (
 )
 from gateway.config.check_upstreams import check_upstreams
 from gateway.config.check_web import check_web
+from gateway.config.duration import show_duration
 from gateway.config.problem import Path, Problem, did_you_mean, dotted, error, warning
 from gateway.config.reserved import RESERVED
 from gateway.config.schema import Config, Device, Image, Line, Listen, Upstream
@@ -92,6 +93,7 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
     yield from _check_profiles(config, failed)
     yield from check_points(config, failed)
     yield from _check_spoken(config)
+    yield from _check_timeouts(config)
     yield from check_access(config, failed)
     yield from check_device_rows(config)
     yield from check_overlaps(config)
@@ -286,6 +288,24 @@ def _check_spoken(config: Config) -> Iterator[Problem]:
             if line.role == "client" and profile is not None and profile.mode not in (None, line.spoken):
                 what = f"{profile.path[-1]} devices use {profile.mode.upper()}, but this line {line.spoken.upper()}"
                 yield warning((*table.path, "profile"), what, f"set {_other_mode(line)} for the line")
+
+
+def _check_timeouts(config: Config) -> Iterator[Problem]:
+    """A device's time-out replaces the times of its profile, so it should not be below one of them."""
+    for line in config.line:
+        for row in line.devices or ():
+            profile = config.profile.get(row.profile or line.profile or "")
+            if row.timeout is None or profile is None:
+                continue
+            slowest = max(profile.timing, key=lambda point: point.time, default=None)
+            if slowest is not None and row.timeout < slowest.time:
+                what = (
+                    f"is shorter than the {show_duration(slowest.time)} of {profile.path[-1]} for"
+                    f" {slowest.items} items (function {slowest.fc})"
+                )
+                yield warning(
+                    (*row.path, "timeout"), what, "leave timeout out: the profile has a time for each request"
+                )
 
 
 def _check_timing(profile: ProfileTable) -> Iterator[Problem]:

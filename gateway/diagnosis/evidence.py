@@ -61,7 +61,8 @@ class UnitEvidence:
     answers that came a second time. `instead` is what was received lately in place of answers. The last `in_a_row`
     requests failed. The last answer came so many seconds `ago`, None if none did. Of units that are not `is_configured`
     only clients say that they exist. `last_failed` is the last request without a valid response, `last_bad` that with
-    a bad frame, `last_late` the last late answer and `last_twice` the last one that came a second time.
+    a bad frame, `last_late` the last late answer and `last_twice` the last one that came a second time. If it
+    `has_table`, its limits come from the timing table of its profile.
     """
 
     unit: int
@@ -83,6 +84,7 @@ class UnitEvidence:
     in_a_row: int = 0
     ago: float | None = None
     is_configured: bool = True
+    has_table: bool = False
     last_failed: Last = NOW
     last_bad: Last = NOW
     last_late: Last = NOW

@@ -199,7 +199,12 @@ def _others_answer(unit: UnitEvidence, line: LineEvidence) -> bool:
 
 
 def _longer(unit: UnitEvidence, line: LineEvidence) -> str:
-    """The config line with a time-out that is long enough for all units of its row."""
+    """What gives the unit more time: the config line with a time-out that is long enough for all units of its row.
+
+    A time-out would replace the table of its profile, so of such a unit the times are to be measured.
+    """
+    if unit.has_table:
+        return f"modbus-gateway calibrate {unit.name} --active --write-profile FILE makes a profile with longer times"
     of_row = [each for each in line.units if each.source == unit.source and (each.late or _is_near_limit(each))]
     longest = max(
         max(each.latest if each.late else each.limit * (each.limit_share or 0.0), each.limit) for each in of_row

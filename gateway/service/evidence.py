@@ -84,6 +84,7 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         in_a_row=device.breaker.failures,
         ago=None if answered_at == NEVER else line.now() - answered_at,
         is_configured=not line.plan.passes_through,
+        has_table=device.answer_time.has_table,
         last_failed=_last(counts, line.now(), "timeout", "bad_frame", "ambiguous"),
         last_bad=_last(counts, line.now(), "bad_frame"),
         last_late=_last(counts, line.now(), "late"),

@@ -31,6 +31,11 @@ class AnswerTime:
         return self.timeout if time is None else self.margin * time
 
     @property
+    def has_table(self) -> bool:
+        """Whether it depends on function and items."""
+        return bool(self.table.rows) and not self.fixed
+
+    @property
     def slowest(self) -> float:
         """The longest time for any request to the device."""
         return max(self.timeout, self.margin * self.table.slowest)

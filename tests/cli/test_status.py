@@ -222,12 +222,14 @@ def test_a_unit_close_to_its_limit_gets_the_line_to_edit() -> None:
     slow = replace(TIMES, limit_share_p99=0.93)
     many = Counts(sent=100, ok=100, responses=100)
     assert notes(state="fine", times=slow, counts=many) == (
-        "unit 41, silo: close to its limit (93%): raise its timeout (gateway.toml:3)"
+        "unit 41, silo: close to its limit (93%): modbus-gateway doctor says how to give it more time (gateway.toml:3)"
     )
     few = Counts(sent=10, ok=10, responses=10)
     assert notes(state="fine", times=slow, counts=few) == ""
     late = replace(many, late_responses=2)
-    assert "2 responses came after its limit: raise its timeout" in notes(state="fine", times=slow, counts=late)
+    assert "2 responses came after the limit: modbus-gateway doctor says how" in notes(
+        state="fine", times=slow, counts=late
+    )
 
 
 def test_a_limit_that_is_far_too_long_is_told_once_it_has_cost_the_line_something() -> None:

@@ -786,6 +786,16 @@ def test_devices_that_speak_both(mode):
     assert problems(f'[[line]]\nport = "/dev/a"\nmode = "{mode}"\nprofile = "v80"') == []
 
 
+def test_a_time_out_that_is_shorter_than_the_table_it_replaces():
+    line = '[[line]]\nport = "/dev/a"\nmode = "ascii"\nprofile = "mint"\ndevices = [{ unit = 1, timeout = "%s" }]'
+    assert problems(line % "1 s") == []
+    (said,) = problems(line % "100 ms")
+    assert said == (
+        "warning: line[0].devices[0].timeout: is shorter than the 500 ms of mint for 99 items (function 23)"
+        " | leave timeout out: the profile has a time for each request"
+    )
+
+
 # The gateway itself
 
 

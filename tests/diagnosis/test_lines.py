@@ -264,6 +264,12 @@ def test_a_limit_that_is_too_short_is_named_with_a_longer_one():
     assert remedy == 'gateway.toml:7: timeout = "800 ms"'
 
 
+def test_the_times_of_a_table_are_measured_and_not_replaced_by_one_timeout():
+    late = replace(SILO, timeouts=9, late=9, latest=0.52, has_table=True)
+    ((_, _, remedy),) = fixes(replace(LINE, units=(late, PRESS)))
+    assert remedy == ("modbus-gateway calibrate silo-1 --active --write-profile FILE makes a profile with longer times")
+
+
 def test_a_late_answer_now_and_then_is_a_note():
     line = replace(LINE, units=(replace(SILO, answered=100_000, timeouts=1, late=1, latest=0.52),))
     assert levels(line) == ["note", "ok"]
