@@ -147,7 +147,7 @@ class _Units:
     """Whether units answer, and how long that may take."""
 
     def __init__(self) -> None:
-        self._up = Family("gauge", "unit_up", "Whether the unit answered its last request.", ("line", "unit"))
+        self._up = Family("gauge", "unit_up", "Whether the unit answered last, and its line is up.", ("line", "unit"))
         self._limit = Family(
             "gauge", "unit_timeout_limit_seconds", "The longest time limit in force.", ("line", "unit")
         )
@@ -157,7 +157,9 @@ class _Units:
         """Add those of a line or another server, one at a time."""
         now = asyncio.get_running_loop().time
         for unit, device in _asked(owner):
-            self._up.add(not device.breaker.failures and not device.breaker.is_resting(now()), owner.name, unit)
+            is_up = owner.reconnector.error is None
+            is_up = is_up and not device.breaker.failures and not device.breaker.is_resting(now())
+            self._up.add(is_up, owner.name, unit)
             self._limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
             yield
 

@@ -128,8 +128,13 @@ def _state(reconnector: Reconnector) -> int:
 
 
 def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
-    """The units that did not answer when they were asked last."""
-    return [unit for unit, device in owner.devices.items() if device.breaker.failures or device.breaker.is_resting(now)]
+    """The units that did not answer when they were asked last; while their line is down, all that were ever asked."""
+    is_down = _state(owner.reconnector) == _DOWN
+    return [
+        unit
+        for unit, device in owner.devices.items()
+        if device.breaker.failures or device.breaker.is_resting(now) or (is_down and device.counts)
+    ]
 
 
 def _counts(upstream: GatewayUpstream) -> list[UnitCounts]:

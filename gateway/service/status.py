@@ -204,7 +204,7 @@ class UnitStatus:
     name: str
     source: str
     profile: str
-    state: Literal["fine", "failing", "resting"]
+    state: Literal["fine", "failing", "resting", "line down"]
     failures: int
     rests_ms: float
     last_answer_ms: float | None
@@ -426,7 +426,7 @@ def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> U
         name=settings.name,
         source=settings.source,
         profile=settings.profile.name,
-        state=_unit_state(breaker, now),
+        state="line down" if parts.reconnector.error is not None else _unit_state(breaker, now),
         failures=breaker.failures,
         rests_ms=milliseconds(breaker.rest_left(now)),
         last_answer_ms=_since(max((each.answered_at for each in times.values()), default=NEVER), now),

@@ -40,7 +40,12 @@ class UnitUse(NamedTuple):
     @property
     def unanswered(self) -> int:
         """The requests without a response of the unit."""
-        return self.timeouts + self.failed + self.unsent
+        return self.lost + self.unsent
+
+    @property
+    def lost(self) -> int:
+        """The requests that were sent, and got no valid response."""
+        return self.timeouts + self.failed
 
     @property
     def unanswered_share(self) -> float:

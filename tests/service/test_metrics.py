@@ -118,6 +118,7 @@ async def test_lines_units_and_upstreams() -> None:
         bench.lines["hall-a"].pull("it was pulled")
         await asyncio.sleep(1.0)
         assert await values(bench, "line_up") == {}
+        assert await values(bench, "unit_up") == {}
         bench.lines["hall-a"].plug()
         await asyncio.sleep(5.0)
         assert await values(bench, "line_reopens") == {("hall-a",): 1}

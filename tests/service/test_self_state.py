@@ -100,6 +100,14 @@ async def test_units_that_do_not_answer_have_a_bit(bench):
     assert await registers(bench, 80, 16) == [0, 0, 1 << 15, *[0] * 13]
 
 
+async def test_the_units_of_a_line_that_is_down_do_not_answer(bench):
+    await bench.client().asks(41, READ)
+    assert await registers(bench, 80, 3) == [0, 0, 0]
+    bench.lines["hall-a"].pull()
+    assert await registers(bench, 80, 3) == [0, 0, 1 << 9]
+    assert await value(bench, "hall-a.units-failing") == 1
+
+
 async def test_the_uptime_counts(bench):
     before = await value(bench, "uptime")
     await asyncio.sleep(100)

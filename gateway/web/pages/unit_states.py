@@ -40,7 +40,7 @@ def _state(unit: Any, use: UnitUse) -> ShownState:
     is_known = use.responses > 0
     if unit.state == "failing" and not is_known:
         return ShownState("failing", use)
-    if use.unanswered >= max(_ENOUGH, _MANY * use.requests):
+    if use.lost >= max(_ENOUGH, _MANY * (use.requests - use.unsent)):  # what a line has not sent says nothing of a unit
         return ShownState("failing", use)
     was_asked = use.requests or unit.counts.sent
     return ShownState("fine" if was_asked else "not asked", use)
