@@ -5,10 +5,12 @@ import gzip
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import sleep, thread_time
+from types import CodeType
 from typing import Any, Final, Protocol
 
 from aiohttp import web
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
+from jinja2.bccache import Bucket
 
 from gateway import DOCUMENTATION, __version__
 from gateway.ports.threads import ThreadPerCall
@@ -29,6 +31,22 @@ _PACKING: Final = 4
 #: interpreter, and whatever visitors ask for, making pages takes a quarter of a processor.
 _SLICE: Final = 0.00025
 _PAUSES: Final = 3
+
+
+class _Compiled(BytecodeCache):
+    """Templates that were compiled: one serves all languages, for what is said in them is looked up when it is used."""
+
+    def __init__(self) -> None:
+        self._templates: dict[str, CodeType | None] = {}
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        bucket.code = self._templates.get(bucket.key)
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        self._templates[bucket.key] = bucket.code
+
+
+_COMPILED: Final = _Compiled()
 
 
 class Page(Protocol):
@@ -118,6 +136,7 @@ def _templates(language: Language, assets: Assets) -> Environment:
         autoescape=True,
         undefined=StrictUndefined,
         auto_reload=False,
+        bytecode_cache=_COMPILED,
         extensions=["jinja2.ext.i18n"],
     )
     texts = Texts(language)

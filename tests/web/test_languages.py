@@ -15,10 +15,12 @@ from gateway.errors import RequestError
 from gateway.service.status import LineStatus, UnitStatus
 from gateway.trace.results import RESULTS
 from gateway.web import problems
+from gateway.web.assets import Assets
 from gateway.web.guard import Role
 from gateway.web.languages import COOKIE, ENGLISH, FOLDER, LANGUAGES, Texts, preferred
 from gateway.web.problems import exception_name
 from gateway.web.renderer import FOLDER as TEMPLATES
+from gateway.web.renderer import _templates
 from kit.browser import web_bench
 
 STATIC = TEMPLATES.parent / "static"
@@ -248,3 +250,9 @@ def test_every_language_has_its_files_and_no_others():
 def test_only_the_first_of_many_languages_are_looked_at():
     assert preferred(f"{'fr,' * 31}zh").code == "zh"
     assert preferred(f"{'fr,' * 32}zh").code == "en"
+
+
+def test_a_template_is_compiled_once_for_all_languages() -> None:
+    assets = Assets()
+    made = [_templates(language, assets).get_template("health.html") for language in LANGUAGES.values()]
+    assert len({id(each.root_render_func.__code__) for each in made}) == 1
