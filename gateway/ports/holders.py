@@ -53,17 +53,24 @@ def _by_lock(device: Path, programs: Path = PROC) -> Iterator[int]:
 
 def _by_descriptor(device: Path, programs: Path) -> Iterator[int]:
     for process in programs.glob("[1-9]*"):
-        with suppress(OSError):  # another user's process, or one that has just ended
-            if any(descriptor.readlink() == device for descriptor in (process / "fd").iterdir()):
-                yield int(process.name)
+        if any(opened == device for _, opened in _descriptors(process)):
+            yield int(process.name)
 
 
 def _has_other_end(device: Path, process: Path) -> bool:
     """Whether a program has the other end of a pseudo-terminal: it is the device, and does not take it from anybody."""
-    with suppress(OSError):
-        for descriptor in (process / "fd").iterdir():
-            if str(descriptor.readlink()) in _FAR_ENDS:
-                told = (process / "fdinfo" / descriptor.name).read_text().split()
+    for number, opened in _descriptors(process):
+        if str(opened) in _FAR_ENDS:
+            with suppress(OSError):  # it has just closed it
+                told = (process / "fdinfo" / number).read_text().split()
                 if told[told.index("tty-index:") + 1] == device.name:
                     return True
     return False
+
+
+def _descriptors(process: Path) -> Iterator[tuple[str, Path]]:
+    """The numbers of a program's descriptors, and what they lead to."""
+    with suppress(OSError):  # another user's process, or one that has just ended
+        for descriptor in (process / "fd").iterdir():
+            with suppress(FileNotFoundError):  # it has just closed it
+                yield descriptor.name, descriptor.readlink()

@@ -129,8 +129,8 @@ def test_who_may_only_read_does_not_fill_the_journal_with_refused_writes(tmp_pat
         until_all_is_logged(gateway)
         assert gateway.stop() == 0
     told = [event for event in gateway.log if event["event"] == "write_audit"]
-    tens = (time.monotonic() - began) / 10  # of seconds: in each of them a line or two
-    assert len(told) <= 4 + 2 * tens
+    tens = (time.monotonic() - began) / 10  # of seconds: in each of them are a few lines
+    assert len(told) <= 10 * (1 + tens)
     dropped = sum(event["write_audits"] for event in gateway.log if event["event"] == "events_dropped")
     assert sum(event.get("suppressed", 1) for event in told) + dropped == count
     assert len(gateway.log) < 400 * (1 + tens)

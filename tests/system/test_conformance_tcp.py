@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.modbus import mbap
 from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
 
@@ -105,7 +106,7 @@ def _converse(gateway: GatewayProcess, pieces: list[bytes], size: int) -> tuple[
 
 def _restore(gateway: GatewayProcess) -> None:
     """Put the registers that cases write back to what they begin with."""
-    writes = [bytes.fromhex("7777 0000 0006 0A 06") + address.to_bytes(2) * 2 for address in (4, 0x10, 0x20)]
+    writes = [mbap.encode(address, 10, b"\x06" + address.to_bytes(2) * 2) for address in (4, 0x10, 0x20)]
     with socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client:
         client.sendall(b"".join(writes))
         assert client.recv(36, socket.MSG_WAITALL) == b"".join(writes)

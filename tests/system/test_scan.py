@@ -24,6 +24,7 @@ bind = "tcp://127.0.0.1:0"
 name = "hall"
 port = "{port}"
 late_window = "1 s"
+max_wait = "30 s"
 devices = [
   {{ unit = 1, as = 41, profile = "weigher", timeout = "3 s" }},
   {{ unit = 6, profile = "v80", timeout = "3 s" }},
@@ -32,6 +33,8 @@ devices = [
 [control]
 socket = "{control}"
 """
+#: How long a unit may take to answer: on a busy machine a simulated one is late.
+PATIENT = "2s"
 
 
 @pytest.fixture
@@ -79,7 +82,7 @@ class Asking(Thread):
 def test_through_the_daemon_beside_clients_at_full_rate(tmp_path: Path, port: Path) -> None:
     control = str(tmp_path / "control.sock")
     with GatewayProcess(tmp_path, CONFIG.format(port=port, control=control)) as gateway:
-        at = ("--timeout", "1s", "--control", control)
+        at = ("--timeout", PATIENT, "--control", control)
         assert found("hall", "1-3", *at) == {3: "weigher"}
         with Asking(gateway.port) as first, Asking(gateway.port) as second:
             assert found("hall", "3-5", *at) == {3: "weigher"}
@@ -106,7 +109,7 @@ def test_it_ends_when_its_command_is_ended(tmp_path: Path, port: Path) -> None:
 
 
 def test_on_a_port_without_a_daemon(port: Path) -> None:
-    at = ("--port", str(port))
+    at = ("--port", str(port), "--timeout", PATIENT)
     assert found("1-8", *at) == {1: "weigher", 3: "weigher", 6: "v80"}
     shown = command("scan", "3-4", *at)
     assert shown.stdout.splitlines()[0].split() == ["UNIT", "RESULT", "ANSWER", "PROFILE"]
@@ -125,13 +128,13 @@ def test_on_a_port_without_a_daemon(port: Path) -> None:
 def test_all_speeds_on_a_port(tmp_path: Path) -> None:
     path = tmp_path / "hall"
     with simulated(path, "weigher:3", "--baud", "14400"):
-        done = command("scan", "3", "--all-speeds", "--timeout", "100ms", "--port", str(path))
+        done = command("scan", "3", "--all-speeds", "--timeout", "1s", "--port", str(path))
         assert done.stdout.splitlines()[1].split()[::5] == ["3", "14400"], done.stderr
 
 
 async def test_two_devices_on_one_address_without_a_daemon(tmp_path: Path) -> None:
     async with SimulatedLine(tmp_path / "hall", [Generic(9), Generic(9), Generic(10)]):
-        words = [*COMMAND, "scan", "8-10", "--port", str(tmp_path / "hall"), "--json"]
+        words = [*COMMAND, "scan", "8-10", "--port", str(tmp_path / "hall"), "--timeout", PATIENT, "--json"]
         scan = await asyncio.create_subprocess_exec(*words, stdout=asyncio.subprocess.PIPE)
         said, _ = await scan.communicate()
         assert scan.returncode == 1

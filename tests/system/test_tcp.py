@@ -447,8 +447,10 @@ async def test_connections_reset_at_once_leave_nothing_behind(caplog: pytest.Log
 @pytest.mark.parametrize("scheme", ["tcp", "rtu+tcp"])
 @pytest.mark.parametrize("leaves", ["it goes", "it is reset", "it is closed"])
 async def test_who_leaves_is_freed_without_the_collector_which_passes_over_those_that_were_there_at_a_reload(
-    scheme: str, leaves: str
+    scheme: str, leaves: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(session_module, "SENDING_DEADLINE", PATIENCE)
+
     def remains() -> list[TcpConnection]:
         return [each for each in gc.get_objects() if isinstance(each, TcpConnection) and each.client == client.name]
 
