@@ -44,15 +44,33 @@ def demo_page() -> Iterator[str]:
             demo.wait(PATIENCE)
 
 
+class PatientBrowser:
+    """A browser of Playwright, whose pages have as long for each step as processes have."""
+
+    def __init__(self, browser: Any) -> None:
+        self._browser = browser
+
+    def new_context(self, **settings: Any) -> Any:
+        return self._patient(self._browser.new_context(**settings))
+
+    def new_page(self, **settings: Any) -> Any:
+        return self._patient(self._browser.new_page(**settings))
+
+    @staticmethod
+    def _patient(made: Any) -> Any:
+        made.set_default_timeout(1000 * PATIENCE)
+        return made
+
+
 @contextmanager
-def chromium() -> Iterator[Any]:
-    """A browser of Playwright."""
+def chromium() -> Iterator[PatientBrowser]:
+    """A browser that ends with the context."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it is not installed everywhere
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
         try:
-            yield browser
+            yield PatientBrowser(browser)
         finally:
             browser.close()
 
