@@ -10,23 +10,19 @@ from gateway import events
 from gateway.listeners.admission import NO_RIGHTS
 from gateway.listeners.connection import SecuredConnection
 from gateway.listeners.handshakes import ConnectingClient, Handshakes
+from gateway.listeners.kept_sessions import KeptSessions
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls_stream import TlsStream
-from gateway.ports.threads import ThreadPerCall
 from gateway.routing.identity import Identity
 from gateway.routing.router import CertifiedRouter, Router
 from gateway.tls.certificate import Certificate, parse_certificate, shorten
-from gateway.tls.contexts import Loaded, load, stop_resuming
+from gateway.tls.contexts import Loaded, stop_resuming
 from gateway.tls.settings import ServerTls
 from gateway.tls.store import TlsStore
 
 #: Why a client is refused that goes on with an earlier session.
 OUTLIVED: Final = "its session is older than the end of an authority's certificate, or of a revocation list"
-
-#: How many sessions of TLS 1.2 may be kept for clients that take no tickets. Each takes 10 KiB, and OpenSSL would keep
-#: forty times as many.
-MOST_SESSIONS: Final = 500
 
 
 class TlsListener(TcpListener):
@@ -43,7 +39,7 @@ class TlsListener(TcpListener):
         self._store = store
         self._handshakes = Handshakes(self._secured, self._refused)
         self._trust = b""
-        self._renewing: asyncio.Future[Loaded] | None = None
+        self._kept = KeptSessions(self._files, lambda: self._loaded, partial(store.renew, self._files))
 
     def start(self) -> None:
         """Accept clients."""
@@ -126,26 +122,8 @@ class TlsListener(TcpListener):
 
     def _sweep(self) -> None:
         self._handshakes.sweep(asyncio.get_running_loop().time())
-        self._bound_sessions()
+        self._kept.bound()
         super()._sweep()
-
-    def _bound_sessions(self) -> None:
-        """Begin to make a new context if this one keeps too many sessions: that is the only way to forget them."""
-        loaded = self._loaded
-        if self._renewing is None and loaded.context.session_stats()["number"] > MOST_SESSIONS:
-            loop, worker = asyncio.get_running_loop(), ThreadPerCall("read certificates")
-            self._renewing = loop.run_in_executor(worker, load, self._files)
-            self._renewing.add_done_callback(partial(self._renewed, loaded))
-
-    def _renewed(self, before: Loaded, renewing: asyncio.Future[Loaded]) -> None:
-        """Use the new context, unless the files are others by now, which only a reload may take."""
-        self._renewing = None
-        if renewing.cancelled() or renewing.exception() is not None:
-            return
-        fresh = renewing.result()
-        is_same = fresh.trust == before.trust and fresh.expiries == before.expiries
-        if is_same and self._store.get(self._files, fresh) is before:
-            self._store.renew(self._files, fresh)
 
 
 #: Clients that connect again show the same certificate: parsing it is a good part of what a handshake costs the loop.

@@ -14,6 +14,7 @@ from gateway import events
 from gateway.config.plan import WebPlan
 from gateway.config.rights_in_words import RightsRow
 from gateway.errors import TlsError, UsersError
+from gateway.listeners.kept_sessions import KeptSessions
 from gateway.modbus.pdu import Span, exception_response
 from gateway.observe.fan_out import FanOut, Follower
 from gateway.ports.threads import ThreadPerCall
@@ -32,6 +33,7 @@ from gateway.service.running import Running
 from gateway.service.trace import Fact
 from gateway.service.trace_reader import Texts, TraceReader, capture, latest, may_see_all
 from gateway.timing.history import History, Past
+from gateway.tls.contexts import Loaded
 from gateway.tls.store import TlsStore, load_all
 from gateway.web.answers import Answer, WebClient, Which
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
@@ -94,7 +96,7 @@ async def _open(
 
 
 def _context_now(plan: WebPlan, contexts: TlsStore) -> Callable[[], ssl.SSLContext] | None:
-    """Gives each connection what was loaded last, by a reload; None for http://.
+    """Gives each connection what was loaded last, by a reload or to forget sessions; None for http://.
 
     Raises:
         TlsError: a file cannot be used.
@@ -105,10 +107,21 @@ def _context_now(plan: WebPlan, contexts: TlsStore) -> Callable[[], ssl.SSLConte
     contexts.add(load_all(plan.secured))
     latest = contexts[tls]
 
-    def context() -> ssl.SSLContext:
+    def in_use() -> Loaded:
         nonlocal latest
         latest = contexts.get(tls, latest)  # files that a reload has renamed are used after a restart
-        return latest.context
+        return latest
+
+    def replace(before: Loaded, fresh: Loaded) -> None:
+        nonlocal latest
+        latest = fresh if latest is before else latest
+        contexts.renew(tls, before, fresh)
+
+    kept = KeptSessions(tls, in_use, replace)
+
+    def context() -> ssl.SSLContext:
+        kept.bound()
+        return in_use().context
 
     return context
 

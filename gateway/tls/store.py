@@ -32,9 +32,10 @@ class TlsStore:
         """Use this too; returns what was used before."""
         return self.adopt({**self._all, **loaded})
 
-    def renew(self, settings: TlsSettings, fresh: Loaded) -> None:
-        """Use this for `settings`, which says the same as what was used before."""
-        self.adopt({one: fresh if one.settings == settings else each for one, each in self._all.items()})
+    def renew(self, settings: TlsSettings, before: Loaded, fresh: Loaded) -> None:
+        """Use `fresh`, which says the same, if `before` is still used for `settings`."""
+        if self._contexts.get(settings) is before:
+            self.adopt({one: fresh if one.settings == settings else each for one, each in self._all.items()})
 
     def expiries(self) -> Iterator[tuple[Secured, Expiry]]:
         """Until when each file is valid, with the address that uses it."""

@@ -2,6 +2,7 @@
 
 import ssl
 import subprocess
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -100,6 +101,24 @@ def client_context(name: str = "", folder: Path | None = None) -> ssl.SSLContext
         of = folder or pki()
         context.load_cert_chain(of / f"{name}.crt", of / f"{name}.key")
     return context
+
+
+def handshake_without_tickets(server: ssl.SSLContext) -> None:
+    """Connect a client of TLS 1.2 that takes no tickets, in memory: `server` keeps its session."""
+    incoming, outgoing, client = ssl.MemoryBIO(), ssl.MemoryBIO(), client_context(OPERATOR)
+    client.maximum_version = ssl.TLSVersion.TLSv1_2
+    client.options |= ssl.OP_NO_TICKET
+    ends = (
+        client.wrap_bio(incoming, outgoing, server_hostname="localhost"),
+        server.wrap_bio(outgoing, incoming, server_side=True),
+    )
+    for _ in range(3):
+        for end in ends:
+            with suppress(ssl.SSLWantReadError):
+                end.do_handshake()
+    assert ends[1].version() == "TLSv1.2"
+    with suppress(ssl.SSLWantReadError):
+        ends[1].unwrap()  # else the session is forgotten at once
 
 
 def listener(extra: str = "", *, bind: str = "tls://127.0.0.1:0", name: str = "remote", crl: bool = True) -> str:

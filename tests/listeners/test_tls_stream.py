@@ -5,13 +5,12 @@ import shutil
 import socket
 import ssl
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from gateway.listeners import tls
+from gateway.listeners import kept_sessions
 from gateway.listeners.connection import SecuredConnection
 from gateway.listeners.handshakes import ConnectingClient, Handshakes
 from gateway.listeners.session import ListenSettings
@@ -25,7 +24,7 @@ from gateway.tls.contexts import load
 from gateway.tls.secret_file import SecretFile
 from gateway.tls.settings import Secured, ServerTls
 from gateway.tls.store import TlsStore
-from kit.pki import OPERATOR, client_context, pki
+from kit.pki import OPERATOR, client_context, handshake_without_tickets, pki
 
 READ, WRITE = bytes.fromhex("03 0000 0001"), bytes.fromhex("06 0000 0007")
 CLIENT = ConnectingClient("10.0.0.1", "10.0.0.1:1", "10.0.0.1")
@@ -121,11 +120,10 @@ class Slow:
 class Peer:
     """A client in memory."""
 
-    def __init__(self, version: ssl.TLSVersion, options: int = 0) -> None:
+    def __init__(self, version: ssl.TLSVersion) -> None:
         self.incoming, self.outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
         context = client_context(OPERATOR)
         context.maximum_version = version
-        context.options |= options
         self.tls = context.wrap_bio(self.incoming, self.outgoing, server_hostname="localhost")
 
     def goes_on(self) -> None:
@@ -382,7 +380,7 @@ def test_a_connection_that_has_just_been_accepted_is_ended_with_the_listener(cha
 def test_sessions_are_forgotten_when_they_are_many(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str
 ) -> None:
-    monkeypatch.setattr(tls, "MOST_SESSIONS", 2)
+    monkeypatch.setattr(kept_sessions, "MOST_SESSIONS", 2)
     for name in ("server.crt", "server.key", "ca.crt"):
         shutil.copy(pki() / name, tmp_path)
     settings = ServerTls(*[SecretFile(str(tmp_path / name)) for name in ("server.crt", "server.key", "ca.crt")])
@@ -394,8 +392,8 @@ def test_sessions_are_forgotten_when_they_are_many(
         listener = TlsListener(replace(Listener.settings, tls=settings), router, lambda _: None, store)
         before = store[settings]
         for number in range(3):
-            listener._bound_sessions()
-            assert listener._renewing is None
+            listener._kept.bound()
+            assert listener._kept.renewing is None
             handshake_without_tickets(before.context)
             assert before.context.session_stats()["number"] == number + 1
         if change == "another certificate":
@@ -403,23 +401,11 @@ def test_sessions_are_forgotten_when_they_are_many(
                 shutil.copy(pki() / name.replace("server", OPERATOR), tmp_path / name)
         elif change == "a damaged one":
             (tmp_path / "server.crt").write_text("")
-        listener._bound_sessions()
-        assert listener._renewing is not None
-        await asyncio.wait([listener._renewing])
+        listener._kept.bound()
+        assert listener._kept.renewing is not None
+        await asyncio.wait([listener._kept.renewing])
         await asyncio.sleep(0)
         assert (store[settings] is before) == (change != "none")
-        assert listener._renewing is None
+        assert listener._kept.renewing is None
 
     asyncio.run(scenario())
-
-
-def handshake_without_tickets(server: ssl.SSLContext) -> None:
-    peer = Peer(ssl.TLSVersion.TLSv1_2, ssl.OP_NO_TICKET)
-    ours = server.wrap_bio(peer.outgoing, peer.incoming, server_side=True)
-    for _ in range(3):
-        peer.goes_on()
-        with suppress(ssl.SSLWantReadError):
-            ours.do_handshake()
-    assert ours.version() == "TLSv1.2"
-    with suppress(ssl.SSLWantReadError):
-        ours.unwrap()  # else the session is forgotten at once

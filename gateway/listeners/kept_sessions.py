@@ -1,0 +1,49 @@
+"""The sessions of TLS 1.2 that are kept for clients that take no tickets: a bounded number for each address."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+from gateway.ports.threads import ThreadPerCall
+from gateway.tls.contexts import Loaded, load
+from gateway.tls.settings import ServerTls
+
+#: How many may be kept. Each takes 10 KiB, and OpenSSL would keep forty times as many.
+MOST_SESSIONS: Final = 500
+
+#: Takes what was used before, and what to use in its place.
+Replace = Callable[[Loaded, Loaded], None]
+
+
+class KeptSessions:
+    """Replaces the context of an address when it keeps too many: that is the only way to forget them.
+
+    `in_use` is what was loaded from `files`. `replace` takes that and what to use in its place, if it is still in use.
+    """
+
+    def __init__(self, files: ServerTls, in_use: Callable[[], Loaded], replace: Replace) -> None:
+        self._files = files
+        self._in_use = in_use
+        self._replace = replace
+        #: The files are read in a thread.
+        self.renewing: asyncio.Future[Loaded] | None = None
+
+    def bound(self) -> None:
+        """Begin to make a new context if the one in use keeps too many sessions."""
+        before = self._in_use()
+        if self.renewing is not None or before.context.session_stats()["number"] <= MOST_SESSIONS:
+            return
+
+        def renewed(renewing: asyncio.Future[Loaded]) -> None:
+            self.renewing = None
+            if not renewing.cancelled() and renewing.exception() is None:
+                self._compare(before, renewing.result())
+
+        loop, worker = asyncio.get_running_loop(), ThreadPerCall("read certificates")
+        self.renewing = loop.run_in_executor(worker, load, self._files)
+        self.renewing.add_done_callback(renewed)
+
+    def _compare(self, before: Loaded, fresh: Loaded) -> None:
+        """Use the new context, unless the files are others by now, which only a reload may take."""
+        if fresh.trust == before.trust and fresh.expiries == before.expiries:
+            self._replace(before, fresh)
