@@ -227,10 +227,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     def resume_reading(self) -> None:
         """Deliver what has arrived, soon, and then more."""
         self._is_paused = False
-        if self._is_blocked or self._has_peer_ended:
-            return
-        self._transport.resume_reading()
-        asyncio.get_running_loop().call_soon(self._deliver)
+        self._go_on()
 
     def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
         """See asyncio.WriteTransport."""
@@ -273,12 +270,23 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """Close now, and drop what was not sent."""
         self._transport.abort()
 
+    @property
+    def _is_held(self) -> bool:
+        """Whether what arrives is not delivered at the moment."""
+        return self._is_paused or self._is_blocked or self._has_peer_ended
+
+    def _go_on(self) -> None:
+        if self._is_held:
+            return
+        self._transport.resume_reading()
+        asyncio.get_running_loop().call_soon(self._deliver)
+
     def _deliver(self) -> None:
         """Decrypt what has arrived, into the application's own buffer."""
         application = self._application
         if application is None:
             return
-        while not (self._is_paused or self._is_blocked or self._has_peer_ended or self.is_closing()):
+        while not (self._is_held or self.is_closing()):
             room = application.get_buffer()
             if not len(room):
                 break  # no end: what the application has is still to be processed

@@ -18,6 +18,7 @@ from aiohttp import web
 from gateway.listeners.origin import Origins
 from gateway.listeners.sockets import overlap
 from gateway.ports.keepalive import notice_vanished_peers
+from gateway.web.pieces import InPieces
 from gateway.web.problems import Handler
 from gateway.web.secured import SecuredConnections
 
@@ -100,7 +101,7 @@ class Connections:
         if self._look_again is None:
             self._look_again = asyncio.get_running_loop().call_at(new.closes_at, self._close_silent)
         if new.tls is None:
-            new.hand_over(new.transport, self._serve())
+            new.hand_over(new.transport, InPieces(self._serve()))
         else:
             stream = self._secured.stream(new.tls())
             new.hand_over(stream, stream)

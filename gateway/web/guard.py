@@ -91,6 +91,8 @@ class Guard:
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
             if not _is_ours(request.headers.getall("Host", []), self._known):
                 raise ProblemError(421, "this host is not among the hosts of [web]")
+            if "Transfer-Encoding" in request.headers:  # chunks of one byte take long, and have no end
+                raise ProblemError(411, "a body needs a Content-Length, and is not sent in chunks")
             if request.match_info.http_exception is not None:
                 return await handler(request)  # there is no such path, or no such method
             need = needs.get(request.match_info.handler, "reading")

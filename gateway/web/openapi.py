@@ -17,6 +17,7 @@ _WHATS: Final = {
     404: "There is no such unit, line or point",
     408: "The body took too long",
     409: "A reload has led this unit's number elsewhere meanwhile: ask again",
+    411: "The body has no Content-Length",
     413: "The body is too large",
     415: "The body is not JSON",
     422: "`exception` 2 or 3 of the unit, or a value that does not fit; of a reload: the file was rejected",
@@ -25,7 +26,7 @@ _WHATS: Final = {
     504: "`exception` 11: no valid response within the time limit",
 }
 _ASKING: Final = (400, 401, 403, 404, 409, 422, 502, 503, 504)
-_WRITING: Final = (*_ASKING, 408, 413, 415)
+_WRITING: Final = (*_ASKING, 408, 411, 413, 415)
 
 _VALUE: Final[Schema] = {"type": ["number", "string", "null"]}
 
@@ -263,7 +264,7 @@ def _reload() -> dict[str, Any]:
         "description": "For operators. Needs the cookie of a login and X-CSRF-Token.",
         "security": [{"session": []}],
         "parameters": [_CSRF],
-        "responses": {**_ok(_ref("Reload")), **_problems((401, 403, 408, 413, 422, 503))},
+        "responses": {**_ok(_ref("Reload")), **_problems((401, 403, 408, 411, 413, 422, 503))},
     }
 
 

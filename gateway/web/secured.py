@@ -7,22 +7,39 @@ from typing import Any, Final, cast
 
 from aiohttp import web
 
-from gateway.listeners.connection import Stream
 from gateway.listeners.handshakes import ConnectingClient, Handshakes
 from gateway.listeners.tls_stream import TlsStream
+from gateway.web.pieces import InPieces
 
 #: How often it is looked for handshakes that take too long, while there are any, in seconds.
 _SWEEP_STEP: Final = 1.0
-#: What was decrypted is handed on at once: one buffer for all connections.
-_BUFFER: Final = memoryview(bytearray(16 * 1024))
 
 
 class SecuredStream(TlsStream):
-    """A connection that also gives its socket: aiohttp and `streams` set its options, and nobody may write to it."""
+    """A connection that delivers one buffer in a turn of the event loop, as a socket does.
+
+    It also gives its socket: aiohttp and `streams` set its options, and nobody may write to it.
+    """
+
+    _has_had_its_turn = False
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
         """See asyncio.BaseTransport."""
         return self._transport.get_extra_info(name, default)
+
+    @property
+    def _is_held(self) -> bool:
+        return self._has_had_its_turn or super()._is_held
+
+    def give_way(self) -> None:
+        """Deliver nothing more until other connections have had their turn."""
+        self._has_had_its_turn = True
+        self._transport.pause_reading()
+        asyncio.get_running_loop().call_soon(self._take_turn)
+
+    def _take_turn(self) -> None:
+        self._has_had_its_turn = False
+        self._go_on()
 
 
 class SecuredConnections:
@@ -55,7 +72,7 @@ class SecuredConnections:
             self._sweeping.cancel()
 
     def _secured(self, stream: TlsStream, _connecting: ConnectingClient) -> None:
-        stream.begin(_Served(self._serve()))
+        stream.begin(_Secured(self._serve(), cast("SecuredStream", stream)))
 
     def _sweep(self) -> None:
         loop = asyncio.get_running_loop()
@@ -63,33 +80,14 @@ class SecuredConnections:
         self._sweeping = loop.call_later(_SWEEP_STEP, self._sweep) if len(self._handshakes) else None
 
 
-class _Served:
-    """The application of a stream, which hands on to a `handler` what was decrypted."""
+class _Secured(InPieces):
+    """What was decrypted may be more than a buffer."""
 
-    def __init__(self, handler: web.RequestHandler) -> None:
-        self._handler = handler
-        self.connection_lost: Final = handler.connection_lost
-        self.pause_writing: Final = handler.pause_writing
-        self.resume_writing: Final = handler.resume_writing
-
-    def connection_made(self, stream: Stream) -> None:
-        """See Application."""
+    def __init__(self, handler: web.RequestHandler, stream: SecuredStream) -> None:
+        super().__init__(handler)
         self._stream = stream
-        self._handler.connection_made(cast("asyncio.Transport", stream))
-
-    def get_buffer(self) -> memoryview:
-        """See Application."""
-        return _BUFFER
 
     def buffer_updated(self, nbytes: int) -> None:
-        """See Application."""
-        self._handler.data_received(bytes(_BUFFER[:nbytes]))
-
-    def eof_received(self) -> bool:
-        """The client asks nothing more: as without TLS, it gets no more either."""
-        self._stream.close()
-        return False
-
-    def reject(self, reason: str) -> None:  # noqa: ARG002 - the log has no place for it
-        """See Application."""
-        self._stream.close()
+        """See asyncio.BufferedProtocol."""
+        super().buffer_updated(nbytes)
+        self._stream.give_way()

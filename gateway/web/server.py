@@ -41,7 +41,8 @@ IDLE: Final = 75.0
 _SHUTDOWN: Final = 1.0
 #: The largest request body, in bytes: 1968 coils as JSON.
 _LARGEST_BODY: Final = 32 * 1024
-
+#: The longest first line, in bytes: finding a route for thousands of slashes takes long.
+_LONGEST_LINE: Final = 2048
 #: The most parameters in an address: what they cost is paid before any login.
 _MOST_PARAMETERS: Final = 32
 
@@ -87,6 +88,9 @@ async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Conn
             logger=_SILENT,
             keepalive_timeout=IDLE,
             shutdown_timeout=_SHUTDOWN,
+            lingering_time=0,  # what no handler has read, nobody parses
+            read_bufsize=_LARGEST_BODY // 2,  # twice as much may wait for its handler
+            max_line_size=_LONGEST_LINE,
             auto_decompress=False,  # no client of ours packs what it sends, and 32 KiB can become 30 MB
         )
         await runner.setup()

@@ -110,7 +110,7 @@ async def test_addresses_and_localhost_are_ours(bench, name):
 async def test_a_request_without_a_host_or_with_two_gets_no_answer_and_no_look_up(bench, monkeypatch, host):
     monkeypatch.setattr(socket, "getfqdn", lambda: pytest.fail("asks a name server"))
     wire = Wire(bench.connect(None), "127.0.0.1")
-    wire.protocol.data_received(f"GET /api/v1/status HTTP/1.0\r\n{host}\r\n".encode())
+    wire.arrive(f"GET /api/v1/status HTTP/1.0\r\n{host}\r\n".encode())
     await asyncio.sleep(1)
     assert wire.received.partition(b"\r\n")[0][9:12] in (b"400", b"421")
 

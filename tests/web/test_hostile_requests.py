@@ -1,5 +1,6 @@
 """Requests that no browser sends for a page of ours: none of them is a defect, none leads to somebody else."""
 
+import asyncio
 import gzip
 
 import pytest
@@ -13,7 +14,8 @@ name = "shift"
 holding = 20
 """
 FORM = "application/x-www-form-urlencoded"
-LONG = "1" * 5000
+CHUNKED = {"Transfer-Encoding": "chunked", "Content-Length": None}
+LONG = "1" * 1900
 PARTS = b'--x\r\nContent-Disposition: form-data; name="user"; filename="a"\r\n\r\nanna\r\n--x--\r\n'
 
 
@@ -45,6 +47,28 @@ async def test_the_other_language_is_at_the_same_place(bench):
     assert page.status == 404
     assert 'href="/evil.example/x?y=1&amp;lang=zh"' in page.text
     assert 'href="//' not in page.text
+
+
+@pytest.mark.parametrize(("method", "path"), [("GET", "/healthz"), ("POST", "/login"), ("GET", "/nothing")])
+async def test_a_body_in_chunks_is_refused_and_the_connection_closed(bench, method, path):
+    """Chunks of one byte cost a microsecond each, before any login."""
+    wire = bench.browser().open(path, method=method, headers=CHUNKED, body=b"1\r\na\r\n")
+    await asyncio.sleep(0.1)
+    assert wire.received.startswith(b"HTTP/1.1 411 ")
+    assert wire.is_closing()
+
+
+async def test_a_body_that_nobody_wants_is_not_waited_for(bench):
+    wire = bench.browser().open("/nothing", method="POST", headers={"Content-Length": "32000"})
+    await asyncio.sleep(0.1)
+    assert wire.received.startswith(b"HTTP/1.1 404 ")
+    assert wire.is_closing()
+
+
+@pytest.mark.parametrize("path", ["/" * 7900, "/login?" + "a" * 7900])
+async def test_a_long_address_is_refused_before_a_route_is_looked_for(bench, path):
+    """For 7900 slashes that took 9 ms."""
+    assert (await bench.browser().get(path)).status == 400
 
 
 @pytest.mark.parametrize(

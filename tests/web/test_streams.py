@@ -200,7 +200,7 @@ async def test_who_connects_and_asks_nothing_is_dropped(bench):
     wire = bench.browser().open("/healthz")
     silent = type(wire)(bench.connect(), "10.0.0.9")
     dripping = type(wire)(bench.connect(), "10.0.0.9")
-    dripping.protocol.data_received(b"GET / HT")
+    dripping.arrive(b"GET / HT")
     await asyncio.sleep(19)
     assert not silent.closed.is_set()
     await asyncio.sleep(2)

@@ -1,0 +1,57 @@
+"""What serves a connection gets what arrives in small pieces, one in a turn of the event loop.
+
+asyncio itself would hand on 256 KiB at once: as chunks of one byte, that is 30 ms of parsing, before any login.
+"""
+
+import asyncio
+from typing import Final, cast
+
+from aiohttp import web
+
+from gateway.listeners.connection import Stream
+
+#: The most bytes that are handed on at once.
+PIECE: Final = 4 * 1024
+#: They are received into this, and taken out at once: one for all connections.
+_BUFFER: Final = memoryview(bytearray(PIECE))
+
+
+class InPieces(asyncio.BufferedProtocol):
+    """Between a transport, of a socket or of TLS, and the `handler` of its requests."""
+
+    def __init__(self, handler: web.RequestHandler) -> None:
+        self._handler = handler
+
+    def connection_made(self, transport: asyncio.BaseTransport | Stream) -> None:
+        """See asyncio.BaseProtocol."""
+        self._transport = cast("asyncio.Transport", transport)
+        self._handler.connection_made(self._transport)
+
+    def get_buffer(self, sizehint: int = -1) -> memoryview:  # noqa: ARG002 - a transport asks for as much as it likes
+        """See asyncio.BufferedProtocol."""
+        return _BUFFER
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """See asyncio.BufferedProtocol."""
+        self._handler.data_received(bytes(_BUFFER[:nbytes]))
+
+    def pause_writing(self) -> None:
+        """See asyncio.BaseProtocol."""
+        self._handler.pause_writing()
+
+    def resume_writing(self) -> None:
+        """See asyncio.BaseProtocol."""
+        self._handler.resume_writing()
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        """See asyncio.BaseProtocol."""
+        self._handler.connection_lost(exc)
+
+    def eof_received(self) -> bool:
+        """The client asks nothing more, and gets no more either."""
+        self._transport.close()
+        return False
+
+    def reject(self, reason: str) -> None:  # noqa: ARG002 - the log has no place for it
+        """Close because of what the client did in TLS."""
+        self._transport.close()
