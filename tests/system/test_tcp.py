@@ -394,6 +394,7 @@ async def test_a_client_that_reads_nothing_is_dropped(monkeypatch: pytest.Monkey
 
 async def test_a_half_closed_client_that_reads_slowly_gets_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_module, "TAKING_DEADLINE", PATIENCE)
+    monkeypatch.setattr(tcp_module, "CLOSING_DEADLINE", PATIENCE)
     async with listening() as bench:
         slow = await bench.client(small_window=True)
         slow.ask(count=400)
