@@ -9,11 +9,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Literal
 
 from gateway import events
-from gateway.plant.commands import CarriedOut
 from gateway.service.announced import AnnouncedDevices
 from gateway.tls.store import TlsStore
 
 if TYPE_CHECKING:
+    from gateway.plant.commands import CarriedOut
     from gateway.service.build import Gateway
     from gateway.service.publication import Publication
 
@@ -59,7 +59,7 @@ class Publishing:
         self._emit = emit
         #: What Home Assistant was told.
         self.announced = AnnouncedDevices()
-        self._carried_out = CarriedOut()
+        self._carried_out: CarriedOut | None = None
         self._contexts = contexts
         self._unix = unix
         #: What publishes; None without [mqtt].
@@ -79,6 +79,8 @@ class Publishing:
         if plan is not None:
             announcing = await import_module("gateway.service.announcing").Announcing.of(plan, self.announced)
             publication = import_module("gateway.service.publication").Publication
+            if self._carried_out is None:
+                self._carried_out = import_module("gateway.plant.commands").CarriedOut()
             self.part = publication(
                 plan, gateway, self._emit, self._contexts, announcing, self._carried_out, self._unix
             )
