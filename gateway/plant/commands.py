@@ -55,7 +55,7 @@ class CarriedOut:
 
 
 class Commands:
-    """They go to `writes_to`, and their responses come to `origin`; `tell` is called with what became of each command.
+    """Each is a write to `writes_to`; their responses come to `origin`; `tell` is called with what became of each.
 
     Those that are `carried_out` already are refused. `clock` is that of `now` everywhere.
     """
