@@ -4,15 +4,22 @@ A datagram may be lost, repeated or forged, and there is no connection to close:
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from gateway.errors import Busy
-from gateway.listeners.failures import OnFailure, is_kept_back
-from gateway.listeners.session import NEVER
+from gateway.listeners.failures import is_kept_back
+from gateway.listeners.session import NEVER, ListenSettings
 from gateway.modbus import mbap
 from gateway.request import Request, Target
 
-#: Requests in progress by their transaction identifiers.
-UnderWay = dict[int, Request]
+
+class Path(NamedTuple):
+    """The way to a peer: its addresses, and a socket."""
+
+    #: Has every peer `notice` the datagrams that have arrived. They are processed soon, not inside this call.
+    read: Callable[[], None]
+    #: Sends a datagram to the peer.
+    send: Callable[[bytes], None]
 
 
 class Peer:
@@ -20,69 +27,59 @@ class Peer:
 
     At most `in_flight` requests are in progress; another one gets 06. The same request again while it is in progress is
     a repeated datagram: it is executed once and gets one response. Another request with the same transaction
-    identifier replaces the earlier one, whose response is dropped. That holds for what an earlier listener at the same
-    address has in progress, too.
+    identifier replaces the earlier one, whose response is dropped. Every datagram that has arrived counts, also while
+    the peer finishes, so all are read before a response is sent.
+
+    After a reload another listener may hear the peer: it takes the peer over with the requests in progress.
     """
 
     #: Datagrams come without a certificate.
     role: None = None
 
     __slots__ = (
-        "_is_finishing", "_limit", "_on_failure", "_router", "_send", "asked", "client", "gone", "host", "last_asked",
-        "under_way",
+        "_is_finishing", "_path", "_router", "_settings", "_under_way", "asked", "client", "gone", "host", "last_asked",
     )  # fmt: skip
 
-    def __init__(
-        self,
-        client: str,
-        *,
-        host: str,
-        router: Target,
-        send: Callable[[bytes], None],
-        in_flight: int,
-        on_failure: OnFailure = "exception",
-        under_way: UnderWay | None = None,
-    ) -> None:
-        """`client` names the peer in events, `host` is its address; `send` sends a datagram to it.
-
-        `under_way` is that of the same peer at an earlier listener: from now on both have it.
-        """
+    def __init__(self, client: str, *, host: str, router: Target, settings: ListenSettings, path: Path) -> None:
+        """`client` names the peer in events, `host` is its address; `router` takes its requests."""
         self.client = client
         self.host = host
         self.gone = False
         self.last_asked = NEVER
         self.asked = 0
         self._router = router
-        self._send = send
-        self._limit = in_flight
-        self._on_failure = on_failure
-        #: Its requests in progress.
-        self.under_way: UnderWay = {} if under_way is None else under_way
+        self._settings = settings
+        self._path = path
+        #: Its requests in progress by their transaction identifiers.
+        self._under_way: dict[int, Request] = {}
         self._is_finishing = False
 
     @property
     def is_idle(self) -> bool:
         """Whether no request of the client is in progress."""
-        return not self.under_way
+        return not self._under_way
 
     @property
     def in_progress(self) -> int:
         """The number of its requests that have no response yet."""
-        return len(self.under_way)
+        return len(self._under_way)
+
+    def notice(self, adu: mbap.TcpFrame) -> None:
+        """A request has arrived, and is going to be processed: it may show that an earlier one is given up."""
+        earlier = self._under_way.get(adu.transaction)
+        if earlier is not None and (earlier.unit, earlier.pdu) != (adu.unit, adu.pdu):
+            del self._under_way[adu.transaction]
 
     def received(self, adu: mbap.TcpFrame, now: float) -> None:
         """Process one request."""
         self.last_asked = now
         self.asked += 1
-        earlier = self.under_way.get(adu.transaction)
-        if earlier is not None and (earlier.unit, earlier.pdu) == (adu.unit, adu.pdu):
-            return
-        if self._is_finishing:
-            self.under_way.pop(adu.transaction, None)
+        self.notice(adu)
+        if self._is_finishing or adu.transaction in self._under_way:
             return
         request = Request(adu.unit, adu.pdu, self, now, adu.transaction)
-        self.under_way[adu.transaction] = request
-        if len(self.under_way) > self._limit:
+        self._under_way[adu.transaction] = request
+        if len(self._under_way) > self._settings.in_flight:
             request.fail(Busy())
         else:
             self._router.submit(request, now)
@@ -91,21 +88,34 @@ class Peer:
         """Take no more requests; one with the identifier of another in progress still shows that this is given up."""
         self._is_finishing = True
 
+    def move(self, router: Target, settings: ListenSettings, path: Path) -> None:
+        """Another listener takes the peer over; it takes requests again from `resume` on."""
+        self._router = router
+        self._settings = settings
+        self._path = path
+        self._is_finishing = True
+
+    def resume(self) -> None:
+        """Take requests."""
+        self._is_finishing = False
+
     def wants(self, request: Request) -> bool:
         """Whether a request that still waits should be sent."""
-        return not self.gone and self.under_way.get(request.transaction) is request
+        return not self.gone and self._under_way.get(request.transaction) is request
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response to one of the peer's requests."""
-        if self.under_way.get(request.transaction) is not request:
+        if not self.gone:
+            self._path.read()
+        if self._under_way.get(request.transaction) is not request:
             return
-        del self.under_way[request.transaction]
-        if pdu is not None and not self.gone and not is_kept_back(request, self._on_failure):
-            self._send(mbap.encode(request.transaction, request.unit, pdu))
+        del self._under_way[request.transaction]
+        if pdu is not None and not self.gone and not is_kept_back(request, self._settings.on_failure):
+            self._path.send(mbap.encode(request.transaction, request.unit, pdu))
 
     def closed(self) -> None:
         """The peer is forgotten; its responses are dropped."""
         self.gone = True
 
     def __repr__(self) -> str:
-        return f"<Peer {self.client} in_flight={len(self.under_way)}>"
+        return f"<Peer {self.client} in_flight={len(self._under_way)}>"

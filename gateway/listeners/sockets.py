@@ -43,7 +43,7 @@ _SHARED_WITH_US: Final = (
 )
 _EVERY_ADDRESS: Final = "::"
 _EVERY_IPV4_ADDRESS: Final = "0.0.0.0"  # noqa: S104 - nothing is bound by it here
-_IPV4_MAPPED: Final = "::ffff:"
+IPV4_MAPPED: Final = "::ffff:"
 
 
 class OpenSockets:
@@ -165,6 +165,23 @@ def overlap(one: socket.socket, other: socket.socket) -> bool:
     return one.type == other.type and (mine[:2] == others[:2] or _covers(one, others) or _covers(other, mine))
 
 
+def precedence(sock: socket.socket, address: tuple[str, int]) -> int:
+    """How exactly a bound socket is meant for what is sent to `address`; 0 if it is not.
+
+    Of several sockets for datagrams the system takes the one with the greatest.
+    """
+    if sock.getsockname()[:2] == address:
+        return 3
+    if not _covers(sock, address):
+        return 0
+    return 2 if (sock.family == socket.AF_INET6) == (":" in address[0]) else 1
+
+
+def replaces(new: socket.socket, old: socket.socket) -> bool:
+    """Whether `new` is bound to all that `old` is bound to."""
+    return precedence(new, old.getsockname()[:2]) > 0 and _is_ipv6_only(new) <= _is_ipv6_only(old)
+
+
 def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
     """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, or the configured one if none is bound."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)
@@ -189,7 +206,7 @@ def url(scheme: str, host: str, port: int) -> str:
 
 def show_host(host: str) -> str:
     """A peer's address; that of an IPv4 client on an IPv6 socket as IPv4: `10.0.0.7`."""
-    return host.removeprefix(_IPV4_MAPPED) if "." in host else host
+    return host.removeprefix(IPV4_MAPPED) if "." in host else host
 
 
 def join_host_port(host: str, port: int) -> str:

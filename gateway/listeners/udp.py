@@ -5,12 +5,13 @@ import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from gateway import events
 from gateway.listeners.admission import MADE_ROOM, Admission
+from gateway.listeners.datagram import PeerAddress, receive, request_local_address, send_arguments
 from gateway.listeners.origin import Origins
-from gateway.listeners.peer import Peer, UnderWay
+from gateway.listeners.peer import Path, Peer
 from gateway.listeners.rejections import Rejections
 from gateway.listeners.session import Counts, ListenSettings
 from gateway.listeners.sockets import (
@@ -18,28 +19,21 @@ from gateway.listeners.sockets import (
     addresses,
     bind_sockets,
     join_host_port,
+    precedence,
+    replaces,
     show_bound_address,
-    show_host,
 )
 from gateway.modbus import mbap
-from gateway.modbus.codes import EXCEPTION_BIT, MAX_TCP_ADU
+from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
 #: How often a listener looks for idle peers, in seconds.
 SWEEP_STEP: Final = 0.25
-
-#: Room for the ancillary data of a datagram: `struct in6_pktinfo` and more.
-_ANCILLARY_SIZE: Final = 128
-#: From linux/in.h; Python has it from 3.14 on.
-_IP_PKTINFO: Final = 8
-#: Any interface, in `struct in_pktinfo` at the beginning, in `struct in6_pktinfo` at the end.
-_NO_INTERFACE: Final = bytes(4)
-
-#: Ancillary data of `recvmsg`: the local address that a datagram was sent to; `sendmsg` takes the same.
-Asked = list[tuple[int, int, bytes]]
-#: The address of a peer, and what it has asked: `Asked`.
-PeerKey = tuple[Any, ...]
+#: So many datagrams are read before the first of them is processed: what the kernel's buffer holds.
+MOST_AT_ONCE: Final = 256
+#: Why a peer is no longer that of a listener.
+_STOPPING: Final = "the gateway is stopping"
 
 
 @dataclass(slots=True)
@@ -67,9 +61,12 @@ class UdpListener:
         self.emit = emit
         self.counts = DatagramCounts()
         self.rejections = Rejections()
-        self._peers: dict[PeerKey, Peer] = {}
-        #: What the peers of an earlier listener at this address have in progress, until they are heard again.
-        self._inherited: dict[PeerKey, UnderWay] = {}
+        self._peers: dict[PeerAddress, Peer] = {}
+        #: Peers of other listeners that are heard here since a reload, and were not admitted yet.
+        self._taken_over: dict[PeerAddress, Peer] = {}
+        #: The requests that have arrived, the latest of each identifier, until they are processed.
+        self._arrived: dict[tuple[PeerAddress, int], tuple[socket.socket, mbap.TcpFrame]] = {}
+        self._is_processing = False
         self._is_finishing = False
         self._admission: Admission[Peer] = Admission(Origins().of)
         self._addresses: list[AddressInfo] = []
@@ -99,7 +96,7 @@ class UdpListener:
     @property
     def has_clients(self) -> bool:
         """Whether any peer has a request in progress."""
-        return not all(peer.is_idle for peer in self._peers.values())
+        return not all(peer.is_idle for peer in (*self._peers.values(), *self._taken_over.values()))
 
     async def find(self) -> None:
         """Look up the addresses to be bound.
@@ -117,26 +114,10 @@ class UdpListener:
         """
         self._sockets = bind_sockets(self.settings, self._addresses, ready)
         for sock in self._sockets:
-            _request_local_address(sock)
+            request_local_address(sock)
 
     def listen(self) -> None:
         """Does nothing: datagrams arrive and wait from `bind` on."""
-
-    def follow(self, earlier: Iterable["UdpListener"]) -> None:
-        """Take the place of those that finish at this address: what a peer has in progress there counts here, too.
-
-        So a datagram that is repeated is not executed again, and another request replaces the one with its identifier.
-        """
-        for listener in earlier:
-            self._inherited |= listener.hand_over(self._sockets)
-
-    def hand_over(self, sockets: Iterable[socket.socket]) -> dict[PeerKey, UnderWay]:
-        """What peers have in progress, for a listener whose `sockets` are at this address, which reads from now on."""
-        names = {sock.getsockname() for sock in self._sockets}
-        if names.isdisjoint(sock.getsockname() for sock in sockets):
-            return {}
-        self._stop_reading()
-        return self._inherited | {key: peer.under_way for key, peer in self._peers.items() if not peer.is_idle}
 
     def start(self) -> None:
         """Take requests."""
@@ -147,91 +128,160 @@ class UdpListener:
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
-        """Take no more requests; those in progress are still answered, unless others replace them."""
+        """Take no more requests than have arrived; those in progress are answered, unless others replace them."""
+        for sock in self._sockets:
+            self._readable(sock)
         self._is_finishing = True
         for peer in self._peers.values():
             peer.finish()
 
+    def hand_over(self, listeners: Iterable["UdpListener"]) -> None:
+        """After a reload: each peer with requests in progress goes to that of the `listeners` which hears it now.
+
+        So a datagram that is repeated is not executed again, and another request replaces the one with its identifier,
+        whatever the listeners are bound to. If this one finishes, sockets of theirs also take the places of its own.
+        """
+        bound = [(sock, listener) for listener in listeners for sock in listener.sockets]
+        for peers in (self._peers, self._taken_over):
+            for key, peer in list(peers.items()):
+                if not peer.is_idle:
+                    self._move(key, peer, bound)
+        if self._is_finishing:
+            for sock in self.sockets:
+                if any(replaces(new, sock) for new, listener in bound if listener is not self):
+                    self._close_socket(sock)
+
+    def take_over(self, key: PeerAddress, peer: Peer, sock: socket.socket) -> None:
+        """From now on the peer is heard here, at `sock`. It takes no new requests until it is admitted."""
+        if key in self._peers:  # from before the other listener was there
+            self._forget(key, _STOPPING)
+        peer.move(self.router, self.settings, self._path(sock, key))
+        self._taken_over[key] = peer
+
     def close(self) -> None:
         """Take no more requests and answer none."""
-        self._stop_reading()
         if self._sweeping is not None:
             self._sweeping.cancel()
         for key in list(self._peers):
-            self._forget(key, "the gateway is stopping")
-        for sock in self._sockets:
-            sock.close()
-        self._sockets = []
+            self._forget(key, _STOPPING)
+        for peer in self._taken_over.values():
+            peer.closed()
+        self._taken_over.clear()
+        self._arrived.clear()
+        for sock in self.sockets:
+            self._close_socket(sock)
 
-    def _stop_reading(self) -> None:
-        loop = asyncio.get_running_loop()
-        for sock in self._sockets:
-            loop.remove_reader(sock)
+    def _close_socket(self, sock: socket.socket) -> None:
+        asyncio.get_running_loop().remove_reader(sock)
+        self._sockets.remove(sock)
+        sock.close()
+
+    def _move(self, key: PeerAddress, peer: Peer, bound: list[tuple[socket.socket, "UdpListener"]]) -> None:
+        """Give a peer to the listener whose socket hears it."""
+        address = (key.asked_host, self._sockets[0].getsockname()[1])
+        hearing = [one for one in bound if precedence(one[0], address)]
+        if not hearing:
+            return
+        sock, heir = max(hearing, key=lambda one: precedence(one[0], address))
+        if heir is self:
+            return
+        if self._taken_over.pop(key, None) is None:
+            self._let_go(key, _STOPPING)
+        heir.take_over(key, peer, sock)
 
     def _readable(self, sock: socket.socket) -> None:
-        """Process one datagram; the loop calls again for the next one, after it has served all others."""
-        try:
-            data, asked, _, address = sock.recvmsg(MAX_TCP_ADU + 1, _ANCILLARY_SIZE)
-        except OSError:  # no datagram after all: its checksum was wrong
-            return
-        try:
-            self._received(sock, data, asked, address)
-        except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
-            self.emit(events.PartFailed.of(f"client {join_host_port(*address[:2])}", error))
+        self._read(sock)
+        self._process()
 
-    def _received(self, sock: socket.socket, data: bytes, asked: Asked, address: tuple[Any, ...]) -> None:
-        adu = mbap.decode(data)
-        if adu is None or adu.pdu[0] & EXCEPTION_BIT:
-            self.counts.malformed += 1
-            return
+    def _look(self, sock: socket.socket) -> None:
+        """Read what has arrived before a response is sent. While requests are processed, that was just done."""
+        if not self._is_processing:
+            self._read(sock)
+            if self._arrived:
+                asyncio.get_running_loop().call_soon(self._process)
+
+    def _read(self, sock: socket.socket) -> None:
+        """Keep the requests that have arrived. One with the identifier of an earlier one replaces it."""
+        for _ in range(MOST_AT_ONCE - len(self._arrived)):
+            try:
+                data, key = receive(sock)
+            except OSError:
+                return
+            adu = mbap.decode(data)
+            if adu is None or adu.pdu[0] & EXCEPTION_BIT:
+                self.counts.malformed += 1
+                continue
+            self._arrived[key, adu.transaction] = sock, adu
+            peer = self._peers.get(key) or self._taken_over.get(key)
+            if peer is not None:
+                peer.notice(adu)
+
+    def _process(self) -> None:
+        """Process the requests that have arrived."""
+        arrived, self._arrived = self._arrived, {}
+        self._is_processing = True
         now = asyncio.get_running_loop().time()
-        peer = self._peer(sock, asked, address, now)
-        if peer is not None:
-            peer.received(adu, now)
+        for (key, _), (sock, adu) in arrived.items():
+            try:
+                peer = self._peer(sock, key, now)
+                if peer is not None:
+                    peer.received(adu, now)
+            except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
+                self.emit(events.PartFailed.of(f"client {join_host_port(key.host, key.port)}", error))
+        self._is_processing = False
 
-    def _peer(self, sock: socket.socket, asked: Asked, address: tuple[Any, ...], now: float) -> Peer | None:
-        """The sender of a datagram; None if it has no rights, or the listener is full or finishing."""
-        key = (*address, *asked)
+    def _peer(self, sock: socket.socket, key: PeerAddress, now: float) -> Peer | None:
+        """The sender of a datagram; None if it has no rights or the listener is full or finishing.
+
+        One that was taken over is there nevertheless, and takes no requests.
+        """
         peer = self._peers.get(key)
-        if peer is not None or self._is_finishing:
+        if peer is not None:
             return peer
-        client, host = join_host_port(*address[:2]), show_host(address[0])
-        why_not = self._admission.refusal(host, self.router.rights, self.settings, now, self._dismiss)
+        peer = self._taken_over.get(key)
+        if self._is_finishing:
+            return peer
+        client = join_host_port(key.host, key.port)
+        why_not = self._admission.refusal(key.host, self.router.rights, self.settings, now, self._dismiss)
         if why_not:
             self.counts.rejected += 1
-            self.rejections.add(host, why_not, now)
+            self.rejections.add(key.host, why_not, now)
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
-            return None
-        send = partial(self._send, sock, _reply_control(asked), address)
-        peer = Peer(
-            client,
-            host=host,
-            router=self.router,
-            send=send,
-            in_flight=self.settings.in_flight,
-            on_failure=self.settings.on_failure,
-            under_way=self._inherited.pop(key, None),
-        )
+            return peer
+        if peer is None:
+            path = self._path(sock, key)
+            peer = Peer(client, host=key.host, router=self.router, settings=self.settings, path=path)
+        else:
+            del self._taken_over[key]
+            peer.resume()
         self._peers[key] = peer
         self._admission.enter(peer, now)
         self.counts.accepted += 1
         self.emit(events.ClientConnected(self.settings.name, client))
         return peer
 
-    def _send(self, sock: socket.socket, asked: Asked, address: tuple[Any, ...], data: bytes) -> None:
-        try:
-            sock.sendmsg([data], asked, 0, address)
-        except OSError:  # as if lost on the network: the client repeats its request
-            self.counts.unsent += 1
+    def _path(self, sock: socket.socket, key: PeerAddress) -> Path:
+        control, address = send_arguments(sock, key)
+
+        def send(data: bytes) -> None:
+            try:
+                sock.sendmsg([data], control, 0, address)
+            except OSError:  # as if lost on the network: the client repeats its request
+                self.counts.unsent += 1
+
+        return Path(partial(self._look, sock), send)
 
     def _dismiss(self, peer: Peer) -> None:
         self._forget(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
 
-    def _forget(self, key: PeerKey, reason: str) -> None:
+    def _forget(self, key: PeerAddress, reason: str) -> None:
+        self._let_go(key, reason).closed()
+
+    def _let_go(self, key: PeerAddress, reason: str) -> Peer:
         peer = self._peers.pop(key)
         self._admission.leave(peer, asyncio.get_running_loop().time())
-        peer.closed()
         self.emit(events.ClientClosed(self.settings.name, peer.client, reason))
+        return peer
 
     def _sweep_later(self) -> None:
         self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
@@ -240,24 +290,10 @@ class UdpListener:
         """Forget the peers that have been idle for too long."""
         now = asyncio.get_running_loop().time()
         self._admission.look(now)
+        self._taken_over = {key: peer for key, peer in self._taken_over.items() if not peer.is_idle}
         since = now - self.settings.idle
         if self.settings.idle:
             for key, peer in list(self._peers.items()):
                 if peer.is_idle and peer.last_asked <= since:
                     self._forget(key, "idle")
         self._sweep_later()
-
-
-def _request_local_address(sock: socket.socket) -> None:
-    if sock.family == socket.AF_INET6:
-        sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO, 1)
-    else:
-        sock.setsockopt(socket.IPPROTO_IP, _IP_PKTINFO, 1)
-
-
-def _reply_control(asked: Asked) -> Asked:
-    """The local address as source of the response, without the interface: the route may use another one."""
-    return [
-        (level, kind, _NO_INTERFACE + data[4:] if level == socket.IPPROTO_IP else data[:-4] + _NO_INTERFACE)
-        for level, kind, data in asked
-    ]

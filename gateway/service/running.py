@@ -206,9 +206,11 @@ class Running:
         show_itself(self)
         for mirror in set(old.mirrors).difference(new.mirrors):
             mirror.close()
-        for listener in come:
+        heard_by = [listener for listener in new.listeners if isinstance(listener, UdpListener)]
+        for listener in old.listeners:
             if isinstance(listener, UdpListener):
-                listener.follow(each for each in gone if isinstance(each, UdpListener))
+                listener.hand_over(heard_by)
+        for listener in come:
             listener.start()
         self._going += gone
         async with asyncio.TaskGroup() as group:

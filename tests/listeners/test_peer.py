@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
-from gateway.listeners.peer import Peer
+from gateway.listeners.peer import Path, Peer
+from gateway.listeners.session import ListenSettings
 from gateway.modbus.mbap import TcpFrame, encode
 from gateway.request import Request
 
@@ -31,12 +32,18 @@ class Client:
     def __init__(self, **settings: Any) -> None:
         self.target = Target()
         self.sent: list[bytes] = []
-        self.peer = Peer(
-            "10.0.0.9:49152", host="127.0.0.1", router=self.target, send=self.sent.append, in_flight=3, **settings
-        )
+        #: Datagrams that have arrived and were not read.
+        self.unread: list[TcpFrame] = []
+        self.settings = ListenSettings("field", "", 502, in_flight=3, scheme="udp", **settings)
+        self.path = Path(self._read, self.sent.append)
+        self.peer = Peer("10.0.0.9:49152", host="127.0.0.1", router=self.target, settings=self.settings, path=self.path)
 
     def ask(self, transaction: int, pdu: bytes = READ, unit: int = 7) -> None:
         self.peer.received(TcpFrame(transaction, unit, pdu), 5.0)
+
+    def _read(self) -> None:
+        for adu in self.unread:
+            self.peer.notice(adu)
 
     def respond(self, at: int, pdu: bytes = RESPONSE) -> None:
         self.target.requests[at].respond(pdu)
@@ -167,18 +174,35 @@ def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit() -> None:
     ]  # fmt: skip
 
 
-def test_at_an_earlier_listener_a_request_is_given_up_as_at_this_one(client: Client) -> None:
-    later = Client(under_way=client.peer.under_way)
+def test_a_response_for_which_the_next_request_has_arrived_unread_is_dropped(client: Client) -> None:
     client.ask(1)
     client.ask(2)
-    later.ask(1, OTHER_READ)
-    later.ask(2)
+    client.unread = [TcpFrame(1, 7, OTHER_READ), TcpFrame(2, 7, READ)]
+    client.respond(0)
+    client.respond(1)
+    assert client.sent == [encode(2, 7, RESPONSE)]
+
+
+def test_a_peer_that_another_listener_takes_over_gets_its_responses_there_and_is_served_once_admitted(
+    client: Client,
+) -> None:
+    heir = Client()
+    client.ask(1)
+    client.ask(2)
+    client.peer.move(heir.target, heir.settings, heir.path)
+    client.ask(1, OTHER_READ)
+    client.ask(2)
+    client.ask(3)
     assert [client.peer.wants(each) for each in client.target.requests] == [False, True]
     client.respond(0)
     client.respond(1)
-    later.respond(0, OTHER_RESPONSE)
-    assert client.sent == [encode(2, 7, RESPONSE)]
-    assert later.sent == [encode(1, 7, OTHER_RESPONSE)]
+    assert heir.sent == [encode(2, 7, RESPONSE)]
+    client.peer.resume()
+    client.ask(1, OTHER_READ)
+    heir.respond(0, OTHER_RESPONSE)
+    assert heir.sent[1:] == [encode(1, 7, OTHER_RESPONSE)]
+    assert client.sent == []
+    assert len(client.target.requests) == 2
 
 
 def test_a_peer_that_finishes_takes_no_request_but_gives_up_the_one_that_is_replaced(client: Client) -> None:

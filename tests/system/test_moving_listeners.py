@@ -17,6 +17,9 @@ from kit.process import PATIENCE, GatewayProcess, command
 TCP, UDP = socket.SOCK_STREAM, socket.SOCK_DGRAM
 ASK = bytes.fromhex("0001 0000 0006 C8 03 0000 0001")
 ANSWER = bytes.fromhex("0001 0000 0005 C8 03 02 0000")
+#: Requests without their transaction identifiers, which a server repeats as its responses.
+WRITE = bytes.fromhex("0000 0006 C8 06 0000 0007")
+OTHER_WRITE = bytes.fromhex("0000 0006 C9 06 0000 0007")
 
 
 MOVES = [
@@ -166,6 +169,49 @@ def test_a_reload_moves_a_listener_to_every_address_and_back(
         assert answer(port, kind) == ANSWER
     assert moving.gateway.stop() == 0
     assert not [event for event in moving.gateway.log if event["event"] == "client_rejected"]
+
+
+@pytest.mark.parametrize(("old", "new"), [("127.0.0.1", "0.0.0.0"), ("0.0.0.0", "127.0.0.1")])
+def test_a_datagram_that_is_repeated_over_a_reload_is_executed_and_answered_once(
+    tmp_path: Path, stack: ExitStack, port: int, old: str, new: str
+) -> None:
+    server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+    server.settimeout(PATIENCE)
+    before, after = (
+        f"""
+        [[listen]]
+        name = "field"
+        bind = "udp://{host}:{port}"
+        [[access]]
+        from = ["127.0.0.1"]
+        listen = ["field"]
+        allow = ["read", "write"]
+        [[upstream]]
+        to = "tcp://127.0.0.1:{server.getsockname()[1]}"
+        timeout = "60 s"
+        units = [{{ unit = "200-201", as = "200-201" }}]
+        """
+        for host in (old, new)
+    )
+    moving = Moving(stack, tmp_path, before)
+    client = stack.enter_context(socket.socket(type=UDP))
+    client.settimeout(PATIENCE)
+    client.connect(("127.0.0.1", port))
+    client.send(bytes(2) + WRITE)
+    unit = stack.enter_context(server.accept()[0])
+    unit.settimeout(PATIENCE)
+    first = unit.recv(12, socket.MSG_WAITALL)
+    assert moving.reload(after).startswith("changed: listen field")
+    client.send(bytes(2) + WRITE)
+    client.send(bytes(1) + b"\1" + OTHER_WRITE)
+    second = unit.recv(12, socket.MSG_WAITALL)
+    unit.sendall(first + second)
+    client.send(bytes(1) + b"\2" + OTHER_WRITE)
+    third = unit.recv(12, socket.MSG_WAITALL)
+    assert [request[2:] for request in (first, second, third)] == [WRITE, OTHER_WRITE, OTHER_WRITE]
+    unit.sendall(third)
+    heard = [client.recv(260) for _ in range(3)]
+    assert heard == [bytes(2) + WRITE, bytes(1) + b"\1" + OTHER_WRITE, bytes(1) + b"\2" + OTHER_WRITE]
 
 
 @needs_ipv6

@@ -2,6 +2,7 @@
 
 import asyncio
 import dataclasses
+import gc
 import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -11,13 +12,14 @@ import pytest
 from gateway.errors import ListenError
 from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRejected, Event, ListenerUp, PartFailed
 from gateway.listeners import udp as udp_module
+from gateway.listeners.peer import Peer
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
-from gateway.routing.access import EntryPoint
+from gateway.routing.access import EntryPoint, Rights
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE
 from kit.router import router
@@ -129,6 +131,28 @@ async def listening(
         bench.listener.close()
         for client in bench.clients:
             client.socket.close()
+
+
+async def bound_as(bench: Bench, ready: OpenSockets, **changes: object) -> UdpListener:
+    """Another listener of the bench's port, which does not read yet."""
+    settings = dataclasses.replace(bench.listener.settings, port=bench.port, **changes)
+    made = UdpListener(settings, bench.listener.router, bench.events.append)
+    await made.find()
+    made.bind(ready)
+    return made
+
+
+async def follower(bench: Bench, **changes: object) -> UdpListener:
+    """What a reload puts in the place of the listener."""
+    later = await bound_as(bench, OpenSockets(leaving=bench.listener.sockets), **changes)
+    replace(bench.listener, later)
+    return later
+
+
+def replace(listener: UdpListener, later: UdpListener) -> None:
+    listener.finish()
+    listener.hand_over([later])
+    later.start()
 
 
 async def until(condition: Callable[[], object]) -> None:
@@ -310,28 +334,253 @@ async def test_a_listener_that_finishes_answers_what_is_under_way_and_takes_no_m
         assert not bench.listener.has_clients
 
 
-async def test_at_a_new_listener_of_this_address_a_datagram_is_repeated_or_replaces_another_one_as_before() -> None:
+BINDS = [
+    ("127.0.0.1", "127.0.0.1"),
+    ("0.0.0.0", "127.0.0.1"),
+    ("127.0.0.1", "0.0.0.0"),
+    pytest.param("::", "127.0.0.1", marks=needs_ipv6),
+    pytest.param("127.0.0.1", "::", marks=needs_ipv6),
+    pytest.param("::", "0.0.0.0", marks=needs_ipv6),
+    pytest.param("0.0.0.0", "::", marks=needs_ipv6),
+]
+
+
+@pytest.mark.parametrize(("before", "after"), BINDS)
+async def test_whatever_a_reload_binds_a_datagram_is_repeated_or_replaces_another_one_as_before(
+    before: str, after: str
+) -> None:
+    """And the old listener is not needed: it has ended before the responses come."""
+    async with listening(host=before) as bench:
+        client = bench.client()
+        client.ask(PATIENT, 1)
+        client.ask(PATIENT, 2)
+        await until(lambda: len(bench.plant.requests) == 2)
+        later = await follower(bench, host=after)
+        client.ask(PATIENT, 1)
+        client.ask(PATIENT, 2, OTHER_READ)
+        await until(lambda: len(bench.plant.requests) == 3)
+        assert not bench.listener.has_clients
+        bench.listener.close()
+        assert later.has_clients
+        for request in bench.plant.requests:
+            request.respond(OTHER_RESPONSE if request.pdu == OTHER_READ else RESPONSE)
+        heard = {await client.hears(), await client.hears()}
+        assert await client.hears_nothing()
+        assert not later.has_clients
+        later.close()
+    assert heard == {encode(1, PATIENT, RESPONSE), encode(2, PATIENT, OTHER_RESPONSE)}
+    assert [request.pdu for request in bench.plant.requests] == [READ, READ, OTHER_READ]
+
+
+@pytest.mark.parametrize(("before", "after"), BINDS)
+async def test_a_client_that_asks_nothing_more_after_a_reload_gets_its_response_once(before: str, after: str) -> None:
+    async with listening(host=before) as bench:
+        client = bench.client()
+        client.ask(PATIENT)
+        await until(lambda: bench.plant.requests)
+        later = await follower(bench, host=after)
+        bench.listener.close()
+        bench.plant.requests[0].respond(RESPONSE)
+        assert await client.hears() == encode(1, PATIENT, RESPONSE)
+        assert bench.told(ClientClosed) == [ClientClosed("field", client.name, "the gateway is stopping")]
+        assert (later.clients, later.has_clients) == (0, False)
+        later.close()
+
+
+async def test_after_a_reload_a_response_comes_from_where_it_was_asked() -> None:
+    """A connected socket takes datagrams from that address only."""
+    async with listening(host="127.0.0.2") as bench:
+        client = bench.client("127.0.0.2")
+        client.ask(PATIENT)
+        await until(lambda: bench.plant.requests)
+        later = await follower(bench, host="0.0.0.0")
+        bench.listener.close()
+        bench.plant.requests[0].respond(RESPONSE)
+        assert await client.hears() == encode(1, PATIENT, RESPONSE)
+        later.close()
+
+
+async def test_a_listener_that_no_other_replaces_at_an_address_still_answers_there() -> None:
+    async with listening(host="0.0.0.0") as bench:
+        one, other = bench.client("127.0.0.1"), bench.client("127.0.0.2")
+        for client in (one, other):
+            client.ask(PATIENT)
+        await until(lambda: len(bench.plant.requests) == 2)
+        later = await follower(bench, host="127.0.0.1")
+        assert bench.listener.has_clients
+        other.ask(PATIENT, 1, OTHER_READ)
+        await until(lambda: not bench.listener.has_clients)
+        for request in bench.plant.requests:
+            request.respond(RESPONSE)
+        assert await one.hears() == encode(1, PATIENT, RESPONSE)
+        assert await other.hears_nothing()
+        later.close()
+
+
+async def test_of_several_listeners_the_one_that_hears_a_client_takes_it_over() -> None:
+    """When one comes for one address beside one for all, and when it goes again."""
+    async with listening(host="0.0.0.0") as bench:
+        everywhere, client = bench.listener, bench.client()
+        client.ask(PATIENT, 1)
+        await until(lambda: bench.plant.requests)
+        here = await bound_as(bench, host="127.0.0.1", ready=OpenSockets(leaving=everywhere.sockets))
+        everywhere.hand_over([everywhere, here])
+        here.start()
+        assert (everywhere.has_clients, here.has_clients) == (False, True)
+        client.ask(PATIENT, 1)
+        client.ask(PATIENT, 2)
+        await until(lambda: len(bench.plant.requests) == 2)
+        here.finish()
+        for listener in (everywhere, here):
+            listener.hand_over([everywhere])
+        here.close()
+        client.ask(PATIENT, 2)
+        client.ask(PATIENT, 3)
+        await until(lambda: len(bench.plant.requests) == 3)
+        for request in bench.plant.requests:
+            request.respond(RESPONSE)
+        heard = [await client.hears() for _ in range(3)]
+    assert heard == [encode(transaction, PATIENT, RESPONSE) for transaction in (1, 2, 3)]
+
+
+async def test_what_waits_at_a_listener_that_finishes_is_taken() -> None:
+    """Its socket may be closed for that of another listener."""
+    async with listening() as bench:
+        client = bench.client()
+        later = await bound_as(bench, OpenSockets(leaving=bench.listener.sockets), host="0.0.0.0")
+        client.ask()
+        replace(bench.listener, later)
+        assert await client.hears() == encode(1, PROMPT, RESPONSE)
+        later.close()
+
+
+async def test_a_client_for_whom_a_new_listener_has_no_room_has_given_up_too() -> None:
+    async with listening() as bench:
+        client, other = bench.client(), bench.client()
+        client.ask(PATIENT, 2)
+        await until(lambda: bench.plant.requests)
+        later = await follower(bench, clients=1)
+        other.ask(PATIENT, 5)
+        await until(lambda: len(bench.plant.requests) == 2)
+        client.ask(PATIENT, 2, OTHER_READ)
+        await until(lambda: later.counts.rejected)
+        bench.plant.requests[0].respond(RESPONSE)
+        assert await client.hears_nothing()
+        later.close()
+
+
+async def test_a_client_without_rights_at_a_new_listener_has_given_up_too_and_gets_its_last_response() -> None:
     async with listening() as bench:
         client = bench.client()
         client.ask(PATIENT, 1)
         client.ask(PATIENT, 2)
         await until(lambda: len(bench.plant.requests) == 2)
-        bench.listener.finish()
-        settings = dataclasses.replace(bench.listener.settings, port=bench.port)
-        later = UdpListener(settings, bench.listener.router, bench.events.append)
-        await later.find()
-        later.bind(OpenSockets(leaving=bench.listener.sockets))
-        later.follow([bench.listener])
-        later.start()
+        bench.listener.router.rights = Rights((), EntryPoint("field", "datagram"))
+        later = await follower(bench)
         client.ask(PATIENT, 1)
         client.ask(PATIENT, 2, OTHER_READ)
-        await until(lambda: len(bench.plant.requests) == 3)
+        await until(lambda: later.counts.rejected == 2)
         for request in bench.plant.requests:
-            request.respond(OTHER_RESPONSE if request.pdu == OTHER_READ else RESPONSE)
-        heard = {await client.hears(), await client.hears()}
+            request.respond(RESPONSE)
+        assert await client.hears() == encode(1, PATIENT, RESPONSE)
+        assert await client.hears_nothing()
+        assert len(bench.plant.requests) == 2
         later.close()
-    assert heard == {encode(1, PATIENT, RESPONSE), encode(2, PATIENT, OTHER_RESPONSE)}
-    assert [request.pdu for request in bench.plant.requests] == [READ, READ, OTHER_READ]
+
+
+async def test_a_listener_that_finishes_before_a_client_was_heard_again_still_hears_it() -> None:
+    async with listening() as bench:
+        client = bench.client()
+        client.ask(PATIENT, 1)
+        client.ask(PATIENT, 2)
+        await until(lambda: len(bench.plant.requests) == 2)
+        later = await follower(bench)
+        later.finish()
+        client.ask(PATIENT, 1, OTHER_READ)
+        client.ask(PATIENT, 2)
+        await until(lambda: not bench.plant.requests[0].origin.wants(bench.plant.requests[0]))
+        for request in bench.plant.requests:
+            request.respond(RESPONSE)
+        assert await client.hears() == encode(2, PATIENT, RESPONSE)
+        assert await client.hears_nothing()
+        later.close()
+
+
+async def test_requests_at_a_new_listener_do_not_keep_the_old_one() -> None:
+    async with listening() as bench:
+        client = bench.client()
+        client.ask(PATIENT, 1)
+        await until(lambda: bench.plant.requests)
+        later = await follower(bench)
+        client.ask(PATIENT, 2)
+        await until(lambda: len(bench.plant.requests) == 2)
+        assert not bench.listener.has_clients
+        later.close()
+
+
+async def test_from_reload_to_reload_nothing_is_left_of_peers_that_are_over() -> None:
+    others = peers()
+    async with listening() as bench:
+        for number in range(4):
+            client = bench.client()
+            client.ask(PATIENT)
+            await until(lambda: len(bench.plant.requests) == number + 1)  # noqa: B023
+            listener = bench.listener
+            bench.listener = await follower(bench)
+            listener.close()
+            bench.plant.requests[number].respond(RESPONSE)
+            assert await client.hears() == encode(1, PATIENT, RESPONSE)
+        bench.plant.requests.clear()
+        await until(lambda: peers() <= others)
+
+
+def peers() -> set[int]:
+    """Those in memory."""
+    gc.collect()
+    return {id(each) for each in gc.get_objects() if isinstance(each, Peer)}
+
+
+async def test_of_datagrams_that_waited_with_one_identifier_the_latest_is_answered() -> None:
+    """The process stood still, or was busy: the client has had its time-out meanwhile."""
+    async with listening() as bench:
+        client, other = bench.client(), bench.client()
+        for _ in range(2):
+            client.ask(PROMPT, 0)
+        client.ask(PROMPT, 7)
+        other.ask(PROMPT, 0)
+        client.ask(PATIENT, 0, OTHER_READ)
+        assert await client.hears() == encode(7, PROMPT, RESPONSE)
+        assert await other.hears() == encode(0, PROMPT, RESPONSE)
+        await until(lambda: len(bench.plant.requests) == 3)
+        [late] = [request for request in bench.plant.requests if request.pdu == OTHER_READ]
+        late.respond(OTHER_RESPONSE)
+        assert await client.hears() == encode(0, PATIENT, OTHER_RESPONSE)
+        assert await client.hears_nothing()
+
+
+async def test_a_response_is_dropped_for_a_later_request_that_was_not_read_yet() -> None:
+    """As when the process stood still: the response of the unit is read first."""
+    async with listening() as bench:
+        client = bench.client()
+        client.ask(PATIENT, 0)
+        await until(lambda: bench.plant.requests)
+        client.ask(PATIENT, 0, OTHER_READ)
+        bench.plant.requests[0].respond(RESPONSE)
+        await until(lambda: len(bench.plant.requests) == 2)
+        bench.plant.requests[1].respond(OTHER_RESPONSE)
+        assert await client.hears() == encode(0, PATIENT, OTHER_RESPONSE)
+
+
+async def test_no_more_datagrams_than_a_bound_are_read_before_the_first_is_processed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(udp_module, "MOST_AT_ONCE", 3)
+    async with listening() as bench:
+        client = bench.client()
+        for transaction in range(8):
+            client.ask(PROMPT, transaction)
+        heard = [await client.hears() for _ in range(8)]
+        assert heard == [encode(transaction, PROMPT, RESPONSE) for transaction in range(8)]
 
 
 async def test_a_listener_that_closes_forgets_everybody() -> None:
