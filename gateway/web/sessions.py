@@ -94,7 +94,8 @@ class _OwnAddress:
 class Attempts:
     """Wrong passwords, by the address that they came from, and by the user that they were for, if there is one.
 
-    At each address of his own, a user's are counted for themselves: nobody elsewhere can keep him from logging in.
+    At each address of his own only a user's own count: neither who guesses elsewhere nor who guesses other passwords
+    there, behind the same proxy perhaps, can keep him from logging in.
     """
 
     _of_addresses: dict[str, deque[float]] = field(default_factory=dict)
@@ -103,12 +104,12 @@ class Attempts:
 
     def wait(self, address: str, user: User | None, now: float) -> float:
         """How long to wait before the next attempt; 0 if it may be now."""
+        if user is not None and self._is_own(address, user, now):
+            own = self._own.get(user.name, {}).get(address)
+            return _wait(own.failures if own else None, MOST_FAILURES, now)
         by_address = _wait(self._of_addresses.get(address), MOST_FAILURES, now)
         if user is None:
             return by_address
-        if self._is_own(address, user, now):
-            own = self._own.get(user.name, {}).get(address)
-            return max(by_address, _wait(own.failures if own else None, MOST_FAILURES, now))
         return max(by_address, _wait(self._of_users.get(user.name), MOST_FAILURES_OF_ONE_USER, now))
 
     def failed(self, address: str, user: User | None, now: float) -> None:

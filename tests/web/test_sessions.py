@@ -101,6 +101,18 @@ def test_nobody_elsewhere_keeps_a_user_from_logging_in_at_an_address_of_his_own(
         assert attempts.wait(address, ANNA, now) == 0
 
 
+@pytest.mark.parametrize("address", ["10.0.0.1", "127.0.0.1"])
+@pytest.mark.parametrize("other", [None, VERA])
+def test_who_guesses_other_passwords_at_his_address_does_not_keep_a_user_out(address, other):
+    """Behind a proxy, and through `ssh -L`, all have one address."""
+    attempts = Attempts()
+    if address == "10.0.0.1":
+        attempts.succeeded(address, ANNA, 0.0)
+    assert guess(attempts, other, 1.0, address) == MOST_FAILURES
+    assert attempts.wait(address, other, 2.0) > 0
+    assert attempts.wait(address, ANNA, 2.0) == 0
+
+
 def test_an_address_is_a_users_own_for_a_while_and_nobody_elses():
     attempts = Attempts()
     attempts.succeeded("10.0.0.1", ANNA, 0.0)
