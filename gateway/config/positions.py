@@ -3,6 +3,7 @@
 import re
 import tomllib
 from bisect import bisect_right
+from collections.abc import Sequence
 
 from gateway.config.problem import Path
 
@@ -48,6 +49,13 @@ class Positions:
         return line, offsets[path] - self._line_starts[line - 1] + 1
 
 
+def find_scalars(text: str) -> Sequence[tuple[Path, int, int]]:
+    """Every value of `text` that is neither a list nor a table, in their order: its path, its begin and its end."""
+    scanner = _Scanner(text)
+    scanner.document()
+    return scanner.scalars
+
+
 class _Scanner:
     """Walks once over the text. It checks nothing: it relies on the text being valid."""
 
@@ -57,6 +65,7 @@ class _Scanner:
         self.keys: dict[Path, int] = {(): 0}
         self.values: dict[Path, int] = {(): 0}
         self.lengths: dict[Path, int] = {}
+        self.scalars: list[tuple[Path, int, int]] = []
 
     def document(self) -> None:
         table: Path = ()
@@ -121,7 +130,8 @@ class _Scanner:
         else:
             match = _STRING.match(self.text, self.at) or _SCALAR.match(self.text, self.at)
             assert match is not None  # noqa: S101 - tomllib has accepted the text
-            self.at = match.end()
+            self.at = match.start() + len(match[0].rstrip())
+            self.scalars.append((path, match.start(), self.at))
 
     def items(self, path: Path) -> None:
         self.at += 1

@@ -31,6 +31,8 @@ UNREAD_KEPT: Final = 10.0
 class ConfigView:
     """`text` is that of the config in use, with masks for secrets, and `difference` what was changed in the file since.
 
+    Comments are in neither, and a file that is no TOML is not compared.
+
     `changes` are those that a reload would make; `problems` say why it would be rejected, or are warnings. `reloaded`
     is the outcome of the last reload `at` this time of the day, if there was one. A gateway that `is_service` was
     started by systemd.
@@ -89,13 +91,13 @@ class ConfigViewer:
 
     def _view(self, seen: _Seen, now: float) -> ConfigView:
         reloader = self._reloader
-        shown, current = masked(reloader.text), masked(seen.loaded.text)
+        shown, current = _shown(reloader.text), _shown(seen.loaded.text)
         return ConfigView(
             file=str(reloader.file),
             text=shown[:MOST_TEXT],
             problems=seen.loaded.problems,
             has_errors=seen.loaded.plan is None,
-            difference=_difference(shown, current) if reloader.text and seen.loaded.text else (),
+            difference=_difference(shown, current) if shown and current else (),
             changes=Outcome() if seen.loaded.plan is None else self._changes(seen.loaded.plan),
             reloaded=None if reloader.last is None else reloader.last.outcome,
             at=0.0 if reloader.last is None else self._clock() - now + reloader.last.at,
@@ -118,6 +120,14 @@ def _sign(file: Path) -> tuple[int, ...]:
     except OSError:
         return ()
     return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode, status.st_uid
+
+
+def _shown(text: str) -> str:
+    """The text without secrets; nothing of a file that is no TOML."""
+    try:
+        return masked(text)
+    except (ValueError, RecursionError):
+        return ""
 
 
 def _difference(old: str, new: str) -> tuple[str, ...]:
