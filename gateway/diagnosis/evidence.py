@@ -8,10 +8,11 @@ from gateway.ports.port import CharacterErrors
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """A program that has a serial port open."""
+    """A program that has a serial port open; `is_interpreter` if it may run anything, as `python` does."""
 
     name: str
     pid: int
+    is_interpreter: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from gateway.diagnosis.evidence import PortEvidence
+from gateway.diagnosis.evidence import Holder, PortEvidence
 from gateway.diagnosis.finding import Finding
 
 #: The longest that an FTDI adapter may hold received bytes back, in seconds, without a word about it.
@@ -48,12 +48,18 @@ def _other_programs(port: PortEvidence) -> Iterator[Finding]:
     for holder in port.holders:
         if holder.name == GATEWAY and port.is_standby:
             continue  # it has the lease
-        remedy = _KEEPING_AWAY.get(holder.name, f"end it: kill {holder.pid}")
-        yield _fix(port, f"{holder.name} (pid {holder.pid}) has {port.port} open, too", remedy)
+        yield _fix(port, f"{holder.name} (pid {holder.pid}) has {port.port} open, too", _ending(holder))
     for name in port.probers:
         if port.is_usb and name not in {holder.name for holder in port.holders}:
             what = f"{name} is running; it may open USB adapters when they are plugged in"
             yield Finding("note", _name(port), what, _KEEPING_AWAY.get(name, ""))
+
+
+def _ending(holder: Holder) -> str:
+    """How a program leaves a port alone. Who sees no more than `python` is not to be told to kill it."""
+    if holder.is_interpreter:
+        return f"ps -fp {holder.pid} shows what it is; end it if nothing needs it"
+    return _KEEPING_AWAY.get(holder.name, f"end it: kill {holder.pid}")
 
 
 def _latency_timer(port: PortEvidence) -> Iterator[Finding]:

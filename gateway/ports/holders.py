@@ -1,7 +1,8 @@
 """Which program uses a serial port, as far as this user may see."""
 
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -9,6 +10,10 @@ from typing import Final
 PROC: Final = Path("/proc")
 #: The other ends of pseudo-terminals.
 _FAR_ENDS: Final = frozenset({"/dev/ptmx", "/dev/pts/ptmx"})
+#: Programs that run another one, which their arguments name.
+_INTERPRETER: Final = re.compile(r"(python|pypy|perl|ruby)[\d.]*|(ba|da|z)?sh|node|java")
+_GATEWAY: Final = "modbus-gateway"
+_GATEWAY_MODULE: Final = "-m gateway.cli.main"
 
 
 def holder(device: str) -> str | None:
@@ -34,11 +39,39 @@ def running_programs(programs: Path = PROC) -> set[str]:
 
 
 def name_of(pid: int, programs: Path = PROC) -> str:
-    """The name of a program, cut after 15 characters."""
+    """The name of a program, cut after 15 characters; of an interpreter with what it runs, as `python poll.py`."""
     try:
-        return (programs / str(pid) / "comm").read_text().strip()
+        name = (programs / str(pid) / "comm").read_text().strip()
     except OSError:
         return "a program"
+    if not is_interpreter(name):
+        return name
+    arguments = ""
+    with suppress(OSError):  # it has just ended
+        arguments = (programs / str(pid) / "cmdline").read_text(errors="replace")
+    runs = _what_runs(arguments.split("\0")[1:])
+    is_gateway = runs == _GATEWAY_MODULE or Path(runs).name == _GATEWAY
+    return _GATEWAY if is_gateway else f"{name} {runs}".rstrip()
+
+
+def is_interpreter(name: str) -> bool:
+    """Whether a program, by its name, alone or with what it runs, is one that runs others."""
+    return _INTERPRETER.fullmatch(name.partition(" ")[0]) is not None
+
+
+def _what_runs(arguments: Iterable[str]) -> str:
+    """The module or file that an interpreter runs; not what follows, where passwords may be."""
+    rest = iter(arguments)
+    for argument in rest:
+        if argument == "-m":
+            return f"-m {next(rest, '')}"
+        if argument in {"-c", "-e"}:
+            return argument
+        if argument in {"-W", "-X"}:
+            next(rest, "")
+        elif not argument.startswith("-"):
+            return argument
+    return ""
 
 
 def _by_lock(device: Path, programs: Path = PROC) -> Iterator[int]:

@@ -11,7 +11,7 @@ from typing import Final
 from gateway.diagnosis.evidence import Holder, PortEvidence, PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import about_ports
-from gateway.ports.holders import PROC, holders, name_of, running_programs
+from gateway.ports.holders import PROC, holders, is_interpreter, name_of, running_programs
 from gateway.ports.listing import DEVICES, TERMINALS, stable_links
 from gateway.ports.reasons import group_of
 from gateway.ports.wire import VIRTUAL_MAJORS
@@ -57,9 +57,14 @@ def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places())
         latency_timer=_latency_timer(terminal),
         is_ours=port.is_open,
         is_standby=port.is_standby,
-        holders=tuple(Holder(name_of(pid, places.programs), pid) for pid in sorted(pids)),
+        holders=tuple(_holder(pid, places.programs) for pid in sorted(pids)),
         probers=tuple(sorted(PROBERS & running_programs(places.programs))),
     )
+
+
+def _holder(pid: int, programs: Path) -> Holder:
+    name = name_of(pid, programs)
+    return Holder(name, pid, is_interpreter(name))
 
 
 def _latency_timer(terminal: Path) -> float | None:

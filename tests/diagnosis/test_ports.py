@@ -45,6 +45,7 @@ def test_a_user_who_may_not_open_it_is_named_with_the_group():
         (Holder("ModemManager", 412), "systemctl disable --now ModemManager"),
         (Holder("brltty", 412), "systemctl disable --now brltty-udev.service brltty.service"),
         (Holder("mbusd", 412), "end it: kill 412"),
+        (Holder("python poll.py", 412, is_interpreter=True), "ps -fp 412 shows what it is; end it if nothing needs it"),
     ],
 )
 def test_a_program_that_has_taken_the_adapter_is_named(holder, remedy):

@@ -30,10 +30,11 @@ class Machine:
         self.timer = adapter / "latency_timer"
         self.process(GATEWAY, "modbus-gateway", self.device)
 
-    def process(self, pid, name, *opened, uid=None, groups=()) -> None:
+    def process(self, pid, name, *opened, uid=None, groups=(), arguments=()) -> None:
         folder = self.places.programs / str(pid)
         (folder / "fd").mkdir(parents=True)
         (folder / "comm").write_text(f"{name}\n")
+        (folder / "cmdline").write_text("".join(f"{argument}\0" for argument in arguments))
         ids = [os.geteuid() if uid is None else uid] * 4
         gids = [os.getegid() if uid is None else 65534] * 4
         rows = {"Uid": ids, "Gid": gids, "Groups": groups}
@@ -81,6 +82,31 @@ def test_an_adapter_that_another_program_has_taken(machine) -> None:
     assert [(each.level, each.remedy) for each in about_ports(evidence)] == [
         ("fix", "systemctl disable --now ModemManager")
     ]
+
+
+@pytest.mark.parametrize(
+    ("comm", "arguments", "name"),
+    [
+        ("python", "python -P -m gateway.cli.main run -c gateway.toml", "modbus-gateway"),
+        ("python3", "/usr/bin/python3 /usr/bin/modbus-gateway run", "modbus-gateway"),
+        ("python3.12", "python3.12 -W ignore poll.py --password secret", "python3.12 poll.py"),
+        ("python", "python -m serial.tools.miniterm /dev/ttyUSB0", "python -m serial.tools.miniterm"),
+        ("sh", "sh -c secret", "sh -c"),
+        ("bash", "", "bash"),
+        ("mbusd", "mbusd gateway.cli.main", "mbusd"),
+    ],
+)
+def test_an_interpreter_is_named_with_what_it_runs(machine, comm, arguments, name) -> None:
+    machine.process(412, comm, machine.device, arguments=arguments.split())
+    (holder,) = machine.look().holders
+    assert (holder.name, holder.is_interpreter) == (name, name not in {"modbus-gateway", "mbusd"})
+
+
+def test_a_standby_in_a_checkout_takes_the_holder_of_its_lease_for_a_gateway(machine) -> None:
+    machine.process(412, "python", machine.device, arguments=["python", "-m", "gateway.cli.main"])
+    evidence = machine.look(is_open=False)
+    assert [each.level for each in about_ports(replace(evidence, is_standby=True))] == []
+    assert not any("kill" in each.remedy for each in about_ports(evidence))
 
 
 def test_a_program_that_only_runs_is_a_note(machine) -> None:
