@@ -1,7 +1,7 @@
 """Cuts the bytes of a client of RTU or ASCII over TCP into requests, and tells which of them were sent together."""
 
 from collections import deque
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.codes import MAX_RTU_ADU
@@ -13,15 +13,22 @@ from gateway.modbus.rtu import RtuFramer
 SILENCE: Final = 0.25
 #: Requests that arrive within this many seconds were sent together: no client's time-out is so short.
 TOGETHER: Final = 0.05
+#: How often a client is looked at that sends nothing, in seconds: what is read then has arrived since the last look.
+LOOK_STEP: Final = 0.02
 #: The most that is received at once.
 _BUFFER: Final = 2 * MAX_RTU_ADU
 
 
 class Arrived(NamedTuple):
-    """A request, and when its last byte arrived."""
+    """A request, and when its last byte arrived: not before `since`, which is `at` unless the gateway stood still."""
 
     frame: Frame
+    since: float
     at: float
+
+
+#: A request was sent together with the one before, or later, or that cannot be known, because the gateway stood still.
+Relation = Literal["together", "later", "unclear"]
 
 
 class Arrivals:
@@ -29,10 +36,14 @@ class Arrivals:
 
     Bytes are stored as they arrive (`filled`) and cut into frames when the session asks for them (`cut`). While nothing
     is read (`stop`), the framer's clock stands still: it is unknown how long the bytes read next have been waiting.
+
+    Bytes count as arrived when they are read, unless nobody has looked for them (`looked`) for longer than TOGETHER.
+    Then the gateway stood still, and they may have arrived at any time since.
     """
 
     __slots__ = (
-        "_behind", "_buffer", "_framer", "_heard_at", "_pieces", "_stopped_at", "_together_until", "_uncut", "noise",
+        "_behind", "_buffer", "_framer", "_heard_at", "_heard_since", "_later_after", "_looked_at", "_pieces",
+        "_stopped_at", "_together_until", "_uncut", "noise",
     )  # fmt: skip
 
     def __init__(self, scheme: str, now: float) -> None:
@@ -40,13 +51,16 @@ class Arrivals:
         self._framer = AsciiFramer() if scheme == "ascii+tcp" else RtuFramer(SILENCE)
         self._buffer = memoryview(bytearray(_BUFFER))
         self._uncut = b""
-        #: The pieces with bytes that are not part of a complete frame, and when each arrived.
-        self._pieces: deque[tuple[bytes, float]] = deque()
+        #: The pieces with bytes that are not part of a complete frame, and when each arrived, as in `Arrived`.
+        self._pieces: deque[tuple[bytes, float, float]] = deque()
         #: Bytes since the last request.
         self.noise = 0
-        #: When the last bytes arrived; until when a request counts as sent together with the one before.
-        self._heard_at = now
-        self._together_until = now
+        #: When nothing was unread.
+        self._looked_at = now
+        #: When the last bytes arrived, as in `Arrived`.
+        self._heard_since = self._heard_at = now
+        #: Until when a request was certainly sent together with the one before, and after when it certainly was not.
+        self._together_until = self._later_after = now
         #: Since when nothing is read; how far the framer's clock is behind because of that.
         self._stopped_at: float | None = None
         self._behind = 0.0
@@ -64,6 +78,10 @@ class Arrivals:
         """`count` bytes have arrived in `room()`."""
         self._uncut += bytes(self._buffer[:count])
 
+    def looked(self, now: float) -> None:
+        """All that had arrived at `now` has been read."""
+        self._looked_at = now
+
     def ended(self, now: float) -> list[Arrived]:
         """Let time pass; the frames that were ended by a silence before the bytes that are not cut yet."""
         ends_at = self._framer.deadline()
@@ -78,21 +96,29 @@ class Arrivals:
             return []
         self._uncut = b""
         self._heard_at = now
+        self._heard_since = now if now - self._looked_at <= TOGETHER else self._looked_at
         self.noise += len(data)
         if isinstance(self._framer, RtuFramer):  # ASCII frames end with the piece in which they are found
-            self._pieces.append((data, now))
+            self._pieces.append((data, self._heard_since, now))
         return self._add_times(self._framer.received(data, now - self._behind))
 
     @property
-    def has_begun_later(self) -> bool:
-        """Whether bytes that are not a request, or not yet, arrived later than the last request and its companions."""
-        return self.noise > 0 and self._heard_at > self._together_until
+    def noise_relation(self) -> Relation:
+        """When bytes arrived that are not a request, or not yet: as the last request and its companions, or later."""
+        return self._relation(self._heard_since, self._heard_at) if self.noise else "together"
 
-    def came_together(self, at: float) -> bool:
-        """Whether the request that arrived at `at` was sent together with the one before; called once for each."""
-        is_together = at <= self._together_until
-        self._together_until = max(self._together_until, at + TOGETHER)
-        return is_together
+    def relation(self, arrived: Arrived) -> Relation:
+        """When a request was sent, compared with the one before; called once for each."""
+        _, since, at = arrived
+        relation = self._relation(since, at)
+        self._together_until = max(self._together_until, since + TOGETHER)
+        self._later_after = max(self._later_after, at + TOGETHER)
+        return relation
+
+    def _relation(self, since: float, at: float) -> Relation:
+        if at <= self._together_until:
+            return "together"
+        return "later" if since > self._later_after else "unclear"
 
     def deadline(self) -> float | None:
         """When a silence will end something, or None."""
@@ -112,7 +138,8 @@ class Arrivals:
         """Reading continues. Bytes that waited for the gateway are not late."""
         if self._stopped_at is not None:
             self._behind += now - self._stopped_at
-            self._together_until = now + TOGETHER
+            self._together_until = self._later_after = now + TOGETHER
+            self._looked_at = now
             self._stopped_at = None
 
     def _add_times(self, frames: list[Frame]) -> list[Arrived]:
@@ -122,32 +149,32 @@ class Arrivals:
         if len(self._pieces) > 1 and frames:
             arrived = self._locate(frames)
         else:
-            arrived = [Arrived(frame, self._heard_at) for frame in frames]
+            arrived = [Arrived(frame, self._heard_since, self._heard_at) for frame in frames]
         self._forget_finished()
         return arrived
 
     def _locate(self, frames: list[Frame]) -> list[Arrived]:
         """The same for frames that arrived in several pieces."""
-        heard = b"".join(data for data, _ in self._pieces)
+        heard = b"".join(data for data, _, _ in self._pieces)
         pieces = iter(self._pieces)
         arrived = []
         found_to = read_to = 0
-        at = self._heard_at
+        since, at = self._heard_since, self._heard_at
         for frame in frames:
             adu = self._framer.encode(frame.unit, frame.pdu)
             found_to = heard.find(adu, found_to) + len(adu)
             while read_to < found_to:
-                data, at = next(pieces)
+                data, since, at = next(pieces)
                 read_to += len(data)
-            arrived.append(Arrived(frame, at))
+            arrived.append(Arrived(frame, since, at))
         return arrived
 
     def _forget_finished(self) -> None:
         """Keep only what the framer keeps."""
         pieces = self._pieces
-        finished = sum(len(data) for data, _ in pieces) - self._framer.unfinished
+        finished = sum(len(data) for data, _, _ in pieces) - self._framer.unfinished
         while finished > 0:
-            data, at = pieces.popleft()
+            data, since, at = pieces.popleft()
             if finished < len(data):
-                pieces.appendleft((data[finished:], at))
+                pieces.appendleft((data[finished:], since, at))
             finished -= len(data)

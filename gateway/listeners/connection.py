@@ -228,6 +228,11 @@ class TcpConnection:
         self._listener.rejected(self.client, reason)
         self._part(reason)
 
+    def look(self) -> None:
+        """Read what has arrived, if it counts when that was."""
+        if isinstance(self.session, OverTcpSession):
+            self._run(partial(self.session.look, self._time()))
+
     def check_client(self, now: float, idle: float) -> None:
         """Close if the client breaks a rule, or has sent no request for `idle` seconds."""
         complaint = self.session.find_fault(now)

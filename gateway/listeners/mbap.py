@@ -9,6 +9,11 @@ from gateway.request import Request, Target
 
 #: In place of the transaction identifier of a request that another one has replaced.
 _GIVEN_UP: Final = -1
+#: A client counts if so many identifiers in a row have risen, by less than this each: none of them comes twice.
+_COUNTED: Final = 16
+_STEP: Final = 0x1000
+#: Process what has been read as soon as possible.
+_SOON: Final = 0.0
 
 
 class MbapSession(Session):
@@ -16,10 +21,11 @@ class MbapSession(Session):
 
     Responses carry the client's own transaction and unit identifiers, and are sent in the order in which they arrive.
     A client that uses an identifier again, as those do that do not count, has given up the request before: only the
-    latest one with it gets a response. So reading goes on while the session finishes.
+    latest one with it gets a response. So reading goes on while the session finishes. And what has arrived is read
+    before a response leaves, unless the client counts: its next requests carry other identifiers.
     """
 
-    __slots__ = ("_framer", "_under_way")
+    __slots__ = ("_framer", "_latest", "_rises", "_under_way")
 
     def __init__(
         self,
@@ -36,6 +42,9 @@ class MbapSession(Session):
         self._framer = mbap.MbapFramer()
         #: The requests in progress by their transaction identifiers.
         self._under_way: dict[int, Request] = {}
+        #: The latest identifier, and how many in a row have risen up to it.
+        self._latest = 0
+        self._rises = 0
 
     @property
     def has_begun(self) -> bool:
@@ -83,6 +92,8 @@ class MbapSession(Session):
                 self._withdraw(adu.transaction)
             if self._limit == 0:  # no more requests are taken
                 continue
+            self._rises = self._rises + 1 if 0 < (adu.transaction - self._latest) & 0xFFFF < _STEP else 0
+            self._latest = adu.transaction
             self.last_asked = now
             self.asked += 1
             self._in_flight += 1
@@ -91,6 +102,23 @@ class MbapSession(Session):
             if not request.is_over:
                 self._under_way[adu.transaction] = request
         self._pause()
+
+    def _flush(self) -> None:
+        if self._out and self._rises < _COUNTED:
+            self._look()
+        super()._flush()
+
+    def _look(self) -> None:
+        """Read what has arrived, and drop the responses whose identifiers come again in it.
+
+        It is processed later: this may be a call of whoever answers.
+        """
+        room = self._framer.room()
+        if len(room) and (count := self._connection.receive(room)):
+            self._framer.filled(count)
+            self._connection.wake(_SOON)
+        if self._framer.unfinished:
+            self._out = [response for response in self._out if not self._framer.holds(response[:2])]
 
     def _withdraw(self, transaction: int) -> None:
         """Drop the response with this identifier, which was ready at once and is not sent yet."""

@@ -12,7 +12,7 @@ from collections import deque
 from typing import Final
 
 from gateway.errors import NotModbus
-from gateway.listeners.arrivals import Arrivals, Arrived
+from gateway.listeners.arrivals import Arrivals, Arrived, Relation
 from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import GONE, Connection, ListenSettings, Session
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
@@ -22,12 +22,13 @@ from gateway.request import Request, Target
 IDLE: Final = "idle"  # no response; the next request can be handed out
 AWAITING: Final = "awaiting"  # the response to the request that was handed out
 ANSWERED: Final = "answered"  # the same; the response is there, but so are unread bytes
-UNANSWERED: Final = "unanswered"  # a response that never comes: failures are not reported to this client
+UNANSWERED: Final = "unanswered"  # a response that never comes: of a failure that is not reported, or see UNCLEAR
 
 # What may happen:
 HANDED_OUT: Final = "handed out"  # a request that gets a response has gone to the router
 TOGETHER: Final = "together"  # a request arrived together with the one before
 LATER: Final = "later"  # a request arrived later than that, or has begun, or other bytes arrived
+UNCLEAR: Final = "unclear"  # the same, but the gateway stood still: it may as well have arrived together
 RESPONSE: Final = "response"  # the router has answered, perhaps without a response
 FAILURE: Final = "failure"  # the request has failed, which is not to be reported
 READ_UP: Final = "read up"  # nothing has arrived since, or only together with the request
@@ -36,21 +37,25 @@ _NEXT: Final[dict[str, dict[str, str]]] = {
     IDLE: {
         TOGETHER: IDLE,  # the request waits behind the others
         LATER: IDLE,  # those that wait are given up; the request waits
+        UNCLEAR: UNANSWERED,  # those that wait are given up, and this one gets no response either
         HANDED_OUT: AWAITING,
     },
     AWAITING: {
         TOGETHER: AWAITING,  # it waits
         LATER: IDLE,  # the awaited one and those that wait are given up; it waits
+        UNCLEAR: UNANSWERED,  # the same, but it gets no response either
         RESPONSE: ANSWERED,
         FAILURE: UNANSWERED,  # waiting requests get no response either: it would be taken for that of this one
     },
     ANSWERED: {
         TOGETHER: ANSWERED,  # it waits
         LATER: IDLE,  # the response is dropped, and those that wait are given up; it waits
+        UNCLEAR: UNANSWERED,  # the same, but it gets no response either
         READ_UP: IDLE,  # the response is sent
     },
     UNANSWERED: {
         TOGETHER: UNANSWERED,  # it is dropped, like those before it
+        UNCLEAR: UNANSWERED,  # the same
         LATER: IDLE,  # it waits
     },
 }
@@ -104,8 +109,20 @@ class OverTcpSession(Session):
 
     def received(self, count: int, now: float) -> None:
         """`count` bytes have arrived in `room()`."""
+        is_all = count < len(self._arrivals.room())
         self._arrivals.filled(count)
         self.proceed(now)
+        if is_all:
+            self._arrivals.looked(now)
+
+    def look(self, now: float) -> None:
+        """Called every LOOK_STEP: read what has arrived until `now`, so that it is known when the next bytes arrive."""
+        if self._back_pressure.is_paused:
+            return
+        if self._has_unread():
+            self.proceed(now)
+        else:
+            self._arrivals.looked(now)
 
     def wants(self, request: Request) -> bool:
         """See Session; also False if the client has given the request up."""
@@ -195,22 +212,28 @@ class OverTcpSession(Session):
             raise NotModbus(f"{self._arrivals.noise} bytes without a request")
         if arrived:
             self._queue(arrived, now)
-        if (self._awaited is not None or self._waiting) and self._arrivals.has_begun_later:
-            self._give_up()
-            self._apply(LATER)
+        if self._awaited is not None or self._waiting:
+            self._notice(self._arrivals.noise_relation)
 
     def _queue(self, arrived: list[Arrived], now: float) -> None:
-        for (unit, pdu), at in arrived:
-            event = TOGETHER if self._arrivals.came_together(at) else LATER
-            if event == LATER:
-                self._give_up()
-            self._apply(event)
+        for each in arrived:
+            self._notice(self._arrivals.relation(each))
+            unit, pdu = each.frame
             request = Request(unit, pdu, self, now)
             if self._must_wait(request):
                 self._in_flight += 1
                 self._waiting.append(request)
         self.last_asked = now
         self.asked += len(arrived)
+
+    def _notice(self, relation: Relation) -> None:
+        """Something has arrived, together with the requests before or later."""
+        event = relation
+        if relation == UNCLEAR and self._state != UNANSWERED and not self._unanswered:
+            event = LATER  # no response is left that could be taken for another
+        if event != TOGETHER:
+            self._give_up()
+        self._apply(event)
 
     def _must_wait(self, request: Request) -> bool:
         if self._limit == 0:

@@ -5,6 +5,7 @@ import socket
 from typing import Final
 
 from gateway import events
+from gateway.listeners import arrivals
 from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.departures import Departures
@@ -26,6 +27,7 @@ from gateway.listeners.sockets import (
 )
 from gateway.listeners.spare_descriptor import SpareDescriptor
 from gateway.listeners.tcp_stream import TcpStream
+from gateway.ports.lazy_timer import LazyTimer
 from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
@@ -63,6 +65,7 @@ class TcpListener:
         self._accepting: list[asyncio.Task[None]] = []
         self._spare_descriptor = SpareDescriptor()
         self._sweeping: asyncio.TimerHandle | None = None
+        self._looking: LazyTimer | None = None
 
     @property
     def address(self) -> str:
@@ -123,6 +126,8 @@ class TcpListener:
         name = f"accept:{self.settings.name}"
         self._accepting = [asyncio.create_task(self._accept(listening), name=name) for listening in self._sockets]
         self._sweep_later()
+        if self.settings.scheme in ("rtu+tcp", "ascii+tcp"):
+            self._looking = LazyTimer(asyncio.get_running_loop(), self._look)
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
@@ -136,6 +141,8 @@ class TcpListener:
         self._stop_accepting()
         if self._sweeping is not None:
             self._sweeping.cancel()
+        if self._looking is not None:
+            self._looking.close()
         for connection in [*self.connections, *self._closing]:
             connection.abort("the gateway is stopping")
 
@@ -143,6 +150,8 @@ class TcpListener:
         """A client has connected."""
         self.counts.accepted += 1
         self.connections.enter(connection, _now())
+        if len(self.connections) == 1:
+            self._look_later()
         identity = connection.identity
         self.emit(
             events.ClientConnected(self.settings.name, connection.client, subject=identity.subject, role=identity.role)
@@ -234,6 +243,17 @@ class TcpListener:
             if now >= deadline:
                 connection.abort()
         self._sweep_later()
+
+    def _look_later(self) -> None:
+        if self._looking is not None:
+            self._looking.set(_now() + arrivals.LOOK_STEP)
+
+    def _look(self) -> None:
+        """Read the clients whose requests count from when they arrive."""
+        for connection in self.connections:
+            connection.look()
+        if len(self.connections):
+            self._look_later()
 
     def _stop_accepting(self) -> None:
         loop = asyncio.get_running_loop()

@@ -7,6 +7,7 @@ runs in the event loop. (Not asyncio's own `ssl`: it keeps 256 KiB for each conn
 from __future__ import annotations  # `ssl` is loaded when it is used
 
 import asyncio
+import os
 import ssl
 from collections.abc import Iterable
 from contextlib import suppress
@@ -166,11 +167,11 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     def buffer_updated(self, nbytes: int) -> None:
         """Encrypted bytes have arrived."""
-        self._incoming.write(_BUFFER[:nbytes])
         if self._application is not None:
-            self._spare -= nbytes
+            self._count(nbytes)
             self._deliver()
             return
+        self._incoming.write(_BUFFER[:nbytes])
         self._handshake_bytes += nbytes
         if self._handshake_bytes > MOST_HANDSHAKE_BYTES:
             self.refuse(f"its handshake is longer than {MOST_HANDSHAKE_BYTES} bytes")
@@ -237,9 +238,22 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """See asyncio.WriteTransport."""
         return self._transport.get_write_buffer_size()
 
-    def receive(self, room: memoryview) -> int:  # noqa: ARG002 - see Stream
-        """Nothing: what has arrived is delivered."""
-        return 0
+    def receive(self, room: memoryview) -> int:
+        """Copy what has arrived into `room`; the number of bytes. The rest is delivered soon."""
+        network = self._transport.get_extra_info("socket")
+        if network is None or self._is_blocked or self._has_peer_ended or self._spare < 0 or self.is_closing():
+            return 0
+        try:
+            self._count(os.readv(network.fileno(), [_BUFFER]))
+        except OSError:  # nothing has arrived, or the connection is lost: the loop sees that too
+            return 0
+        asyncio.get_running_loop().call_soon(self._deliver)
+        try:
+            count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
+        except ssl.SSLError:  # no data yet, or an error that `_deliver` finds again
+            return 0
+        self._spare = min(self._spare + count * (1 + BESIDE_EACH_BYTE), MOST_BESIDE_DATA)
+        return count
 
     def write(self, data: bytes | bytearray | memoryview[Any]) -> None:
         """Encrypt and send, unless it is being closed."""
@@ -280,6 +294,11 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             return
         self._transport.resume_reading()
         asyncio.get_running_loop().call_soon(self._deliver)
+
+    def _count(self, nbytes: int) -> None:
+        """So many bytes, beside data until they turn out to be data, have come into the buffer."""
+        self._incoming.write(_BUFFER[:nbytes])
+        self._spare -= nbytes
 
     def _deliver(self) -> None:
         """Decrypt what has arrived, into the application's own buffer."""

@@ -115,6 +115,17 @@ class MbapFramer:
                 return TcpFrame(data[at] << 8 | data[at + 1], data[at + 6], data[at + 7 : end])
         return None
 
+    def holds(self, transaction: bytes) -> bool:
+        """Whether an ADU with this identifier (two bytes) waits for `next`, or has begun."""
+        data, at = self._data, self._at
+        while at < len(data):
+            if data[at : at + 2] == transaction:
+                return True
+            if len(data) - at < _UNCOUNTED:
+                return False
+            at += _UNCOUNTED + (data[at + 4] << 8 | data[at + 5])
+        return False
+
     def cut(self, data: bytes) -> Iterator[TcpFrame]:
         """The complete ADUs up to the end of `data`; take all of them.
 

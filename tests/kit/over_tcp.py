@@ -2,6 +2,7 @@
 
 import asyncio
 
+from gateway.listeners.arrivals import LOOK_STEP
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
@@ -26,6 +27,8 @@ class OverTcpClient:
             now=self._loop.time(),
         )
         self._timer = LazyTimer(self._loop, self._proceed)
+        self._looking = LazyTimer(self._loop, self._look)
+        self._look()
         self._heard = bytearray()
 
     def ask(self, pdu: str, unit: int = 1) -> None:
@@ -70,6 +73,10 @@ class OverTcpClient:
 
     def reject(self, reason: str) -> None:
         raise AssertionError(reason)
+
+    def _look(self) -> None:
+        self.session.look(self._loop.time())
+        self._looking.set(self._loop.time() + LOOK_STEP)
 
     def _proceed(self) -> None:
         self.session.proceed(self._loop.time())

@@ -45,6 +45,19 @@ class Connection:
         self.sent: list[bytes] = []
         self.log: list[str] = []
         self.held_for: list[float] = []
+        self.unread = b""
+        #: How often it was read, and whether it is to call `proceed` soon.
+        self.looks = 0
+        self.wakes = False
+
+    def receive(self, room: memoryview) -> int:
+        self.looks += 1
+        part, self.unread = self.unread[: len(room)], self.unread[len(room) :]
+        room[: len(part)] = part
+        return len(part)
+
+    def wake(self, when: float | None) -> None:
+        self.wakes = when is not None
 
     def send(self, data: bytes) -> None:
         self.sent.append(data)
@@ -286,6 +299,84 @@ def test_of_requests_with_one_identifier_that_are_answered_at_once_only_the_late
     client.target.at_once = True
     client.ask(5, 0, 0)
     assert b"".join(client.connection.sent) == encode(5, 7, RESPONSE) + encode(0, 7, RESPONSE)
+
+
+@pytest.mark.parametrize("cut", [2, 11, 12])
+@pytest.mark.parametrize("before", [(), (0,), (1, 2, 3, 4, 0)])
+def test_no_response_leaves_when_its_identifier_stands_unread(
+    client: Client, before: tuple[int, ...], cut: int
+) -> None:
+    """Whether the client had its time-out while the gateway stood still; it may be its first request."""
+    client.target.at_once = True
+    for each in before:
+        client.ask(each)
+    client.target.at_once = False
+    client.ask(0)
+    client.connection.sent.clear()
+    whole = encode(0, 7, READ)
+    client.connection.unread = whole[:cut]
+    client.target.requests[-1].respond(OTHER_RESPONSE)
+    assert client.connection.sent == []
+    assert client.connection.wakes
+    client.ask_again()
+    client.send(whole[cut:])
+    client.target.requests[-1].respond(RESPONSE)
+    assert client.connection.sent == [encode(0, 7, RESPONSE)]
+    assert client.session.is_idle
+
+
+def test_no_response_that_is_ready_at_once_leaves_when_its_identifier_stands_unread(client: Client) -> None:
+    client.target.at_once = True
+    client.connection.unread = encode(0, 7, READ)
+    client.ask(0)
+    assert client.connection.sent == []
+    client.ask_again()
+    assert client.connection.sent == [encode(0, 7, RESPONSE)]
+
+
+def test_a_response_leaves_when_only_other_identifiers_stand_unread(client: Client) -> None:
+    client.ask(0)
+    client.connection.unread = encode(1, 7, READ) + encode(2, 7, READ)
+    client.target.requests[0].respond(RESPONSE)
+    assert client.connection.sent == [encode(0, 7, RESPONSE)]
+    client.ask_again()
+    assert [request.transaction for request in client.target.requests] == [0, 1, 2]
+
+
+def test_a_client_with_as_many_requests_under_way_as_it_may_have_gives_up_as_others_do(client: Client) -> None:
+    """Its later request is not processed before there is room for it."""
+    client.ask(3, 2, 1)
+    client.ask(1)
+    assert client.connection.log == ["pause"]
+    client.connection.unread = encode(2, 7, READ)
+    client.target.requests[2].respond(OTHER_RESPONSE)
+    client.target.requests[1].respond(OTHER_RESPONSE)
+    assert client.connection.sent == []
+    client.ask_again()
+    for request in client.target.requests[3:]:
+        request.respond(RESPONSE)
+    assert client.connection.sent == [encode(1, 7, RESPONSE), encode(2, 7, RESPONSE)]
+
+
+@pytest.mark.parametrize("step", [1, 3, 256])
+def test_a_client_that_counts_is_not_read_before_each_response(client: Client, step: int) -> None:
+    client.target.at_once = True
+    for number in range(300):
+        client.ask(number * step & 0xFFFF)
+    before = client.connection.looks
+    assert before < 50
+    client.ask(7)
+    assert client.connection.looks == before + 1
+
+
+@pytest.mark.parametrize("identifiers", [range(1), range(2), range(16), range(15, -1, -1), range(0, 65536, 0x4000)])
+def test_a_client_that_soon_uses_its_identifiers_again_is_read_before_each_response(
+    client: Client, identifiers: range
+) -> None:
+    client.target.at_once = True
+    for number in range(100):
+        client.ask(identifiers[number % len(identifiers)])
+    assert client.connection.looks == 100
 
 
 def test_a_response_that_was_ready_at_once_is_withdrawn_for_a_later_request_that_waits(client: Client) -> None:

@@ -128,6 +128,13 @@ class Client:
             self.now = max(self.now, self.connection.wakes_at)
             self._wake()
         self.now = end
+        if seconds and not self.session.gone:
+            self.session.look(self.now)
+            self._settle()
+
+    def stand_still(self, seconds: float) -> None:
+        """Let time pass in which the gateway does nothing: what is sent meanwhile has to be put into `unread`."""
+        self.now += seconds
 
     def respond(self, at: int, pdu: bytes = RESPONSE) -> None:
         """Let the target answer one of its requests; then the connection has its turn."""
@@ -466,6 +473,124 @@ def test_a_request_in_lower_case_digits_is_later_too_though_it_begins_together_w
     assert client.heard(OTHER_RESPONSE)
 
 
+# --- when the gateway stood still ---
+
+
+def asks_anew(client: Client) -> None:
+    """What a client does that has had its time-out."""
+    client.wait(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(-1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+    assert client.session.is_idle
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+def test_of_requests_that_were_read_late_together_none_is_answered(client: Client, *, at_once: bool) -> None:
+    """They may have been sent together, or the first one may have been given up: either way one answer is wrong."""
+    client.target.at_once = at_once
+    client.stand_still(TIME_OUT)
+    client.ask(READ, OTHER_READ, READ)
+    assert client.target.asked == []
+    assert client.heard()
+    client.target.at_once = False
+    asks_anew(client)
+
+
+def test_a_request_that_was_read_late_alone_is_answered(client: Client) -> None:
+    client.stand_still(TIME_OUT)
+    client.ask(READ)
+    client.respond(0)
+    assert client.heard(RESPONSE)
+    asks_anew(client)
+
+
+@pytest.mark.parametrize("is_unread", [False, True])
+def test_a_request_soon_after_one_that_was_read_late_may_replace_it(client: Client, *, is_unread: bool) -> None:
+    client.stand_still(TIME_OUT)
+    client.ask(READ)
+    client.wait(TOGETHER / 2)
+    if is_unread:
+        client.connection.unread = client.encode(7, OTHER_READ)
+    else:
+        client.ask(OTHER_READ)
+    client.respond(0)
+    assert client.target.asked == [READ]
+    assert client.heard()
+    asks_anew(client)
+
+
+def test_a_request_a_while_after_one_that_was_read_late_replaces_it(client: Client) -> None:
+    client.stand_still(TIME_OUT)
+    client.ask(READ)
+    client.wait(2 * TOGETHER)
+    client.ask(OTHER_READ)
+    client.respond(0)
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+
+
+def test_a_request_that_was_read_late_may_belong_to_the_one_before(client: Client) -> None:
+    """To answer only the later one is wrong for a client that has sent both together."""
+    client.ask(READ)
+    client.stand_still(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(0)
+    assert client.target.asked == [READ]
+    assert client.heard()
+    asks_anew(client)
+
+
+def test_a_request_that_was_read_late_replaces_one_that_is_older_than_the_stand_still(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    client.stand_still(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(0)
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+
+
+def test_a_request_that_was_read_late_is_answered_when_no_response_is_missing(client: Client) -> None:
+    client.ask(READ)
+    client.respond(0)
+    client.stand_still(TIME_OUT)
+    client.ask(OTHER_READ)
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(RESPONSE, OTHER_RESPONSE)
+
+
+def test_a_response_is_late_when_what_was_read_late_may_be_the_next_request(client: Client) -> None:
+    whole = client.encode(7, OTHER_READ)
+    client.ask(READ)
+    client.stand_still(TIME_OUT)
+    client.send(whole[:4])
+    client.respond(0)
+    assert client.heard()
+    client.send(whole[4:])
+    client.respond(-1, OTHER_RESPONSE)
+    assert client.heard(OTHER_RESPONSE)
+
+
+def test_broadcasts_that_were_read_late_are_handed_on_and_give_nothing_up(client: Client) -> None:
+    client.stand_still(TIME_OUT)
+    client.send(client.encode(0, WRITE) + client.encode(0, WRITE) + client.encode(7, READ))
+    assert client.target.asked[:2] == [WRITE, WRITE]
+    for request in client.target.requests[:2]:
+        request.end()
+    client.wait(0.001)
+    client.respond(-1)
+    assert client.heard(RESPONSE)
+
+
+def test_a_pause_of_fifty_milliseconds_is_no_stand_still(client: Client) -> None:
+    client.stand_still(TOGETHER)
+    client.ask(READ, OTHER_READ)
+    client.respond(0)
+    client.respond(1, OTHER_RESPONSE)
+    assert client.heard(RESPONSE, OTHER_RESPONSE)
+
+
 # --- a request that is found behind noise, long after it came ---
 
 
@@ -655,6 +780,7 @@ def test_one_of_unknown_size_may_come_together_with_others(rtu_client: Client) -
 def test_a_request_behind_one_of_unknown_size_is_found_though_nobody_looked_in_time(rtu_client: Client) -> None:
     rtu_client.ask(UNKNOWN)
     rtu_client.now += SILENCE
+    rtu_client.session.look(rtu_client.now)
     rtu_client.ask(READ)
     rtu_client.respond(0)
     assert rtu_client.target.asked == [READ]
