@@ -231,15 +231,9 @@ class UdpListener:
         self._is_processing = False
 
     def _peer(self, sock: socket.socket, key: PeerAddress, now: float) -> Peer | None:
-        """The sender of a datagram; None if it has no rights or the listener is full or finishing.
-
-        One that was taken over is there nevertheless, and takes no requests.
-        """
+        """The sender of a datagram; None if it has no rights, or the listener is full or finishing."""
         peer = self._peers.get(key)
-        if peer is not None:
-            return peer
-        peer = self._taken_over.get(key)
-        if self._is_finishing:
+        if peer is not None or self._is_finishing:
             return peer
         client = join_host_port(key.host, key.port)
         why_not = self._admission.refusal(key.host, self.router.rights, self.settings, now, self._dismiss)
@@ -247,12 +241,12 @@ class UdpListener:
             self.counts.rejected += 1
             self.rejections.add(key.host, why_not, now)
             self.emit(events.ClientRejected(self.settings.name, client, why_not))
-            return peer
+            return None
+        peer = self._taken_over.pop(key, None)
         if peer is None:
             path = self._path(sock, key)
             peer = Peer(client, host=key.host, router=self.router, settings=self.settings, path=path)
         else:
-            del self._taken_over[key]
             peer.resume()
         self._peers[key] = peer
         self._admission.enter(peer, now)

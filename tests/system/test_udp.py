@@ -443,6 +443,22 @@ async def test_of_several_listeners_the_one_that_hears_a_client_takes_it_over() 
     assert heard == [encode(transaction, PATIENT, RESPONSE) for transaction in (1, 2, 3)]
 
 
+async def test_a_listener_that_knew_a_client_from_before_takes_it_over_with_what_is_in_progress() -> None:
+    async with listening(host="0.0.0.0") as bench:
+        everywhere, client = bench.listener, bench.client()
+        await client.asks()
+        here = await bound_as(bench, host="127.0.0.1", ready=OpenSockets(leaving=everywhere.sockets))
+        here.start()
+        client.ask(PATIENT)
+        await until(lambda: here.has_clients)
+        here.finish()
+        here.hand_over([everywhere])
+        client.ask(PATIENT)
+        assert await client.asks(PROMPT, 2) == encode(2, PROMPT, RESPONSE)
+        assert [request.unit for request in bench.plant.requests] == [PROMPT, PATIENT, PROMPT]
+        here.close()
+
+
 async def test_what_waits_at_a_listener_that_finishes_is_taken() -> None:
     """Its socket may be closed for that of another listener."""
     async with listening() as bench:
