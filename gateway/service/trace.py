@@ -104,9 +104,9 @@ def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], 
 def stories(
     gateway: Gateway, question: Mapping[str, Any], clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
 ) -> dict[str, Any]:
-    """The last `count` requests that failed, newest first, of `who`: a unit by number or name, a client, or an address.
+    """The last `count` requests that failed, newest first, of `who`: a unit by number or name, a line, or a client.
 
-    Records that are not `is_seen` by the reader are left out.
+    A client is called by its name or its address. Records that are not `is_seen` by the reader are left out.
 
     Raises:
         WrongQuestion: nothing is kept, or there is nobody like that.
@@ -119,14 +119,18 @@ def stories(
     if not isinstance(count, int) or not 1 <= count <= MOST_STORIES:
         raise WrongQuestion(f'"count" must be 1 to {MOST_STORIES}')
     is_wanted = _filter(gateway, question.get("line"), None)
+    names = UnitNames(gateway.plan)
     try:
         unit = find_unit(gateway.plan, int(who) if who.isdecimal() else who)
+        is_his = names.is_of(unit)
     except WrongQuestion:
         unit = None
-        if not _is_client(gateway, who):
+        if any(each["name"] == who for each in lines(gateway)):
+            is_his = _filter(gateway, who, None)
+        elif _is_client(gateway, who):
+            is_his = _asked_by_any(who)
+        else:
             raise
-    names = UnitNames(gateway.plan)
-    is_his = _asked_by_any(who) if unit is None else names.is_of(unit)
     found = []
     for record in gateway.ring.failures():
         if is_his(record) and is_wanted(record) and is_seen(record):

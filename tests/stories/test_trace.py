@@ -275,6 +275,17 @@ async def test_who_is_found_by_number_name_client_and_address_and_nobody_else() 
         assert answer["clients_that_failed"] == [CLIENT, "[fe80::1]:502"]
 
 
+async def test_a_line_has_the_stories_of_all_its_units_and_of_nobody_else() -> None:
+    async with gateway_bench(CONFIG) as home:
+        client = home.client(CLIENT)
+        assert why(home, "hall") == []
+        for unit in (41, 43, 9):
+            await client.asks(unit, READ)
+        assert len(why(home)) == 3
+        answer = stories(home.gateway, {"who": "hall"}, clock())
+        assert [story["unit"] for story in answer["stories"]] == [43, 41]
+
+
 async def test_failures_are_kept_longer_than_what_was_answered() -> None:
     async with gateway_bench(CONFIG + '[trace]\nring = "64 KiB"\n') as home:
         attach(home, 1)
