@@ -222,6 +222,12 @@ def test_what_other_programs_call_a_unit_is_understood(key):
     assert said == [f'gateway.toml:3:24: error: line[0].devices[0].{key}: unknown key\n  help: did you mean "unit"?']
 
 
+@pytest.mark.parametrize("table", ["[[line]]", "[mqtt]", "[fleet]"])
+def test_a_site_below_the_first_table_is_told_its_place(table):
+    remedy = "site stands at the top of the file, before the first [table]"
+    assert f".site: unknown key\n  help: {remedy}" in "\n".join(problems(f'{table}\nsite = "plant-1"\n'))
+
+
 MANY = "9" * 4000
 
 
