@@ -5,12 +5,12 @@ import socket
 from typing import Final
 
 from gateway import events
-from gateway.listeners import arrivals
 from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.departures import Departures
 from gateway.listeners.origin import Origins
 from gateway.listeners.rejections import Rejections
+from gateway.listeners.rounds import Rounds
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.sockets import (
     BACKLOG,
@@ -27,7 +27,6 @@ from gateway.listeners.sockets import (
 )
 from gateway.listeners.spare_descriptor import SpareDescriptor
 from gateway.listeners.tcp_stream import TcpStream
-from gateway.ports.lazy_timer import LazyTimer
 from gateway.ports.lookup import AddressInfo
 from gateway.routing.router import Router
 
@@ -35,6 +34,8 @@ from gateway.routing.router import Router
 CLOSING_DEADLINE: Final = 2.0
 #: How often a listener checks its connections, in seconds: the precision of all their deadlines.
 SWEEP_STEP: Final = 0.25
+#: The framings of serial lines have no transaction identifiers.
+_WITHOUT_NUMBERS: Final = ("rtu+tcp", "ascii+tcp")
 #: How long no client is accepted after accepting has failed, in seconds.
 ACCEPT_PAUSE: Final = 0.1
 
@@ -64,8 +65,7 @@ class TcpListener:
         self._sockets: list[socket.socket] = []
         self._accepting: list[asyncio.Task[None]] = []
         self._spare_descriptor = SpareDescriptor()
-        self._sweeping: asyncio.TimerHandle | None = None
-        self._looking: LazyTimer | None = None
+        self._rounds: Rounds | None = None
 
     @property
     def address(self) -> str:
@@ -125,9 +125,7 @@ class TcpListener:
         """Accept clients."""
         name = f"accept:{self.settings.name}"
         self._accepting = [asyncio.create_task(self._accept(listening), name=name) for listening in self._sockets]
-        self._sweep_later()
-        if self.settings.scheme in ("rtu+tcp", "ascii+tcp"):
-            self._looking = LazyTimer(asyncio.get_running_loop(), self._look)
+        self._rounds = Rounds(SWEEP_STEP, self._sweep, self._look)
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
@@ -139,10 +137,8 @@ class TcpListener:
     def close(self) -> None:
         """Accept no more clients and drop every connection."""
         self._stop_accepting()
-        if self._sweeping is not None:
-            self._sweeping.cancel()
-        if self._looking is not None:
-            self._looking.close()
+        if self._rounds is not None:
+            self._rounds.close()
         for connection in [*self.connections, *self._closing]:
             connection.abort("the gateway is stopping")
 
@@ -150,8 +146,8 @@ class TcpListener:
         """A client has connected."""
         self.counts.accepted += 1
         self.connections.enter(connection, _now())
-        if len(self.connections) == 1:
-            self._look_later()
+        if self._rounds is not None and self.settings.scheme in _WITHOUT_NUMBERS:
+            self._rounds.look_later()
         identity = connection.identity
         self.emit(
             events.ClientConnected(self.settings.name, connection.client, subject=identity.subject, role=identity.role)
@@ -230,9 +226,6 @@ class TcpListener:
     def _dismiss(self, connection: TcpConnection) -> None:
         connection.reject(MADE_ROOM)
 
-    def _sweep_later(self) -> None:
-        self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
-
     def _sweep(self) -> None:
         """Close the connections that cannot be kept, and abort those that have been closing for too long."""
         now = _now()
@@ -242,18 +235,12 @@ class TcpListener:
         for connection, deadline in list(self._closing.items()):
             if now >= deadline:
                 connection.abort()
-        self._sweep_later()
 
-    def _look_later(self) -> None:
-        if self._looking is not None:
-            self._looking.set(_now() + arrivals.LOOK_STEP)
-
-    def _look(self) -> None:
-        """Read the clients whose requests count from when they arrive."""
+    def _look(self) -> bool:
+        """Read the clients whose requests count from when they arrive; whether there are any."""
         for connection in self.connections:
             connection.look()
-        if len(self.connections):
-            self._look_later()
+        return len(self.connections) > 0
 
     def _stop_accepting(self) -> None:
         loop = asyncio.get_running_loop()
