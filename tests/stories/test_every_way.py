@@ -11,7 +11,7 @@ from random import Random
 
 import pytest
 
-from gateway.listeners.peer import Peer
+from gateway.listeners.peer import Path, Peer
 from gateway.modbus import rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
@@ -139,8 +139,9 @@ class UdpClient:
     def __init__(self, bench: GatewayBench, dice: Random) -> None:
         self._dice = dice
         self._answers: dict[int, bytes] = {}
-        router = bench.gateway.listeners[3].router
-        self._peer = Peer("10.0.0.5:1", host="127.0.0.1", router=router, send=self._take, in_flight=16)
+        listener = bench.gateway.listeners[3]
+        path = Path(lambda: None, self._take)
+        self._peer = Peer("10.0.0.5:1", host="127.0.0.1", router=listener.router, settings=listener.settings, path=path)
         self._transaction = 0
 
     async def ask(self, unit: int, address: int, time_out: float) -> bytes:

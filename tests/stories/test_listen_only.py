@@ -3,7 +3,7 @@
 import asyncio
 
 from gateway.events import RequestTimeout, WriteAudit
-from gateway.listeners.peer import Peer
+from gateway.listeners.peer import Path, Peer
 from gateway.modbus import mbap, rtu
 from kit.conversation import Conversation, Stage
 from kit.device import SimulatedDevice, SimulatedLine
@@ -75,9 +75,8 @@ async def test_a_client_of_modbus_udp() -> None:
     async with gateway_bench(CONFIG) as bench:
         furnish(bench)
         sent: list[bytes] = []
-        peer = Peer(
-            "127.0.0.1:1", host="127.0.0.1", router=bench.gateway.listeners[0].router, send=sent.append, in_flight=1
-        )
+        listener, path = bench.gateway.listeners[0], Path(lambda: None, sent.append)
+        peer = Peer("127.0.0.1:1", host="127.0.0.1", router=listener.router, settings=listener.settings, path=path)
         for number, (unit, pdu) in enumerate([(1, LISTEN_ONLY), (2, READ)]):
             peer.received(mbap.TcpFrame(number, unit, bytes.fromhex(pdu)), asyncio.get_running_loop().time())
             await asyncio.sleep(0.2)
