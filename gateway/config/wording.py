@@ -19,6 +19,11 @@ _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
 #: A key and a value with a colon between them, as YAML and JSON have it.
 _COLON = re.compile(r"\s*([\w.-]+)\s*:\s*(.+?)\s*")
 
+#: What begins the next statement, where a list has not ended: a table or a key.
+_STATEMENT = re.compile(r"\[|[\w.-]+\s*=")
+
+_NO_COMMA = "a comma is missing before this"
+
 #: How tomllib says that text does not end where it should.
 _NO_CLOSING_QUOTE = ("Illegal character '\\n'", "Found invalid character '\\n'", "Unterminated string", 'Expected "\'"')
 
@@ -106,7 +111,7 @@ def syntax_problem(found: ValueError, text: str) -> Problem:
         return error((), str(found))
     lines = text.split("\n")
     line, column = (int(match[2]), int(match[3])) if match[2] else (len(lines), len(lines[-1]) + 1)
-    return _explain(match[1], lines[line - 1]).located("", line, column)
+    return _explain(match[1], lines[line - 1], column).located("", line, column)
 
 
 def keys_of(model: type[Table]) -> list[str]:
@@ -157,7 +162,7 @@ def _model_at(model: type[Table], loc: Path) -> type[Table]:
     return model
 
 
-def _explain(what: str, line: str) -> Problem:
+def _explain(what: str, line: str, column: int) -> Problem:
     twice = _DECLARED_TWICE.match(what)
     if twice is not None:
         return error((), f"[{twice[1]}] is there twice", f"write [[{twice[1]}]] if there are several")
@@ -169,7 +174,22 @@ def _explain(what: str, line: str) -> Problem:
     if colon is not None and what.startswith("Expected '='"):
         value = '"..."' if is_secret(colon[1]) else colon[2].rstrip(",")
         return error((), "a key and its value have = between them", f"write {colon[1]} = {value}")
-    return error((), what[:1].lower() + what[1:], _missing_quotes(line))
+    rest = line[column - 1 :].strip()
+    is_next_key = what.startswith("Unclosed inline table") and _STATEMENT.match(rest)
+    remedy = _NO_COMMA if is_next_key else _missing_quotes(line) or _how_to_go_on(what, rest)
+    return error((), what[:1].lower() + what[1:], remedy)
+
+
+def _how_to_go_on(what: str, rest: str) -> str:
+    """What is wrong with a list or a table in { }, of which the `rest` of the line cannot be read."""
+    is_at_end = not rest or rest.startswith("#")
+    if is_at_end and what.startswith(("Invalid initial character for a key part", "Unclosed inline table")):
+        return "a table in { } must be on one line; a long one of devices may be [[line.devices]], a key on each line"
+    if what.startswith("Unclosed array") and _STATEMENT.match(rest):
+        return "the list before this has no ] at its end"
+    if not is_at_end and what.startswith(("Unclosed array", "Unclosed inline table")):
+        return _NO_COMMA
+    return ""
 
 
 def _missing_quotes(line: str) -> str:

@@ -68,6 +68,13 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
     ]
 
 
+NOT_ON_ONE_LINE = (
+    "error: invalid initial character for a key part\n"
+    "  help: a table in { } must be on one line; a long one of devices may be [[line.devices]], a key on each line"
+)
+NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -121,6 +128,18 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
             ('gateway.toml:2:5: error: a key and its value have = between them\n  help: write port = "/dev/ttyUSB0"'),
         ),
         ("site = [1,\n", "gateway.toml:2:1: error: invalid value"),
+        ("[[line]]\ndevices = [\n  { unit = 1,\n    as = 2 },\n]\n", f"gateway.toml:3:14: {NOT_ON_ONE_LINE}"),
+        ("[[line]]\ndevices = [{  # both\n  unit = 1 }]\n", f"gateway.toml:2:15: {NOT_ON_ONE_LINE}"),
+        ("[[line]]\ndevices = [\n  { unit = 1 }\n  { unit = 2 },\n]\n", f"gateway.toml:4:3: {NO_COMMA}"),
+        ("[[line]]\ndevices = [{ unit = 1 } { unit = 2 }]\n", f"gateway.toml:2:25: {NO_COMMA}"),
+        (
+            "[[line]]\ndevices = [{ unit = 1 as = 2 }]\n",
+            "gateway.toml:2:23: error: unclosed inline table\n  help: a comma is missing before this",
+        ),
+        (
+            "[[line]]\ndevices = [\n  { unit = 1 }\n\n[[listen]]\n",
+            "gateway.toml:5:1: error: unclosed array\n  help: the list before this has no ] at its end",
+        ),
     ],
 )
 def test_what_is_no_toml_is_shown_with_its_place(text, said):
