@@ -22,6 +22,9 @@ _COLON = re.compile(r"\s*([\w.-]+)\s*:\s*(.+?)\s*")
 #: What begins the next statement, where a list has not ended: a table or a key.
 _STATEMENT = re.compile(r"\[|[\w.-]+\s*=")
 
+#: How comments begin elsewhere.
+_COMMENTS_ELSEWHERE = ("//", ";", "/*", "--")
+
 _NO_COMMA = "a comma is missing before this"
 
 #: How tomllib says that text does not end where it should.
@@ -50,6 +53,12 @@ _PLACES = frozenset({"register", "reg", "address", "addr", "offset"})
 
 #: What is written for a value elsewhere, and here.
 _VALUES_ELSEWHERE: Mapping[str, str] = {"real": "float32", "float": "float32", "double": "float64", "word": "words"}
+
+#: What is true or false elsewhere, in lower case.
+_TRUTHS: Mapping[str, str] = {
+    **dict.fromkeys(("true", "yes", "on"), "true"),
+    **dict.fromkeys(("false", "no", "off"), "false"),
+}
 
 _TYPES: Mapping[str, str] = {
     "int_type": "must be a whole number",
@@ -175,6 +184,8 @@ def _explain(what: str, line: str, column: int) -> Problem:
         value = '"..."' if is_secret(colon[1]) else colon[2].rstrip(",")
         return error((), "a key and its value have = between them", f"write {colon[1]} = {value}")
     rest = line[column - 1 :].strip()
+    if rest.startswith(_COMMENTS_ELSEWHERE):
+        return error((), what[:1].lower() + what[1:], "comments begin with #")
     is_next_key = what.startswith("Unclosed inline table") and _STATEMENT.match(rest)
     remedy = _NO_COMMA if is_next_key else _missing_quotes(line) or _how_to_go_on(what, rest)
     return error((), what[:1].lower() + what[1:], remedy)
@@ -202,17 +213,29 @@ def _missing_quotes(line: str) -> str:
 def _as_toml(key: str, written: str) -> str:
     """How to write a value that is no TOML. A text editor may have put other quotes around it."""
     value = written.strip(_TYPOGRAPHIC_QUOTES)
-    if key in _number_keys():
+    if key in _keys(_is_number):
         return f"{key} is a number: digits only, not {written}"
+    if key in _keys(_is_truth):
+        return _write_truth(key, value)
     what = "put the value in quotes" if value == written else "put the value in straight quotes"
     return f'{what}: {key} = "{"..." if is_secret(key) else value}"'
 
 
-def _number_keys() -> set[str]:
-    """The keys that are a number in every table that has them."""
+def _keys(is_so: Callable[[FieldInfo], bool]) -> set[str]:
+    """The keys that are so in every table that has them."""
     fields = [field for model in Table.__subclasses__() for field in model.model_fields.items()]
-    keys = [(field.alias or name, _is_number(field)) for name, field in fields]
-    return {key for key, is_number in keys if is_number} - {key for key, is_number in keys if not is_number}
+    keys = [(field.alias or name, is_so(field)) for name, field in fields]
+    return {key for key, it_is in keys if it_is} - {key for key, it_is in keys if not it_is}
+
+
+def _is_truth(field: FieldInfo) -> bool:
+    return field.annotation is bool
+
+
+def _write_truth(key: str, written: str) -> str:
+    """How to write what is true or false elsewhere."""
+    value = _TRUTHS.get(written.lower())
+    return f"write {key} = {value}" if value else f"write {key} = true, or false"
 
 
 def _is_number(field: FieldInfo) -> bool:

@@ -128,6 +128,18 @@ NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
             ('gateway.toml:2:5: error: a key and its value have = between them\n  help: write port = "/dev/ttyUSB0"'),
         ),
         ("site = [1,\n", "gateway.toml:2:1: error: invalid value"),
+        ("[[line]]\necho = True\n", "gateway.toml:2:8: error: invalid value\n  help: write echo = true"),
+        ("[[line]]\necho = no\n", "gateway.toml:2:8: error: invalid value\n  help: write echo = false"),
+        ("[[line]]\necho = maybe\n", "gateway.toml:2:8: error: invalid value\n  help: write echo = true, or false"),
+        ("// hall\n", "gateway.toml:1:1: error: invalid statement\n  help: comments begin with #"),
+        ("; hall\n", "gateway.toml:1:1: error: invalid statement\n  help: comments begin with #"),
+        (
+            "[[line]]\nbaud = 9600 // slow\n",
+            (
+                "gateway.toml:2:13: error: expected newline or end of document after a statement\n"
+                "  help: comments begin with #"
+            ),
+        ),
         ("[[line]]\ndevices = [\n  { unit = 1,\n    as = 2 },\n]\n", f"gateway.toml:3:14: {NOT_ON_ONE_LINE}"),
         ("[[line]]\ndevices = [{  # both\n  unit = 1 }]\n", f"gateway.toml:2:15: {NOT_ON_ONE_LINE}"),
         ("[[line]]\ndevices = [\n  { unit = 1 }\n  { unit = 2 },\n]\n", f"gateway.toml:4:3: {NO_COMMA}"),
