@@ -76,4 +76,5 @@ def parse_writing(value: object) -> Writing:
         return "yes" if value else "no"
     if value == "only":
         return "only"
-    raise WrongValue('must be true, false or "only"')
+    remedy = "true and false have no quotes" if isinstance(value, str) else ""
+    raise WrongValue('must be true, false or "only"', remedy)

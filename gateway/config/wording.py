@@ -12,12 +12,13 @@ from pydantic_core import ErrorDetails
 from gateway.config.masking import is_secret
 from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_mean, error
 from gateway.config.table import Table
+from gateway.config.toml_text import value_text
 
 #: A key and a value without quotes, in a line that is not TOML.
 _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
 
-#: A key and a value with a colon between them, as YAML and JSON have it.
-_COLON = re.compile(r"\s*([\w.-]+)\s*:\s*(.+?)\s*")
+#: A key and a value with a colon between them, as YAML and JSON have it; a key and one word with only a space.
+_COLON = re.compile(r"\s*([\w.-]+)(?:\s*:|(?=\s+(?:[^=\s]+|\"[^\"]*\")\s*$))\s*(.+?)\s*")
 
 #: What begins the next statement, where a list has not ended: a table or a key.
 _STATEMENT = re.compile(r"\[|[\w.-]+\s*=")
@@ -26,6 +27,9 @@ _STATEMENT = re.compile(r"\[|[\w.-]+\s*=")
 _COMMENTS_ELSEWHERE = ("//", ";", "/*", "--")
 
 _NO_COMMA = "a comma is missing before this"
+
+#: Rates below this are meant in 1000 bits per second.
+_MOST_KILOBAUD = 1000
 
 #: How tomllib says that text does not end where it should.
 _NO_CLOSING_QUOTE = ("Illegal character '\\n'", "Found invalid character '\\n'", "Unterminated string", 'Expected "\'"')
@@ -45,6 +49,7 @@ _ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("speed", "baudrate", "baud_rate"), ("baud",)),
     **dict.fromkeys(("slave", "slave_id", "slaveid", "unit_id", "id"), ("unit",)),
     **dict.fromkeys(("protocol", "type"), ("mode",)),
+    **dict.fromkeys(("units", "slaves"), ("devices",)),
     "address": ("unit", "bind", "to"),
 }
 
@@ -52,7 +57,13 @@ _ELSEWHERE: Mapping[str, tuple[str, ...]] = {
 _PLACES = frozenset({"register", "reg", "address", "addr", "offset"})
 
 #: What is written for a value elsewhere, and here.
-_VALUES_ELSEWHERE: Mapping[str, str] = {"real": "float32", "float": "float32", "double": "float64", "word": "words"}
+_VALUES_ELSEWHERE: Mapping[str, str] = {
+    **dict.fromkeys(("real", "float"), "float32"),
+    "double": "float64",
+    **dict.fromkeys(("word", "true"), "words"),
+    "slave": "server",
+    "master": "client",
+}
 
 #: What is true or false elsewhere, in lower case.
 _TRUTHS: Mapping[str, str] = {
@@ -153,13 +164,27 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
         return error(path, f"must be {choices}", f"did you mean {meant}?" if meant in choices else "")
     if kind in _LIMITS:
         return error(path, _LIMITS[kind].format(**context))
-    number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
-    is_quoted = number is not None and isinstance(found["input"], str) and number.fullmatch(found["input"])
-    remedy = f"write it without quotes: {path[-1]} = {found['input']}" if is_quoted else ""
-    if found["input"] == "auto" and path[-1:] == ("baud",):
-        remedy = "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
     what = _TYPES.get(kind, "cannot be used: {reason}")
-    return error(path, what.format(key=path[-1], reason=found["msg"]), remedy)
+    return error(path, what.format(key=path[-1], reason=found["msg"]), _right_type(kind, path, found["input"]))
+
+
+def _right_type(kind: str, path: Path, value: object) -> str:
+    """How to write a value of the wrong type, if that can be told."""
+    key = path[-1]
+    number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
+    if number is not None and isinstance(value, str) and number.fullmatch(value):
+        return f"write it without quotes: {key} = {value}"
+    if key == "baud" and value == "auto":
+        return "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
+    if key == "baud" and isinstance(value, float) and 0 < value < _MOST_KILOBAUD:
+        return f"in bits per second: baud = {1000 * value:.0f}"
+    if kind == "bool_type" and isinstance(value, str):
+        return _write_truth(str(key), value)
+    if kind == "tuple_type" and isinstance(value, dict):
+        return f"put it in brackets: {key} = [{{ ... }}]"
+    if kind == "tuple_type" and isinstance(value, str) and not is_secret(_dotted(path)):
+        return f"put it in brackets: {key} = [{value_text(value)}]"
+    return ""
 
 
 def _model_at(model: type[Table], loc: Path) -> type[Table]:
@@ -181,8 +206,9 @@ def _explain(what: str, line: str, column: int) -> Problem:
         return error((), "the text has no closing quote", "put the quote that it begins with at its end too")
     colon = _COLON.fullmatch(line)
     if colon is not None and what.startswith("Expected '='"):
-        value = '"..."' if is_secret(colon[1]) else colon[2].rstrip(",")
-        return error((), "a key and its value have = between them", f"write {colon[1]} = {value}")
+        value = colon[2].rstrip(",")
+        shown = '"..."' if is_secret(colon[1]) else value if _is_toml(value) else value_text(value)
+        return error((), "a key and its value have = between them", f"write {colon[1]} = {shown}")
     rest = line[column - 1 :].strip()
     if rest.startswith(_COMMENTS_ELSEWHERE):
         return error((), what[:1].lower() + what[1:], "comments begin with #")

@@ -72,6 +72,7 @@ NOT_ON_ONE_LINE = (
     "error: invalid initial character for a key part\n"
     "  help: a table in { } must be on one line; a long one of devices may be [[line.devices]], a key on each line"
 )
+NO_SIGN = "error: a key and its value have = between them\n  help: write"
 NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
 
 
@@ -126,6 +127,14 @@ NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
         (
             '[[line]]\nport: "/dev/ttyUSB0"\n',
             ('gateway.toml:2:5: error: a key and its value have = between them\n  help: write port = "/dev/ttyUSB0"'),
+        ),
+        ("[[line]]\nbaud 9600\n", f"gateway.toml:2:6: {NO_SIGN} baud = 9600"),
+        ('[[line]]\nport "/dev/x"\n', f'gateway.toml:2:6: {NO_SIGN} port = "/dev/x"'),
+        ("[[line]]\nport: /dev/x\n", f'gateway.toml:2:5: {NO_SIGN} port = "/dev/x"'),
+        ("[web]\ntoken abc\n", f'gateway.toml:2:7: {NO_SIGN} token = "..."'),
+        (
+            "[[line]]\nserial number = 5\n",
+            "gateway.toml:2:8: error: expected '=' after a key in a key/value pair",
         ),
         ("site = [1,\n", "gateway.toml:2:1: error: invalid value"),
         ("[[line]]\necho = True\n", "gateway.toml:2:8: error: invalid value\n  help: write echo = true"),
@@ -205,7 +214,30 @@ def test_a_file_that_is_nested_too_deeply_is_a_problem_too():
         ),
         (
             "[[line]]\nport = '/dev/x'\necho = 'yes'",
-            "gateway.toml:3:8: error: line[0].echo: must be true or false, without quotes",
+            "gateway.toml:3:8: error: line[0].echo: must be true or false, without quotes\n  help: write echo = true",
+        ),
+        (
+            "[[line]]\nport = '/dev/x'\nbaud = 19.2",
+            ("gateway.toml:3:8: error: line[0].baud: must be a whole number\n  help: in bits per second: baud = 19200"),
+        ),
+        (
+            "[[line]]\nport = '/dev/x'\nrole = 'slave'",
+            'gateway.toml:3:8: error: line[0].role: must be "client" or "server"\n  help: did you mean "server"?',
+        ),
+        (
+            "[[line]]\nport = '/dev/x'\nrole = 'master'",
+            'gateway.toml:3:8: error: line[0].role: must be "client" or "server"\n  help: did you mean "client"?',
+        ),
+        (
+            "[[access]]\nallow = 'write'",
+            'gateway.toml:2:9: error: access[0].allow: must be a list\n  help: put it in brackets: allow = ["write"]',
+        ),
+        (
+            "[[line]]\nport = '/dev/x'\ndevices = { unit = 1 }",
+            (
+                "gateway.toml:3:11: error: line[0].devices: must be a list\n"
+                "  help: put it in brackets: devices = [{ ... }]"
+            ),
         ),
         (
             "[[image]]\nunit = 5\ncoils = 3\ninitial.coil = []",
@@ -233,6 +265,8 @@ def test_a_value_of_the_wrong_kind_is_said_in_plain_words(text, said):
         ],
         ("line", "speed", 'did you mean "baud"?'),
         ("line", "baudrate", 'did you mean "baud"?'),
+        ("line", "units", 'did you mean "devices"?'),
+        ("line", "slaves", 'did you mean "devices"?'),
         ("line", "protocol", 'did you mean "mode"?'),
         ("line", "type", 'did you mean "mode"?'),
         ("image", "slave", 'did you mean "unit"?'),
@@ -466,6 +500,8 @@ def test_so_many_problems_that_nobody_reads_them_are_counted_and_errors_come_fir
         ("address = 10", "a point has an area: holding = 10 (or input, coils, discrete), counted from 0"),
         ('holding = 10, type = "float"', 'did you mean "float32"?'),
         ('holding = 10, type = "real"', 'did you mean "float32"?'),
+        ('holding = 10, write = "yes"', "true and false have no quotes"),
+        ('holding = 10, type = "int32", swap = true', 'did you mean "words"?'),
         ('holding = 10, type = "int32", swap = "word"', 'did you mean "words"?'),
     ],
 )
