@@ -174,10 +174,8 @@ def _right_type(kind: str, path: Path, value: object) -> str:
     number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
     if number is not None and isinstance(value, str) and number.fullmatch(value):
         return f"write it without quotes: {key} = {value}"
-    if key == "baud" and value == "auto":
-        return "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
-    if key == "baud" and isinstance(value, float) and 0 < value < _MOST_KILOBAUD:
-        return f"in bits per second: baud = {1000 * value:.0f}"
+    if key == "baud":
+        return _right_rate(value)
     if kind == "bool_type" and isinstance(value, str):
         return _write_truth(str(key), value)
     if kind == "tuple_type" and isinstance(value, dict):
@@ -185,6 +183,13 @@ def _right_type(kind: str, path: Path, value: object) -> str:
     if kind == "tuple_type" and isinstance(value, str) and not is_secret(_dotted(path)):
         return f"put it in brackets: {key} = [{value_text(value)}]"
     return ""
+
+
+def _right_rate(value: Any) -> str:
+    if value == "auto":
+        return "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
+    is_kilobaud = isinstance(value, float) and 0 < value < _MOST_KILOBAUD
+    return f"in bits per second: baud = {1000 * value:.0f}" if is_kilobaud else ""
 
 
 def _model_at(model: type[Table], loc: Path) -> type[Table]:
