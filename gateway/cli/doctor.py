@@ -15,6 +15,7 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.report_arguments import add_report_arguments
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError
 from gateway.service.outside import findings_about
 
@@ -101,7 +102,7 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
         answer = daemon.ask("doctor", line=args.line, ask=not args.passive)
         ports = [PortInUse(**port) for port in answer.get("ports", ())]
         measured = [_finding(row) for row in answer.get("findings", ())]
-        return [*findings_about(ports, daemon.pid), *measured]
+        return with_ports(findings_about(ports, daemon.pid), measured)
 
 
 def _in_config(file: str, line: str | None) -> list[Finding]:

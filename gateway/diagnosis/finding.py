@@ -1,9 +1,12 @@
 """The result of a rule."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 Level = Literal["ok", "note", "fix"]
+
+#: How it begins, what is said of a line that is down.
+IS_DOWN: Final = "is down: "
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.config.duration import show_age
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
-from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.last import RECENT, Last
 from gateway.diagnosis.units import about_unit
 
@@ -26,7 +26,7 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
         return
     if line.reason:
         remedy = "see the rows about its port" if line.is_serial else "check its address, and the device server"
-        yield Finding("fix", line.name, f"is down: {line.reason}", remedy)
+        yield Finding("fix", line.name, f"{IS_DOWN}{line.reason}", remedy)
         return
     findings = [finding for rule in _RULES for finding in rule(line)]
     findings += [finding for unit in line.units for finding in about_unit(unit, line)]

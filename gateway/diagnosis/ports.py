@@ -1,10 +1,10 @@
 """Rules about serial ports."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from gateway.diagnosis.evidence import Holder, PortEvidence
-from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.finding import IS_DOWN, Finding
 
 #: The longest that an FTDI adapter may hold received bytes back, in seconds, without a word about it.
 LATENCY: Final = 0.002
@@ -30,6 +30,13 @@ def about_ports(port: PortEvidence) -> Iterator[Finding]:
     yield from troubles
     if not port.is_standby and not any(finding.level == "fix" for finding in troubles):
         yield Finding("ok", _name(port), f"{port.port}: no other program has it open, and {port.user} may open it")
+
+
+def with_ports(of_ports: Sequence[Finding], others: Iterable[Finding]) -> list[Finding]:
+    """Both, each fault once: a line is not said to be down as well, if there is something to fix about its port."""
+    faulty = {each.about for each in of_ports if each.level == "fix"}
+    told = (each for each in others if f"port of {each.about}" not in faulty or not each.what.startswith(IS_DOWN))
+    return [*of_ports, *told]
 
 
 def _permission(port: PortEvidence) -> Iterator[Finding]:

@@ -129,6 +129,8 @@ def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]
     """However many requests were answered before."""
     if not unit.in_a_row or unit.is_silent or line.has_stopped or _others_tell(unit, line):
         return
+    if any(each.finding.level == "fix" for each in _shares_its_address(unit, line)):
+        return
     if unit.in_a_row < ENOUGH:
         what = "its last request was not answered" if unit.in_a_row == 1 else "its last 2 requests were not answered"
         yield _Found(unit.in_a_row, _row("note", unit, what, "modbus-gateway status shows if it goes on"))

@@ -12,7 +12,7 @@ from gateway.devices.device import Device
 from gateway.diagnosis.broker import BrokerEvidence, about_broker
 from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import PortInUse, Search
-from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.fleet import FleetEvidence, about_fleet
 from gateway.diagnosis.last import RECENT, Last
 from gateway.diagnosis.lines import about_line
@@ -222,7 +222,7 @@ def _was_sent(result: str) -> bool:
 def _about_server(server: GatewayServer) -> list[Finding]:
     if server.reconnector.error is not None:
         remedy = f"see the rows about the port of {server.name}"
-        return [Finding("fix", server.name, f"is down: {server.reconnector.error}", remedy)]
+        return [Finding("fix", server.name, f"{IS_DOWN}{server.reconnector.error}", remedy)]
     counts = server.driver.session.counts
     return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
 

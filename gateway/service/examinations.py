@@ -14,7 +14,7 @@ from typing import Final
 from gateway import events
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding
-from gateway.diagnosis.ports import about_ports
+from gateway.diagnosis.ports import about_ports, with_ports
 from gateway.ports.threads import ThreadPerCall
 from gateway.service.doctor import examined
 from gateway.service.outside import look_at
@@ -99,7 +99,10 @@ class Examinations:
         began = loop.time()
         groups, ports = await examined(self._running, None, lambda: True, asks=asks)
         of_ports = await loop.run_in_executor(ThreadPerCall("web doctor"), _about, ports)
-        findings = tuple((name, (*(each for line, each in of_ports if line == name), *found)) for name, found in groups)
+        findings = tuple(
+            (name, tuple(with_ports([each for line, each in of_ports if line == name], found)))
+            for name, found in groups
+        )
         return Report(self._clock(), findings, user, loop.time() - began)
 
 

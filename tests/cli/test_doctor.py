@@ -83,6 +83,15 @@ def test_ports_are_looked_at_from_outside(daemon, capsys):
     assert "fix   port of hall: /dev/nothing does not exist" in capsys.readouterr().out
 
 
+def test_a_line_that_is_down_for_its_port_is_one_fault(daemon, capsys):
+    down = {"level": "fix", "what": "is down: /dev/nothing does not exist", "remedy": "see the rows about its port"}
+    daemon.findings = [{**down, "about": "hall"}, {**down, "about": "motion"}]
+    daemon.ports = [{"line": "hall", "source": "gateway.toml:3", "port": "/dev/nothing", "is_open": False}]
+    assert main(["doctor"]) == PROBLEM_FOUND
+    rows = [row for row in capsys.readouterr().out.splitlines() if row.startswith("fix")]
+    assert [row.partition(": ")[0] for row in rows] == ["fix   port of hall", "fix   motion"]
+
+
 def test_a_finding_of_another_version_is_shown_as_far_as_it_is_understood(daemon, capsys):
     daemon.findings = [{"level": "new", "about": "hall", "what": "something"}]
     assert main(["doctor"]) == FINE

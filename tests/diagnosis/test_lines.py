@@ -285,6 +285,11 @@ def test_no_line_is_fine_whose_unit_has_never_answered():
         assert "fix" in levels(replace(LINE, units=(failed,)))
 
 
+def test_a_unit_with_an_address_twice_is_not_said_to_be_without_power_as_well():
+    rows = fixes(replace(LINE, units=(replace(SILO, twice=3, in_a_row=5), PRESS)))
+    assert [remedy for _, _, remedy in rows] == ["disconnect one of them and give it another address"]
+
+
 def test_a_line_that_is_down_has_one_row():
     ((about, what, remedy),) = fixes(replace(LINE, reason="/dev/ttyUSB0 does not exist"))
     assert (about, what, remedy) == ("hall", "is down: /dev/ttyUSB0 does not exist", "see the rows about its port")

@@ -56,6 +56,12 @@ async def test_what_was_measured_is_shown_at_once_and_nothing_is_sent_for_it(ben
     assert "note | hall | not asked yet: 1 of 2 units" in shown
 
 
+async def test_a_line_that_is_down_for_its_port_is_one_fault(bench):
+    bench.inner.lines["hall"].pull("/dev/hall does not exist")
+    fixes = [row for row in await rows(bench.browser()) if row.startswith("to fix")]
+    assert [row.split(" | ")[1] for row in fixes] == ["port of hall"]
+
+
 async def test_what_a_finding_is_about_is_named_in_the_language_of_the_page(bench):
     for _ in range(4):
         await bench.inner.client().asks(47, "03 00 00 00 01")
