@@ -229,7 +229,7 @@ async def test_the_program_that_holds_a_port_is_named(virtual):
     )
     await asyncio.wait_for(other.stdout.readline(), PATIENCE)
     name = Path(f"/proc/{other.pid}/comm").read_text().strip()  # noqa: ASYNC240 - procfs does not block
-    assert holder(virtual.device) == f"{name} (pid {other.pid})"
+    assert holder(virtual.device) == f"{name} -c (pid {other.pid})"
     assert list(_by_lock(Path(virtual.device))) == [other.pid]
     await asyncio.wait_for(other.communicate(b"\n"), PATIENCE)
     assert holder(virtual.device) is None
