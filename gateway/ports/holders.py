@@ -7,6 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from gateway.ports.wire import VIRTUAL_MAJORS
+
 PROC: Final = Path("/proc")
 #: The other ends of pseudo-terminals.
 _FAR_ENDS: Final = frozenset({"/dev/ptmx", "/dev/pts/ptmx"})
@@ -85,9 +87,21 @@ def _by_lock(device: Path, programs: Path = PROC) -> Iterator[int]:
 
 
 def _by_descriptor(device: Path, programs: Path) -> Iterator[int]:
-    for process in programs.glob("[1-9]*"):
-        if any(opened == device for _, opened in _descriptors(process)):
-            yield int(process.name)
+    with suppress(OSError):
+        node = device.stat()
+        for process in programs.glob("[1-9]*"):
+            found = (number for number, opened in _descriptors(process) if opened == device)
+            if any(_leads_to(node, process / "fd" / number) for number in found):
+                yield int(process.name)
+
+
+def _leads_to(node: os.stat_result, descriptor: Path) -> bool:
+    """Whether a descriptor is of this device. A container has pseudo-terminals of its own, with the same names."""
+    with suppress(OSError):  # it has just been closed
+        opened = descriptor.stat()
+        is_here = opened.st_dev == node.st_dev or os.major(node.st_rdev) not in VIRTUAL_MAJORS
+        return is_here and opened.st_rdev == node.st_rdev
+    return False
 
 
 def _has_other_end(device: Path, process: Path) -> bool:

@@ -2,11 +2,14 @@
 
 import os
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from gateway.diagnosis.evidence import Holder, PortInUse
 from gateway.diagnosis.ports import about_ports
+from gateway.ports.holders import holders
 from gateway.service.outside import Places, look_at
 
 GATEWAY = 4711
@@ -107,6 +110,21 @@ def test_a_standby_in_a_checkout_takes_the_holder_of_its_lease_for_a_gateway(mac
     evidence = machine.look(is_open=False)
     assert [each.level for each in about_ports(replace(evidence, is_standby=True))] == []
     assert not any("kill" in each.remedy for each in about_ports(evidence))
+
+
+@pytest.mark.parametrize(("major", "is_held"), [(136, False), (188, True)])
+def test_a_container_has_terminals_of_its_own_but_the_same_adapters(machine, monkeypatch, major, is_held) -> None:
+    machine.process(412, "ser2net", machine.device)
+    found = {machine.device: 6, machine.places.programs / "412/fd/0": 7}  # the file systems of /dev, and what they have
+    real = Path.stat
+
+    def stat(path: Path, **how: bool) -> os.stat_result | SimpleNamespace:
+        if path in found:
+            return SimpleNamespace(st_dev=found[path], st_rdev=os.makedev(major, 3), st_ino=1)
+        return real(path, **how)
+
+    monkeypatch.setattr(Path, "stat", stat)
+    assert holders(machine.device, machine.places.programs) == ({412} if is_held else set())
 
 
 def test_a_program_that_only_runs_is_a_note(machine) -> None:
