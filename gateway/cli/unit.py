@@ -122,7 +122,8 @@ class DaemonUnit:
         answer = self._daemon.ask("request", unit=self.number, pdu=pdu.hex(" "))
         response = bytes.fromhex(answer["pdu"])
         result = answer.get("result", "")
-        reason = _REASONS.get(result) or answer.get("reason") or result
+        told = answer.get("reason")
+        reason = (result == "line_down" and told) or _REASONS.get(result) or told or result
         head = bytes((self.number,))
         sent, received = head + pdu, head + response
         if "sent" in answer:

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 from gateway.config.plan import Plan
 from gateway.config.problem import did_you_mean
 from gateway.config.reserved import CONTROL
-from gateway.errors import RequestError, WrongQuestion
+from gateway.errors import LineDown, RequestError, WrongQuestion
 from gateway.images.image import ImageSettings
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, MAX_PDU, FunctionCode
 from gateway.modbus.functions import only_reads
+from gateway.ports.port import SiteSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
@@ -87,7 +88,19 @@ async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[
         "elapsed_ms": done.elapsed_ms,
     }
     answer |= frames_of(gateway, CONTROL, pdu, done.started)
-    return answer if done.error is None else {**answer, "result": done.error.result, "reason": str(done.error)}
+    if done.error is None:
+        return answer
+    reason = _missing_site(gateway, unit) if isinstance(done.error, LineDown) else str(done.error)
+    return {**answer, "result": done.error.result, "reason": reason}
+
+
+def _missing_site(gateway: Gateway, unit: int) -> str:
+    """Why the site that has a unit cannot be reached; empty if it can, or if the unit is of this site."""
+    for upstream in gateway.upstreams:
+        trouble = upstream.reconnector.error
+        if unit in upstream.devices and trouble is not None and isinstance(upstream.plan.port, SiteSettings):
+            return f"{trouble}; modbus-gateway status --fleet shows the sites"
+    return ""
 
 
 async def send(router: Router, unit: int, pdu: bytes, question: AwaitedOrigin) -> Done:

@@ -122,6 +122,12 @@ def test_an_exception_of_the_gateway_comes_with_its_reason(daemon, capsys):
     daemon.silent = {"result": "resting", "reason": ""}
     assert main(["read", "41", "holding", "0"]) == 1
     assert "0B, gateway target failed to respond: it backs off after several failures" in capsys.readouterr().err
+    daemon.silent = {"result": "line_down", "reason": ""}
+    assert main(["read", "41", "holding", "0"]) == 1
+    assert ": its line is down; modbus-gateway status shows why" in capsys.readouterr().err
+    daemon.silent = {"result": "line_down", "reason": "fleet://b: it is not heard"}
+    assert main(["read", "41", "holding", "0"]) == 1
+    assert capsys.readouterr().err.endswith(": fleet://b: it is not heard\n")
     daemon.silent = {"result": "refused", "reason": "profile weigher has no function 4"}
     assert main(["read", "41", "input", "0", "--json"]) == 1
     picture = json.loads(capsys.readouterr().out)

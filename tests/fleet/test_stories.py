@@ -13,6 +13,7 @@ from gateway.fleet.headers import MOST_HOPS
 from gateway.fleet.messages import Message
 from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.service.doctor import examine
+from gateway.service.operator import ask
 from gateway.service.presence import tell
 from gateway.service.stories import sentences
 from gateway.service.trace import stories
@@ -150,6 +151,18 @@ async def test_a_site_that_is_not_there_is_0a_at_once(nats):
         assert client.now() == before
         await asyncio.sleep(3.0)
         assert str(a.gateway.upstreams[0].reconnector.error) == "fleet://b: it is not heard"
+
+
+async def test_who_reads_a_unit_by_hand_is_told_that_its_site_is_not_heard(nats):
+    async with sites(ASKER + '[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{ unit = 1 }]\n') as (a,):
+        await asyncio.sleep(3.0)
+        a.lines["hall"].pull("it was pulled")
+        answers = [await ask(a.gateway, {"unit": unit, "pdu": READ}, lambda: True) for unit in (41, 1)]
+        assert [answer["result"] for answer in answers] == ["line_down", "line_down"]
+        assert [answer["reason"] for answer in answers] == [
+            "fleet://b: it is not heard; modbus-gateway status --fleet shows the sites",
+            "",
+        ]
 
 
 async def test_what_mends_a_site_that_is_away_is_at_that_site_and_without_nats_there_is_one_cause(nats):
