@@ -12,6 +12,7 @@ from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
 from gateway.config.schema import Access, Config, Listen
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.modbus.functions import only_reads
 from gateway.routing.access import LOOPBACK, Network
 
 _FIRST_RIGHT: Final = (
@@ -23,6 +24,8 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """Each row allows something in one way, names listeners that exist, and can match. `failed` as in `check`."""
     if not config.access and "access" not in failed:
         yield from _defaults(config)
+    if "access" not in failed:
+        yield from _check_reads(config.access)
     for listen in config.listen:
         yield from _check_reserve(listen, config, failed)
     for index, row in enumerate(config.access):
@@ -51,6 +54,19 @@ def _defaults(config: Config) -> Iterator[Problem]:
         if row:
             remedy = f"to let them write, add [[access]] with {row} and {_FIRST_RIGHT}"
             yield warning((*listen.path, "bind"), what, remedy)
+
+
+def _check_reads(rows: tuple[Access, ...]) -> Iterator[Problem]:
+    """Who may write may usually read. Where no row allows anything, that is meant."""
+    first = next((row for row in rows if row.allow or row.functions), None)
+    reads = any(
+        "read" in (row.allow or ()) or any(only_reads(bytes((number,))) for number in row.functions or ())
+        for row in rows
+    )
+    if first is not None and not reads:
+        key = "allow" if first.allow else "functions"
+        what = "no row of [[access]] lets a client read: clients that match no row are refused"
+        yield warning((*first.path, key), what, 'allow = ["read", "write"], or a last row allow = ["read"]')
 
 
 def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> Iterator[Problem]:

@@ -64,9 +64,19 @@ def test_who_has_written_rights_is_not_told_about_them(row):
 # Rows
 
 
-@pytest.mark.parametrize("row", ["allow = []\n", 'allow = ["write"]\n', "functions = [3, 16]\n"])
+@pytest.mark.parametrize("row", ["allow = []\n", 'allow = ["read", "write"]\n', "functions = [3, 16]\n"])
 def test_a_row_allows_rights_or_functions_or_nothing(row):
     assert problems(SCADA + "[[access]]\n" + row) == []
+
+
+@pytest.mark.parametrize(("key", "row"), [("allow", 'allow = ["write"]\n'), ("functions", "functions = [6, 16]\n")])
+def test_rows_that_let_nobody_read_are_worth_a_look(key, row):
+    what = "no row of [[access]] lets a client read: clients that match no row are refused"
+    remedy = 'allow = ["read", "write"], or a last row allow = ["read"]'
+    text = SCADA + "[[access]]\nallow = []\nunits = 8\n[[access]]\n" + row
+    assert problems(text) == [f"warning: access[1].{key}: {what} | {remedy}"]
+    assert problems(f"{text}[[access]]\nfrom = ['10.2.0.0/24']\nallow = []\n")[:1] == problems(text)
+    assert problems(f"{SCADA}[[access]]\nunits = 8\n{row}[[access]]\n{READ}") == []
 
 
 @pytest.mark.parametrize("row", ["", 'allow = ["read"]\nfunctions = [3]\n'])
