@@ -39,7 +39,7 @@ complete -c modbus-gateway -n '__fish_seen_subcommand_from status' -l json -d "p
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -s h -l help -d "show this help message and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l unit -r -d "only this unit: the number that clients use, or a name"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l since -r -d "what has happened in that time, such as 5min, and then end"
-complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l why -r -d "tell why the last requests of a client, or to a unit, failed"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l why -r -d "tell why the last requests of a client, to a unit, or on a line, failed"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -s n -l count -r -d "at most so many requests; with --why failures (default 5)"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l pcapng -r -d "write a capture file for Wireshark; - is standard output"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l json -d "print JSON, an object on each line, instead of rows"
