@@ -73,7 +73,10 @@ def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]
         what = f"{point.name} is read-only"
         remedy = "to allow writing, add write = true to the point in the config"
         if point.area in WRITERS:
-            remedy += f"; for a point of a built-in profile, write {point.area} {point.address} itself"
+            type_ = () if point.type == "bit" else (point.type,)
+            swap = () if point.swap == "none" else ("--swap", point.swap)
+            itself = command.like(point.area, point.address, "VALUE", *type_, *swap)
+            remedy += f"; for a point of a built-in profile, write its address, without scale: {itself}"
         raise WrongUsageError(what, remedy)
     if len(words) != 2:
         raise WrongUsageError(

@@ -126,7 +126,7 @@ def test_text_takes_as_many_registers_as_it_needs():
         (
             ["weight", "5"],
             "weight is read-only",
-            "; for a point of a built-in profile, write holding 0 itself",
+            "write its address, without scale: modbus-gateway write silo holding 0 VALUE float32",
         ),
         (["speed"], "speed takes one value", "modbus-gateway write silo speed 1"),
         (["zero"], "zero takes one value", "modbus-gateway write silo zero take"),
