@@ -13,6 +13,7 @@ _SHORTEST: Final = 2
 _LONGEST: Final = 254
 #: Protocol identifier of Modbus (T 3.1.3).
 _MODBUS: Final = 0
+_PROTOCOL: Final = bytes((0, _MODBUS))
 #: Each byte, and protocol and length for each length: to put them together is quicker than `struct`.
 _BYTES: Final = tuple(bytes((byte,)) for byte in range(256))
 _AFTER_TRANSACTION: Final = tuple(bytes((0, _MODBUS, 0, length)) for length in range(256))
@@ -119,7 +120,8 @@ class MbapFramer:
         """Whether an ADU with this identifier (two bytes) waits for `next`, or has begun."""
         data, at = self._data, self._at
         while at < len(data):
-            if data[at : at + 2] == transaction:
+            begun = data[at : at + 4]
+            if len(begun) > 1 and begun == (transaction + _PROTOCOL)[: len(begun)]:
                 return True
             if len(data) - at < _UNCOUNTED:
                 return False

@@ -380,9 +380,12 @@ def test_a_client_that_soon_uses_its_identifiers_again_is_read_before_each_respo
 
 
 def test_a_response_that_was_ready_at_once_is_withdrawn_for_a_later_request_that_waits(client: Client) -> None:
-    client.target.submit = lambda request, now: (  # type: ignore[method-assign]
-        client.target.requests.append(request) or (request.unit == 8 and request.respond(OTHER_RESPONSE))
-    )
+    def submit(request: Request, _now: float) -> None:
+        client.target.requests.append(request)
+        if request.unit == 8:
+            request.respond(OTHER_RESPONSE)
+
+    client.target.submit = submit  # type: ignore[method-assign]
     client.send(encode(0, 8, READ) + encode(0, 7, READ))
     assert client.connection.sent == []
     client.target.requests[1].respond(RESPONSE)

@@ -338,7 +338,7 @@ async def test_a_client_that_reads_nothing_is_not_kept_more_than_it_is_promised(
     accepted, client = ends
     served = Served(accepted, AtOnce())
     kept = [0]
-    requests = encode(1, 1, READ) * 100
+    requests = b"".join(encode(number, 1, READ) for number in range(100))
     unsent = b""
     async with asyncio.timeout(PATIENCE):
         while served.connection.session._back_pressure.blocked_at is None:
