@@ -203,9 +203,11 @@ def _told(found: Search) -> list[str]:
 def _needs_more(line: GatewayLine, device: Device, asked_here: int) -> bool:
     unit = unit_evidence(line, device)
     if unit.answered and unit.in_a_row:  # did it lose a few requests, does it answer again?
-        return not asked_here or (unit.in_a_row < ENOUGH_IN_A_ROW and asked_here < FAILURES)
+        return not asked_here or max(unit.in_a_row, asked_here) < ENOUGH_IN_A_ROW
     if unit.ago is not None and unit.ago > min(RECENT, _failed_ago(line)):
-        return asked_here < FAILURES
+        return asked_here < ENOUGH_IN_A_ROW
+    if unit.bad_frames and not unit.answered:  # are two devices there, or is the line disturbed?
+        return asked_here < SAMPLES
     return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
 
 
