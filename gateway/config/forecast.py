@@ -40,7 +40,7 @@ _LARGEST: Final[dict[int, bytes]] = {
 }
 
 
-#: Limits are worked out for each device from few requests: so many are kept.
+#: How many requests are kept: the limits of all devices are worked out from the same few.
 _REQUESTS: Final = 128
 
 

@@ -6,15 +6,15 @@ from typing import Final
 from gateway.config.duration import show_age
 from gateway.diagnosis.finding import Level
 
-#: So many seconds after the last time something may be over: after as many requests without it, or in any case.
+#: Something counts as over if it has not happened for RECENT seconds and for REQUESTS requests, or for OVER seconds.
 RECENT: Final = 60.0
-OVER: Final = 300.0
 REQUESTS: Final = 100
+OVER: Final = 300.0
 
 
 @dataclass(frozen=True, slots=True)
 class Last:
-    """The last time of something: so many seconds `ago`, and so many requests were `since` then without it."""
+    """When something happened last: `ago` in seconds, and the number of requests `since` then without it."""
 
     ago: float = 0.0
     since: int = 0

@@ -13,7 +13,7 @@ from gateway.modbus.rtu import RtuFramer
 SILENCE: Final = 0.25
 #: Requests that arrive within this many seconds were sent together: no client's time-out is so short.
 TOGETHER: Final = 0.05
-#: How often a client is looked at that sends nothing, in seconds: what is read then has arrived since the last look.
+#: How often a client that sends nothing is looked at, in seconds. What is read next has arrived since the last look.
 LOOK_STEP: Final = 0.02
 #: The most that is received at once.
 _BUFFER: Final = 2 * MAX_RTU_ADU
@@ -27,7 +27,7 @@ class Arrived(NamedTuple):
     at: float
 
 
-#: A request was sent together with the one before, or later, or that cannot be known, because the gateway stood still.
+#: Whether a request was sent together with the one before, or later. It is unclear if the gateway stood still.
 Relation = Literal["together", "later", "unclear"]
 
 

@@ -9,7 +9,8 @@ from gateway.request import Request, Target
 
 #: In place of the transaction identifier of a request that another one has replaced.
 _GIVEN_UP: Final = -1
-#: A client counts if so many identifiers in a row have risen, by less than this each: none of them comes twice.
+#: A client counts once each of its last _COUNTED identifiers was larger than the one before, by less than _STEP. So
+#: none of them was used twice.
 _COUNTED: Final = 16
 _STEP: Final = 0x1000
 #: Process what has been read as soon as possible.

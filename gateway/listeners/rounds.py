@@ -1,4 +1,4 @@
-"""What a listener of streams does again and again."""
+"""What a TCP listener does at regular times: it sweeps its connections, and looks for unread bytes."""
 
 import asyncio
 from collections.abc import Callable

@@ -36,7 +36,7 @@ class CommandCounts:
 
 
 class CarriedOut:
-    """The commands of late that have a correlation. It outlives a reload: they may come again then."""
+    """The latest commands with a correlation. A reload keeps it, because they may come again afterwards."""
 
     def __init__(self) -> None:
         self._keys: OrderedDict[bytes, None] = OrderedDict()

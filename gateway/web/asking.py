@@ -1,4 +1,4 @@
-"""Units are asked for whoever has sent an HTTP request, as long as he waits."""
+"""Requests to units for a visitor who has sent an HTTP request, as long as the visitor waits."""
 
 from functools import partial
 
