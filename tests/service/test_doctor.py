@@ -271,6 +271,16 @@ async def test_two_devices_that_answer_one_after_the_other_are_found():
         assert fixes(await found(bench)) == ["4 responses came twice: two devices may have the address 1"]
 
 
+async def test_damaged_responses_are_asked_for_until_they_show_what_damages_them():
+    async with gateway_bench(CONFIG.replace("wire =", 'rest = "off"\nwire =')) as bench:
+        twins = SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6))
+        damaged = [[(0.01, bytes.fromhex(f"01 03 02 00 00 B8 {last:02X}"))] for last in range(1, 7)]
+        twins.devices[1].script.extend([damaged[0], [], [], *damaged[1:]])
+        bench.attach("hall", twins)
+        await found(bench)
+        assert any("two devices may have the address 1" in each for each in fixes(await found(bench)))
+
+
 ANSWER = bytes.fromhex("01 03 02 00 00 B8 44")
 DAMAGED = bytes.fromhex("01 03 02 00 00 B8 45")
 
