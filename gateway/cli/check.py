@@ -243,7 +243,7 @@ def _server(server: ServerPlan, plan: Plan) -> str:
             f"  A response that takes longer than {show_duration(line.answer_within)} is not sent.",
             *([f"  On failure: {_SILENCE}"] if line.on_failure == "silent" else []),
             f"  Broadcasts go to: {server.broadcast_to}.",
-            f"  Set the time-out of the client on this line above {_round_up(longest_wait_outside(server, plan))}.",
+            f"  Set the time-out of the client on this line above {_round_up(longest_wait_outside(server))}.",
         ]
     )
 
@@ -413,7 +413,7 @@ def _server_as_json(server: ServerPlan, plan: Plan) -> dict[str, Any]:
         "on_failure": line.on_failure,
         "answer_within_ms": milliseconds(line.answer_within),
         "broadcast_to": server.broadcast_to,
-        "longest_wait_ms": milliseconds(longest_wait_outside(server, plan)),
+        "longest_wait_ms": milliseconds(longest_wait_outside(server)),
         "units": [
             {"unit": unit, "answered_by": name, "longest_wait_ms": milliseconds(wait)}
             for unit, (name, wait) in waits_behind(server, plan).items()

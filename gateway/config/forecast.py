@@ -8,6 +8,7 @@ from typing import Final
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
+from gateway.listeners.serial_session import UNNOTICED
 from gateway.modbus.codes import MAX_PDU, FunctionCode
 from gateway.modbus.functions import (
     FUNCTIONS,
@@ -151,11 +152,14 @@ def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]
     return {unit: waits[unit] for unit in sorted(server.line.serves)}
 
 
-def longest_wait_outside(server: ServerPlan, plan: Plan) -> float:
-    """The longest from the end of a request on a server line to the end of the response, if there is one."""
-    slowest = max(wait for _, wait in waits_behind(server, plan).values())
+def longest_wait_outside(server: ServerPlan) -> float:
+    """The longest from the end of a request on a server line to the end of the response, if there is one.
+
+    It does not depend on what is asked: any response may take `answer_within` when the gateway stands still.
+    """
     line = server.line
-    return min(slowest, line.answer_within) + line.silence_before_response + server.latency + line.timing.longest_frame
+    answer = line.answer_within + UNNOTICED
+    return answer + line.silence_before_response + server.latency + line.timing.longest_frame
 
 
 def _limiting(device: DeviceSettings) -> tuple[int, int]:

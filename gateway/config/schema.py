@@ -180,7 +180,7 @@ class Line(Table):
     echo: bool = Field(
         False,
         description="True if the adapter echoes what is sent; exactly that is then removed. With `wire` = `serial` an "
-        "echo is detected and logged; with `direct` it cannot be.",
+        "echo is detected and logged; with `direct` only on server lines.",
     )
     wire: Wire = Field(
         "auto",

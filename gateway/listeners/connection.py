@@ -190,6 +190,10 @@ class TcpConnection:
             self._timer = None
         self._listener.closed(self, f"lost: {explain(exc)}" if isinstance(exc, OSError) else self._reason)
 
+    def time(self) -> float:
+        """The time, as of the loop."""
+        return self._time()
+
     def receive(self, room: memoryview) -> int:
         """Copy what has arrived into `room`; the number of bytes."""
         return self.stream.receive(room)

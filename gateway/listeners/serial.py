@@ -5,7 +5,7 @@ from functools import partial
 
 from gateway.errors import PortError
 from gateway.events import Emit
-from gateway.listeners.serial_session import SerialSession, ServerSettings
+from gateway.listeners.serial_session import LOOK_STEP, UNNOTICED, SerialSession, ServerSettings
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import Port
 from gateway.ports.wire import Wire, settled
@@ -17,6 +17,9 @@ class SerialListener:
     """A server line, and the owner of its port: see `ports.reconnector`.
 
     `wire` is how bytes travel; `auto` until the port is open for the first time.
+
+    A gateway that stood still reads late. So an open port is looked at every LOOK_STEP. If nobody has looked for longer
+    than UNNOTICED, what is read may have arrived at any time since the last look, and counts from then.
 
     An unexpected error ends here: it is logged, the request in progress is dropped, the port is closed and
     reopened.
@@ -35,7 +38,9 @@ class SerialListener:
         self.session = SerialSession(settings, router, self._wake, emit, ring)
         self.wire: Wire = settings.wire
         self._time = loop.time
-        deadline, down = self.session.deadline, self.session.port_down
+        #: When nothing was unread.
+        self._looked_at = 0.0
+        deadline, down = self._deadline, self.session.port_down
         self._boundary = ErrorBoundary(
             f"line {settings.name}", loop, emit, deadline=deadline, tick=self._tick, down=down
         )
@@ -46,15 +51,18 @@ class SerialListener:
         return not self.session.is_idle
 
     def port_up(self, port: Port) -> None:
-        """The port is open."""
+        """The port is open. What came before that was discarded."""
         self._boundary.port = port
+        self._looked_at = self._time()
         self.wire = settled(self.session.settings.wire, virtual=port.virtual)
         step = partial(self.session.port_up, virtual=self.wire == "direct")
         self._boundary.run(step, port.write, port.latency, self._time())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """Process received bytes."""
-        self._boundary.run(partial(self.session.received, damaged=damaged), data, self._time())
+        now = self._time()
+        since = now if now - self._looked_at <= UNNOTICED else self._looked_at
+        self._boundary.run(partial(self.session.received, damaged=damaged, since=since), data, now)
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - logged by the reconnector
         """The port is lost; nothing is answered until it is open again."""
@@ -73,10 +81,20 @@ class SerialListener:
         self._boundary.close()
 
     def _wake(self) -> None:
-        self._boundary.plan(self.session.deadline())
+        self._boundary.plan(self._deadline())
+
+    def _deadline(self) -> float | None:
+        """When `_tick` must be called: for the session, or to look at the port."""
+        due = self.session.deadline()
+        if self._boundary.port is None:
+            return due
+        look_at = self._looked_at + LOOK_STEP
+        return look_at if due is None else min(due, look_at)
 
     def _tick(self) -> None:
         """Read first what has arrived: the client may no longer wait for the response."""
         if self._boundary.port is not None:
+            looked_at = self._time()
             self._boundary.port.read_now()
+            self._looked_at = looked_at
         self.session.tick(self._time())

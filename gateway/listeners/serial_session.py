@@ -4,6 +4,7 @@
     |-----------|-----------------------------|--------------------------------------|------------|
     | down      | the port is open            |                                      | listening  |
     | listening | a request for its units     | it is submitted to the router        | asked      |
+    | listening | one read too late for that  | it gets no response                  | listening  |
     | listening | any other frame             | counted; a broadcast is passed on    | listening  |
     | asked     | the router has answered     | the response is kept                 | answered   |
     | asked     | there is no response        |                                      | listening  |
@@ -25,6 +26,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import events
+from gateway.errors import Busy
 from gateway.listeners.failures import OnFailure, is_kept_back
 from gateway.listeners.own_echo import OwnEcho
 from gateway.modbus.ascii import AsciiFramer
@@ -39,6 +41,10 @@ from gateway.trace.ring import Ring
 
 #: Up to this many bytes right behind a request are glitches of an RS-485 line; more are the next frame.
 _GLITCH: Final = 3
+#: How often an open port is looked at, in seconds. What is read next has arrived since the last look.
+LOOK_STEP: Final = 0.05
+#: Bytes count as arrived when they are read, unless nobody has looked for longer than this, in seconds.
+UNNOTICED: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +125,8 @@ class SerialSession:
         self._echo = OwnEcho(settings.name, settings.source, emit, echoes=settings.echo)
         self._current: Request | None = None
         self._answer = b""
-        self._heard_at = 0.0
+        #: When the last bytes were read, and since when they may have waited for that.
+        self._heard_at = self._heard_since = 0.0
         self._quiet_at = 0.0
         self._glitch_until = 0.0
         self._is_ending = False
@@ -137,7 +144,7 @@ class SerialSession:
         """
         self._tune(latency)
         self._write = write
-        self._echo.is_virtual = virtual
+        self._echo.port_up(virtual=virtual)
         self._quiet_at = now
 
     def port_down(self) -> None:
@@ -150,9 +157,13 @@ class SerialSession:
         """Take no more requests; the one in progress is still answered."""
         self._is_ending = True
 
-    def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
-        """Process bytes received at `now`. A frame with `damaged` characters is never a request."""
+    def received(self, data: bytes, now: float, *, damaged: bool = False, since: float | None = None) -> None:
+        """Process bytes read at `now`. A frame with `damaged` characters is never a request.
+
+        If the gateway stood still, they may have arrived `since`: `answer_within` counts from then.
+        """
         self._heard_at = now
+        self._heard_since = now if since is None else since
         self._quiet_at = max(self._quiet_at, now + self.settings.silence_before_response)
         self._hear(self._framer.received(data, now, damaged=damaged), now)
         self._go_on(now)
@@ -209,20 +220,26 @@ class SerialSession:
             self._overtake(self._current, now)
 
     def _take(self, frame: Frame, now: float) -> None:
-        if self._echo.is_echo(frame, self._heard_at):
+        verdict = self._echo.judge(frame, self._heard_at, self._heard_since)
+        if verdict == "echo":
             self.counts.echoes += 1
             return
         if self._current is not None:
             self._overtake(self._current, now)
         if self._is_ending or self._write is None:
             return
-        request = Request(frame.unit, frame.pdu, self, now)
+        request = Request(frame.unit, frame.pdu, self, self._heard_since)
         if frame.unit == BROADCAST_UNIT:
             self.counts.broadcasts += 1
         elif frame.unit in self.settings.serves and frame.pdu[0] < EXCEPTION_BIT:
             self.counts.requests += 1
             self._current = request
             self._glitch_until = now + self.settings.timing.t35 + self._latency
+            if now >= self._expires_at(request):
+                return  # read too late, and withheld by `_go_on`
+            if verdict == "doubtful":
+                request.fail(Busy())
+                return
         else:
             self.counts.foreign_frames += 1
             if self._ring.is_on:

@@ -378,7 +378,7 @@ def test_a_server_line_shows_what_its_client_must_be_set_to(config, capsys):
           200   shift-data   at once
           A response that takes longer than 1 s is not sent.
           Broadcasts go to: images.
-          Set the time-out of the client on this line above 1.28 s.
+          Set the time-out of the client on this line above 1.38 s.
         """
         )
         in capsys.readouterr().out
@@ -399,7 +399,7 @@ def test_a_server_line_as_json(config, capsys):
             "on_failure": "exception",
             "answer_within_ms": 1000.0,
             "broadcast_to": "images",
-            "longest_wait_ms": 1272.187,
+            "longest_wait_ms": 1372.188,
             "units": [
                 {"unit": 41, "answered_by": "silo-1", "longest_wait_ms": 3157.682},
                 {"unit": 200, "answered_by": "shift-data", "longest_wait_ms": 0.0},

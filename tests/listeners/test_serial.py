@@ -2,17 +2,23 @@
 
 import asyncio
 from collections.abc import Callable
+from typing import cast
+
+import pytest
 
 from gateway.errors import PortError
-from gateway.events import Event, PartFailed
+from gateway.events import AnswerWithheld, Event, PartFailed
 from gateway.listeners.serial import SerialListener
-from gateway.listeners.serial_session import ServerSettings
+from gateway.listeners.serial_session import LOOK_STEP, UNNOTICED, ServerSettings
 from gateway.modbus.rtu import encode
 from gateway.request import Request
 from kit.server_bench import RTU
+from kit.virtual_time import VirtualTimeLoop
 
 READ = encode(41, bytes.fromhex("03 0000 0002"))
 RESPONSE = bytes.fromhex("03 04 45 9C 3D 51")
+#: A request of an unknown function: a silence ends it.
+UNKNOWN = encode(41, bytes.fromhex("41 01 02"))
 #: Long enough for what is due already, in seconds.
 AT_ONCE = 1e-6
 
@@ -41,11 +47,15 @@ class FakePort:
 
 
 class Driven:
-    """A listener with an open port; `requests` are those that its client has sent."""
+    """A listener with an open port; `requests` are those that its client has sent.
+
+    They are answered with `at_once`, if that is set.
+    """
 
     def __init__(self) -> None:
         self.events: list[Event] = []
         self.requests: list[Request] = []
+        self.at_once: bytes | None = None
         settings = ServerSettings("panel", RTU, frozenset({41}))
         self.listener = SerialListener(settings, self, asyncio.get_running_loop(), self.events.append)
         self.port = FakePort()
@@ -54,6 +64,8 @@ class Driven:
 
     def submit(self, request: Request, now: float) -> None:
         self.requests.append(request)
+        if self.at_once is not None:
+            request.respond(self.at_once)
 
 
 async def test_a_damaged_request_is_none() -> None:
@@ -163,4 +175,95 @@ async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_error_b
     driven.listener.received(READ)
     assert [type(event) for event in driven.events] == [PartFailed, PartFailed]
     assert driven.port.closed
+    driven.listener.close()
+
+
+# --- when the gateway stood still ---
+
+
+def wake_by_port(driven: Driven, data: bytes) -> None:
+    """The loop finds first that the port has bytes."""
+    driven.listener.received(data)
+
+
+def wake_by_clock(driven: Driven, data: bytes) -> None:
+    """The loop finds first that it is late."""
+    driven.port.unread = data
+
+
+WAKES = pytest.mark.parametrize("wake", [wake_by_port, wake_by_clock])
+
+
+def stand_still(seconds: float) -> None:
+    cast("VirtualTimeLoop", asyncio.get_running_loop()).stand_still(seconds)
+
+
+@WAKES
+async def test_a_request_that_was_read_too_late_is_neither_handed_on_nor_answered(wake: Callable[..., None]) -> None:
+    """Its client has given it up, and would take the response for that to its next request. Nor is a write done."""
+    driven = Driven()
+    driven.at_once = RESPONSE
+    await asyncio.sleep(10.0)
+    stand_still(1.2)
+    wake(driven, READ)
+    await asyncio.sleep(0.5)
+    assert (driven.requests, driven.port.written) == ([], [])
+    (told,) = driven.events
+    assert isinstance(told, AnswerWithheld)
+    assert told.elapsed_ms >= 1000.0
+    driven.listener.received(READ)
+    await asyncio.sleep(0.1)
+    assert driven.port.written == [encode(41, RESPONSE)]
+    driven.listener.close()
+
+
+@WAKES
+@pytest.mark.parametrize("answered_after", [0.34, 0.41])
+async def test_answer_within_counts_from_when_a_request_may_have_arrived(
+    wake: Callable[..., None], answered_after: float
+) -> None:
+    driven = Driven()
+    await asyncio.sleep(10.0)
+    stand_still(0.6)
+    wake(driven, READ)
+    await asyncio.sleep(answered_after)
+    assert driven.listener.is_busy is (answered_after < 0.4)
+    driven.requests[0].respond(RESPONSE)
+    await asyncio.sleep(AT_ONCE)
+    assert len(driven.port.written) == (answered_after < 0.4)
+    driven.listener.close()
+
+
+async def test_a_stand_still_before_the_silence_that_ends_a_request_counts_too() -> None:
+    driven = Driven()
+    driven.at_once = RESPONSE
+    driven.listener.received(UNKNOWN)
+    stand_still(1.2)
+    await asyncio.sleep(0.5)
+    assert (driven.requests, driven.port.written) == ([], [])
+    driven.listener.close()
+
+
+@WAKES
+async def test_a_pause_that_no_client_notices_is_no_stand_still(wake: Callable[..., None]) -> None:
+    driven = Driven()
+    await asyncio.sleep(10.0)
+    stand_still(UNNOTICED - LOOK_STEP)
+    wake(driven, READ)
+    await asyncio.sleep(0.98)
+    driven.requests[0].respond(RESPONSE)
+    await asyncio.sleep(AT_ONCE)
+    assert driven.port.written == [encode(41, RESPONSE)]
+    driven.listener.close()
+
+
+async def test_a_port_that_was_away_is_no_stand_still() -> None:
+    driven = Driven()
+    driven.at_once = RESPONSE
+    driven.listener.port_down(PortError("pulled"))
+    await asyncio.sleep(10.0)
+    driven.listener.port_up(driven.port)
+    driven.listener.received(READ)
+    await asyncio.sleep(0.1)
+    assert driven.port.written == [encode(41, RESPONSE)]
     driven.listener.close()

@@ -5,8 +5,7 @@ from dataclasses import asdict
 import pytest
 
 from gateway.errors import IllegalFunction, LineDown, ResponseTimeout, WaitedTooLong
-from gateway.events import AnswerWithheld, EchoHeard
-from gateway.lines.echo import ECHOES
+from gateway.events import AnswerWithheld
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.server_bench import ASCII, LATENCY, RTU, ServerBench
 
@@ -240,87 +239,6 @@ class TestOnBothKindsOfLine:
             bench.pass_time(0.1)
         assert len(bench.take_written()) == 2
 
-    def test_an_echo_that_the_settings_do_not_name_writes_nothing_again(self, timing: LineTiming) -> None:
-        bench = ServerBench(timing, virtual=False)
-        bench.at_once = bytes.fromhex(WRITE)
-        for _ in range(2):
-            bench.ask(WRITE)
-            bench.pass_time(0.005)
-            bench.hear(bench.take_written()[0])
-            bench.pass_time(1.0)
-        assert (len(bench.asked), bench.counts.echoes, bench.take_written()) == (2, 2, [])
-        (told,) = bench.told(EchoHeard)
-        assert (told.line, told.source) == ("panel", "a.toml:7")
-
-    def test_the_same_write_again_is_no_echo_when_a_client_can_have_sent_it(self, timing: LineTiming) -> None:
-        bench = ServerBench(timing, virtual=False)
-        bench.at_once = bytes.fromhex(WRITE)
-        bench.ask(WRITE)
-        bench.pass_time(0.002 + LATENCY + 2 * timing.frame(5) + timing.t35)
-        bench.ask(WRITE)
-        assert (len(bench.asked), bench.counts.echoes) == (2, 0)
-
-    def test_an_echo_that_the_adapter_holds_back_for_its_latency_writes_nothing_again(self, timing: LineTiming) -> None:
-        bench = ServerBench(timing, virtual=False)
-        bench.at_once = bytes.fromhex(WRITE)
-        bench.ask(WRITE)
-        bench.pass_time(timing.t35 + timing.frame(5) + LATENCY)
-        bench.hear(bench.take_written()[0])
-        bench.pass_time(1.0)
-        assert (len(bench.asked), bench.counts.echoes, bench.take_written()) == (1, 1, [])
-        assert len(bench.told(EchoHeard)) == 1
-
-    @pytest.mark.parametrize("held_back", [0.02, 0.05, 0.1])
-    def test_an_echo_that_comes_later_does_not_write_without_end(self, timing: LineTiming, held_back: float) -> None:
-        """No client repeats each of its requests as soon as it is answered."""
-        bench = ServerBench(timing, virtual=False)
-        bench.at_once = bytes.fromhex(WRITE)
-        bench.ask(WRITE)
-        echo_all(bench, held_back)
-        assert len(bench.asked) == ECHOES
-        assert len(bench.told(EchoHeard)) == 1
-
-    @pytest.mark.parametrize("pdu", ["03 04 45 9C 3D 51", "10 00 01 00 02", "83 02"])
-    def test_what_no_client_can_have_asked_is_an_echo_however_late(self, timing: LineTiming, pdu: str) -> None:
-        """From then on the adapter is known to echo: no write is carried out again."""
-        bench = ServerBench(timing, virtual=False)
-        bench.at_once = bytes.fromhex(pdu)
-        bench.ask(READ)
-        echo_all(bench, 0.5)
-        assert (len(bench.asked), bench.counts.echoes, bench.take_written()) == (1, 1, [])
-        assert len(bench.told(EchoHeard)) == 1
-        bench.at_once = bytes.fromhex(WRITE)
-        for _ in range(2):
-            bench.ask(WRITE)
-            echo_all(bench, 0.03)
-        assert len(bench.asked) == 3
-
-    def test_one_response_without_an_echo_shows_that_there_is_none(self, timing: LineTiming) -> None:
-        """A client that writes the same again and again, and reads now and then."""
-        bench = ServerBench(timing, virtual=False)
-        for pdu in (*[WRITE] * (ECHOES - 1), READ) * 3:
-            bench.at_once = RESPONSE if pdu == READ else bytes.fromhex(pdu)
-            bench.ask(pdu)
-            bench.pass_time(0.03)
-        assert len(bench.asked) == 3 * ECHOES
-        assert bench.told(EchoHeard) == []
-
-    def test_a_client_may_write_the_same_for_ever_if_not_at_once(self, timing: LineTiming) -> None:
-        bench = ServerBench(timing, virtual=False)
-        bench.at_once = bytes.fromhex(WRITE)
-        for _ in range(3 * ECHOES):
-            bench.ask(WRITE)
-            bench.pass_time(0.2)
-        assert (len(bench.asked), bench.told(EchoHeard)) == (3 * ECHOES, [])
-
-    def test_on_a_direct_port_it_may_at_once(self, timing: LineTiming) -> None:
-        bench = ServerBench(timing)
-        bench.at_once = bytes.fromhex(WRITE)
-        for _ in range(3 * ECHOES):
-            bench.ask(WRITE)
-            bench.pass_time(0.005)
-        assert (len(bench.asked), bench.told(EchoHeard)) == (3 * ECHOES, [])
-
     def test_it_says_what_it_does(self, timing: LineTiming) -> None:
         bench = ServerBench(timing)
         assert repr(bench.session) == "<SerialSession panel listening>"
@@ -328,16 +246,6 @@ class TestOnBothKindsOfLine:
         assert repr(bench.session) == f"<SerialSession panel {request!r}>"
         bench.session.port_down()
         assert repr(bench.session) == "<SerialSession panel down>"
-
-
-def echo_all(bench: ServerBench, held_back: float) -> None:
-    """The adapter returns all that the gateway says, so many seconds after it has left. Nobody else speaks."""
-    for _ in range(50):
-        bench.pass_time(0.01)
-        for written in bench.take_written():
-            bench.pass_time(held_back)
-            bench.hear(written)
-    bench.pass_time(1.0)
 
 
 # --- silence ---

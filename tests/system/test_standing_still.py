@@ -17,6 +17,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from kit.pki import OPERATOR, client_context, listener
 from kit.process import PATIENCE, GatewayProcess
+from kit.pty import VirtualPort
 from system.test_unread import DeviceServer
 
 ROUNDS = 5
@@ -39,6 +40,23 @@ devices = [{{ unit = 1, timeout = "60 s" }}]
 unit = 200
 holding = 100
 initial.holding = [{{ at = 0, values = {values} }}]
+"""
+PANEL = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[line]]
+name = "panel"
+port = "{port}"
+baud = 9600
+format = "8N1"
+role = "server"
+serves = [200]
+answer_within = "500 ms"
+
+[[image]]
+unit = 200
+holding = 100
 """
 
 
@@ -124,6 +142,22 @@ def test_of_requests_that_one_stand_still_has_gathered_the_earlier_one_is_not_an
                 asked, answer = first_answer(client, lambda address: adu(scheme, IMAGE, asking(address)), 2)
                 heard.append(answer == adu(scheme, IMAGE, answering(asked)))
     assert heard == ROUNDS * [True]
+
+
+def test_a_client_on_a_server_line_that_has_given_up_gets_no_answer(tmp_path: Path) -> None:
+    """It may not have asked again yet, and take the answer for that to its next request."""
+    with VirtualPort(tmp_path / "panel") as panel, GatewayProcess(tmp_path, PANEL.format(port=panel.path)) as gateway:
+        gateway.first("line_up")
+        for given_up in range(2):
+            with stopped(gateway):
+                panel.write(rtu.encode(IMAGE, asking(given_up)))
+                time.sleep(0.6)  # its time-out
+            while logged(gateway, "answer_withheld") <= given_up:
+                assert panel.read(1, timeout=0.05) == b""
+
+
+def logged(gateway: GatewayProcess, event: str) -> int:
+    return sum(each["event"] == event for each in gateway.log)
 
 
 def first_answer(client: socket.socket, request: Callable[[int], bytes], asked: int) -> tuple[int, bytes]:
