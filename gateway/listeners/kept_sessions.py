@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from math import inf
 from typing import Final
 
 from gateway.ports.threads import ThreadPerCall
@@ -10,6 +11,8 @@ from gateway.tls.settings import ServerTls
 
 #: How many may be kept. Each takes 10 KiB, and OpenSSL would keep forty times as many.
 MOST_SESSIONS: Final = 500
+#: How long files that cannot be used, or are others by now, are not read again, in seconds.
+PAUSE: Final = 60.0
 
 #: Takes what was used before, and what to use in its place.
 Replace = Callable[[Loaded, Loaded], None]
@@ -27,23 +30,29 @@ class KeptSessions:
         self._replace = replace
         #: The files are read in a thread.
         self.renewing: asyncio.Future[Loaded] | None = None
+        #: When they may be read again.
+        self._next_at = -inf
 
     def bound(self) -> None:
         """Begin to make a new context if the one in use keeps too many sessions."""
         before = self._in_use()
         if self.renewing is not None or before.context.session_stats()["number"] <= MOST_SESSIONS:
             return
+        loop = asyncio.get_running_loop()
+        if loop.time() < self._next_at:
+            return
+        self._next_at = loop.time() + PAUSE
 
         def renewed(renewing: asyncio.Future[Loaded]) -> None:
             self.renewing = None
             if not renewing.cancelled() and renewing.exception() is None:
                 self._compare(before, renewing.result())
 
-        loop, worker = asyncio.get_running_loop(), ThreadPerCall("read certificates")
-        self.renewing = loop.run_in_executor(worker, load, self._files)
+        self.renewing = loop.run_in_executor(ThreadPerCall("read certificates"), load, self._files)
         self.renewing.add_done_callback(renewed)
 
     def _compare(self, before: Loaded, fresh: Loaded) -> None:
         """Use the new context, unless the files are others by now, which only a reload may take."""
         if fresh.trust == before.trust and fresh.expiries == before.expiries:
             self._replace(before, fresh)
+            self._next_at = -inf

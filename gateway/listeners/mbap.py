@@ -3,7 +3,7 @@
 from typing import Final
 
 from gateway.listeners.failures import is_kept_back
-from gateway.listeners.session import GONE, Connection, ListenSettings, Session
+from gateway.listeners.session import GONE, HALF_CLOSED, Connection, ListenSettings, Session
 from gateway.modbus import mbap
 from gateway.request import Request, Target
 
@@ -13,6 +13,8 @@ _GIVEN_UP: Final = -1
 #: none of them was used twice.
 _COUNTED: Final = 16
 _STEP: Final = 0x1000
+#: No client's time-out is shorter, in seconds.
+_QUICK: Final = 0.05
 #: Process what has been read as soon as possible.
 _SOON: Final = 0.0
 
@@ -23,7 +25,8 @@ class MbapSession(Session):
     Responses carry the client's own transaction and unit identifiers, and are sent in the order in which they arrive.
     A client that uses an identifier again, as those do that do not count, has given up the request before: only the
     latest one with it gets a response. So reading goes on while the session finishes. And what has arrived is read
-    before a response leaves, unless the client counts: its next requests carry other identifiers.
+    before a response leaves, unless the client counts, and the response is quick: then its next requests carry other
+    identifiers.
     """
 
     __slots__ = ("_framer", "_latest", "_rises", "_under_way")
@@ -65,8 +68,11 @@ class MbapSession(Session):
         """Take the response to one of the session's requests."""
         self._in_flight -= 1
         is_awaited = request.transaction != _GIVEN_UP
-        if is_awaited and self._under_way:
-            self._under_way.pop(request.transaction, None)
+        took_time = (
+            is_awaited and len(self._under_way) > 0 and self._under_way.pop(request.transaction, None) is not None
+        )
+        if took_time and self._rises and self._connection.time() - request.received_at > _QUICK:
+            self._rises = 0  # the client may have given up, and ask something else with the same identifier
         if self._life == GONE:
             return
         if is_awaited and pdu is not None and not is_kept_back(request, self._settings.on_failure):
@@ -102,7 +108,13 @@ class MbapSession(Session):
             self._router.submit(request, now)
             if not request.is_over:
                 self._under_way[adu.transaction] = request
+        self._rises = 0  # what is not taken now waits for nobody knows how long
         self._pause()
+
+    def _close_when_done(self) -> None:
+        """See Session; what was read before the client closed its side is processed first."""
+        if self._life != HALF_CLOSED or self._limit == 0 or not self._framer.has_whole:
+            super()._close_when_done()
 
     def _flush(self) -> None:
         if self._out and self._rises < _COUNTED:
@@ -112,7 +124,7 @@ class MbapSession(Session):
     def _look(self) -> None:
         """Read what has arrived, and drop the responses whose identifiers come again in it.
 
-        It is processed later: this may be a call of whoever answers.
+        What was read is processed later: the caller may be a line that is handing over its response.
         """
         room = self._framer.room()
         if len(room) and (count := self._connection.receive(room)):

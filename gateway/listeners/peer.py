@@ -64,18 +64,21 @@ class Peer:
         """The number of its requests that have no response yet."""
         return len(self._under_way)
 
-    def notice(self, adu: mbap.TcpFrame) -> None:
-        """A request has arrived, and is going to be processed: it may show that an earlier one is given up."""
+    def notice(self, adu: mbap.TcpFrame) -> bool:
+        """A request has arrived: whether it repeats one in progress. Else it replaces one with its identifier."""
         earlier = self._under_way.get(adu.transaction)
-        if earlier is not None and (earlier.unit, earlier.pdu) != (adu.unit, adu.pdu):
-            del self._under_way[adu.transaction]
+        if earlier is None:
+            return False
+        if (earlier.unit, earlier.pdu) == (adu.unit, adu.pdu):
+            return True
+        del self._under_way[adu.transaction]
+        return False
 
-    def received(self, adu: mbap.TcpFrame, now: float) -> None:
-        """Process one request."""
+    def received(self, adu: mbap.TcpFrame, now: float, *, is_repeated: bool = False) -> None:
+        """Process one request; `is_repeated` if it repeated one in progress when it was noticed."""
         self.last_asked = now
         self.asked += 1
-        self.notice(adu)
-        if self._is_finishing or adu.transaction in self._under_way:
+        if self.notice(adu) or is_repeated or self._is_finishing:
             return
         request = Request(adu.unit, adu.pdu, self, now, adu.transaction)
         self._under_way[adu.transaction] = request

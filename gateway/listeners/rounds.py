@@ -18,11 +18,14 @@ class Rounds:
         self._look = look
         self._sweeping = LazyTimer(loop, self._swept)
         self._looking = LazyTimer(loop, self._looked)
+        self._is_looking = False
         self._sweeping.set(self._now() + step)
 
     def look_later(self) -> None:
-        """Begin to look, or go on."""
-        self._looking.set(self._now() + LOOK_STEP)
+        """Begin to look, unless that goes on already: clients that connect must not put it off."""
+        if not self._is_looking:
+            self._is_looking = True
+            self._looking.set(self._now() + LOOK_STEP)
 
     def close(self) -> None:
         """Call nothing any more."""
@@ -34,5 +37,6 @@ class Rounds:
         self._sweeping.set(self._now() + self._step)
 
     def _looked(self) -> None:
+        self._is_looking = False
         if self._look():
             self.look_later()

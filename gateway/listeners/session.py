@@ -74,6 +74,9 @@ class Counts:
 class Connection(Protocol):
     """What a session can do to its connection. Nothing here calls back into the session's requests and responses."""
 
+    def time(self) -> float:
+        """The time, for the last moment before a response leaves."""
+
     def receive(self, room: memoryview) -> int:
         """Copy what has arrived into `room`; the number of bytes, 0 if there are none."""
 
@@ -101,6 +104,10 @@ class Connection(Protocol):
 
 class _Gone:
     """Replaces a connection that is closed, and does nothing."""
+
+    def time(self) -> float:
+        """See Connection."""
+        return NEVER
 
     def receive(self, room: memoryview) -> int:  # noqa: ARG002 - nothing arrives
         """See Connection."""

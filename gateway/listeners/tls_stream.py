@@ -89,6 +89,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._is_secured = False
         self._is_blocked = False
         self._is_paused = False
+        #: The network has nothing more, which may come without an end in TLS; whether the application was told.
+        self._is_cut_off = False
         self._has_peer_ended = False
 
     # --- the handshake ---
@@ -184,7 +186,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         if self._application is None:
             self.refuse("it has closed the connection in the middle of the handshake")
             return False
-        self._end()
+        self._is_cut_off = True
+        self._deliver()
         return True
 
     def pause_writing(self) -> None:
@@ -243,17 +246,14 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         network = self._transport.get_extra_info("socket")
         if network is None or self._is_blocked or self._has_peer_ended or self._spare < 0 or self.is_closing():
             return 0
+        if count := self._take_waiting(room):  # first, so that no more than one buffer ever waits
+            return count
         try:
             self._count(os.readv(network.fileno(), [_BUFFER]))
         except OSError:  # nothing has arrived, or the connection is lost: the loop sees that too
             return 0
         asyncio.get_running_loop().call_soon(self._deliver)
-        try:
-            count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
-        except ssl.SSLError:  # no data yet, or an error that `_deliver` finds again
-            return 0
-        self._spare = min(self._spare + count * (1 + BESIDE_EACH_BYTE), MOST_BESIDE_DATA)
-        return count
+        return self._take_waiting(room)
 
     def write(self, data: bytes | bytearray | memoryview[Any]) -> None:
         """Encrypt and send, unless it is being closed."""
@@ -296,9 +296,24 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         asyncio.get_running_loop().call_soon(self._deliver)
 
     def _count(self, nbytes: int) -> None:
-        """So many bytes, beside data until they turn out to be data, have come into the buffer."""
+        """Take `nbytes` from the buffer. They count against what may come beside data, until data was decrypted."""
         self._incoming.write(_BUFFER[:nbytes])
         self._spare -= nbytes
+
+    def _take_waiting(self, room: memoryview) -> int:
+        """Decrypt what waits here, if anything; the number of bytes. `_deliver` finds an error again."""
+        if not (self._incoming.pending or self._tls.pending()):
+            return 0
+        try:
+            return self._decrypt(room)
+        except ssl.SSLError:
+            return 0
+
+    def _decrypt(self, room: memoryview) -> int:
+        """Decrypt into `room`; the number of bytes, 0 at their end in TLS. Raises ssl.SSLError."""
+        count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
+        self._spare = min(self._spare + count * (1 + BESIDE_EACH_BYTE), MOST_BESIDE_DATA)
+        return count
 
     def _deliver(self) -> None:
         """Decrypt what has arrived, into the application's own buffer."""
@@ -307,13 +322,17 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             return
         while not (self._is_held or self.is_closing()):
             room = application.get_buffer()
-            if not len(room):
-                break  # no end: what the application has is still to be processed
+            if not len(room):  # no end: what the application has is processed first
+                self._transport.pause_reading()
+                asyncio.get_running_loop().call_soon(self._go_on)
+                break
             try:
-                count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
+                count = self._decrypt(room)
             except ssl.SSLWantReadError:
                 if self._spare < 0:
                     application.reject(TOO_MUCH_BESIDE_DATA)
+                elif self._is_cut_off:
+                    self._end()
                 break
             except ssl.SSLError as error:
                 application.reject(explain(error))  # with the alert that tells the client
@@ -321,7 +340,6 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             if count == 0:
                 self._end()
                 break
-            self._spare = min(self._spare + count * (1 + BESIDE_EACH_BYTE), MOST_BESIDE_DATA)
             application.buffer_updated(count)
         self._send()
 

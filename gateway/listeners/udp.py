@@ -30,7 +30,7 @@ from gateway.routing.router import Router
 
 #: How often a listener looks for idle peers, in seconds.
 SWEEP_STEP: Final = 0.25
-#: So many datagrams are read before the first of them is processed: what the kernel's buffer holds.
+#: The most datagrams that are read before the first of them is processed: as many as the kernel's buffer holds.
 MOST_AT_ONCE: Final = 256
 #: Why a peer is no longer that of a listener.
 _STOPPING: Final = "the gateway is stopping"
@@ -64,9 +64,9 @@ class UdpListener:
         self._peers: dict[PeerAddress, Peer] = {}
         #: Peers of other listeners that are heard here since a reload, and were not admitted yet.
         self._taken_over: dict[PeerAddress, Peer] = {}
-        #: The requests that have arrived, the latest of each identifier, until they are processed.
-        self._arrived: dict[tuple[PeerAddress, int], tuple[socket.socket, mbap.TcpFrame]] = {}
-        self._is_processing = False
+        #: The requests that have arrived, the latest of each identifier, until they are processed; and whether each
+        #: repeated one in progress: that may be answered before.
+        self._arrived: dict[tuple[PeerAddress, int], tuple[socket.socket, mbap.TcpFrame, bool]] = {}
         self._is_finishing = False
         self._admission: Admission[Peer] = Admission(Origins().of)
         self._addresses: list[AddressInfo] = []
@@ -194,11 +194,10 @@ class UdpListener:
         self._process()
 
     def _look(self, sock: socket.socket) -> None:
-        """Read what has arrived before a response is sent. While requests are processed, that was just done."""
-        if not self._is_processing:
-            self._read(sock)
-            if self._arrived:
-                asyncio.get_running_loop().call_soon(self._process)
+        """Read what has arrived before a response is sent."""
+        self._read(sock)
+        if self._arrived:
+            asyncio.get_running_loop().call_soon(self._process)
 
     def _read(self, sock: socket.socket) -> None:
         """Keep the requests that have arrived. One with the identifier of an earlier one replaces it."""
@@ -211,24 +210,22 @@ class UdpListener:
             if adu is None or adu.pdu[0] & EXCEPTION_BIT:
                 self.counts.malformed += 1
                 continue
-            self._arrived[key, adu.transaction] = sock, adu
             peer = self._peers.get(key) or self._taken_over.get(key)
-            if peer is not None:
-                peer.notice(adu)
+            is_repeated = peer is not None and peer.notice(adu)
+            self._arrived[key, adu.transaction] = sock, adu, is_repeated
 
     def _process(self) -> None:
-        """Process the requests that have arrived."""
-        arrived, self._arrived = self._arrived, {}
-        self._is_processing = True
+        """Process the requests that have arrived. One that is read meanwhile may replace another that still waits."""
         now = asyncio.get_running_loop().time()
-        for (key, _), (sock, adu) in arrived.items():
+        for arrived in list(self._arrived):
+            sock, adu, is_repeated = self._arrived.pop(arrived)
+            key, _ = arrived
             try:
                 peer = self._peer(sock, key, now)
                 if peer is not None:
-                    peer.received(adu, now)
+                    peer.received(adu, now, is_repeated=is_repeated)
             except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
                 self.emit(events.PartFailed.of(f"client {join_host_port(key.host, key.port)}", error))
-        self._is_processing = False
 
     def _peer(self, sock: socket.socket, key: PeerAddress, now: float) -> Peer | None:
         """The sender of a datagram; None if it has no rights, or the listener is full or finishing."""

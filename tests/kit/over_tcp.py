@@ -50,6 +50,9 @@ class OverTcpClient:
         pdu = bytes.fromhex(adu[3:-4].decode()) if adu.startswith(b":") else adu[1:-2]
         return pdu if self._encode(unit, pdu) == adu else adu
 
+    def time(self) -> float:
+        return self._loop.time()
+
     def receive(self, room: memoryview) -> int:
         return 0
 

@@ -49,6 +49,10 @@ class Connection:
         #: How often it was read, and whether it is to call `proceed` soon.
         self.looks = 0
         self.wakes = False
+        self.now = 1.0
+
+    def time(self) -> float:
+        return self.now
 
     def receive(self, room: memoryview) -> int:
         self.looks += 1
@@ -212,6 +216,43 @@ def test_of_a_half_closed_client_reads_are_still_sent_and_writes_are_not(client:
     assert [client.session.wants(each) for each in requests] == [True, True, False]
 
 
+def test_what_a_look_has_read_is_answered_although_the_client_has_closed_its_side(client: Client) -> None:
+    """The end is seen before what was read is processed. `in_flight` holds for it too."""
+    client.ask(1)
+    client.connection.unread = b"".join(encode(number, 7, READ) for number in range(2, 7))
+    client.target.requests[0].respond(RESPONSE)
+    client.session.end_of_input()
+    assert client.connection.log == ["send"]
+    client.ask_again()
+    assert [request.transaction for request in client.target.requests] == [1, 2, 3, 4]
+    for request in client.target.requests[1:]:
+        request.respond(RESPONSE)
+    client.ask_again()
+    for request in client.target.requests[4:]:
+        request.respond(RESPONSE)
+    assert b"".join(client.connection.sent) == b"".join(encode(number, 7, RESPONSE) for number in range(1, 7))
+    assert client.connection.log[-1] == "close"
+
+
+@pytest.mark.parametrize("size", [1, 7, 11])
+def test_half_a_request_that_a_look_has_read_keeps_no_half_closed_client(client: Client, size: int) -> None:
+    client.ask(1)
+    client.connection.unread = encode(2, 7, READ)[:size]
+    client.target.requests[0].respond(RESPONSE)
+    client.session.end_of_input()
+    assert client.connection.log == ["send", "close"]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_session_that_finishes_drops_what_a_look_has_read_of_a_half_closed_client(client: Client, order: int) -> None:
+    client.ask(1)
+    client.connection.unread = encode(2, 7, READ)
+    client.target.requests[0].respond(RESPONSE)
+    for step in (client.session.finish, client.session.end_of_input)[::order]:
+        step()
+    assert client.connection.log == ["send", "close"]
+
+
 def test_a_half_closed_client_without_requests_is_closed(client: Client) -> None:
     client.session.end_of_input()
     assert client.connection.log == ["close"]
@@ -367,6 +408,37 @@ def test_a_client_that_counts_is_not_read_before_each_response(client: Client, s
     assert before < 50
     client.ask(7)
     assert client.connection.looks == before + 1
+
+
+@pytest.mark.parametrize(("waited", "is_looked_for"), [(0.04, False), (0.06, True)])
+def test_a_client_that_counts_may_give_up_a_request_that_was_not_answered_soon(
+    client: Client, waited: float, *, is_looked_for: bool
+) -> None:
+    """It takes the next identifier only after a response, and asks something else with the same one."""
+    client.target.at_once = True
+    for number in range(20):
+        client.ask(number)
+    client.target.at_once = False
+    client.ask(20)
+    client.connection.unread = encode(20, 7, bytes.fromhex("03 00 42 00 01"))
+    client.connection.now = 1.0 + waited
+    client.connection.sent.clear()
+    client.target.requests[-1].respond(OTHER_RESPONSE)
+    assert client.connection.sent == ([] if is_looked_for else [encode(20, 7, OTHER_RESPONSE)])
+
+
+def test_a_client_that_is_held_back_does_not_count_any_more(client: Client) -> None:
+    """Its requests may have waited for longer than its time-out."""
+    client.target.at_once = True
+    for number in range(20):
+        client.ask(number)
+    looks = client.connection.looks
+    client.target.at_once = False
+    client.ask(*range(20, 24))
+    client.target.requests[-1].respond(RESPONSE)
+    client.ask_again()
+    client.target.requests[-1].respond(RESPONSE)
+    assert client.connection.looks == looks + 2
 
 
 @pytest.mark.parametrize("identifiers", [range(1), range(2), range(16), range(15, -1, -1), range(0, 65536, 0x4000)])

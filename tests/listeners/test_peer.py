@@ -91,6 +91,16 @@ def test_a_datagram_that_is_repeated_while_its_request_is_under_way_is_executed_
     assert client.sent == [encode(1, 7, pdu)]
 
 
+def test_a_repetition_that_was_noticed_before_the_response_is_not_executed_after_it(client: Client) -> None:
+    client.ask(1, WRITE)
+    repeated = TcpFrame(1, 7, WRITE)
+    assert client.peer.notice(repeated)
+    client.respond(0, WRITE)
+    client.peer.received(repeated, 5.0, is_repeated=True)
+    assert len(client.target.requests) == 1
+    assert client.peer.asked == 2
+
+
 def test_the_same_request_after_its_response_is_another_one(client: Client) -> None:
     client.ask(1)
     client.respond(0)

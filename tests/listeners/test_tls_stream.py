@@ -38,6 +38,11 @@ class Network(asyncio.Transport):
         self.sent = b""
         self.is_paused = False
         self.is_over = False
+        #: What a look reads, if anything.
+        self.connected: socket.socket | None = None
+
+    def get_extra_info(self, name: str, default: object = None) -> object:
+        return self.connected if name == "socket" else default
 
     def write(self, data: bytes) -> None:
         assert not self.is_over
@@ -218,6 +223,86 @@ def test_a_buffer_that_is_still_full_is_not_taken_for_the_end() -> None:
             await asyncio.sleep(0)
             await asyncio.sleep(0)
         assert not network.is_over
+
+    asyncio.run(scenario())
+
+
+def test_what_a_look_leaves_behind_is_delivered() -> None:
+    """Requests that arrive in the turn in which a response is ready: more of them than the session has room for."""
+
+    async def scenario() -> None:
+        target, answered = Slow(), list[int]()
+
+        def answer(request: Request, _now: float) -> None:
+            answered.append(request.transaction)
+            request.respond(READ)
+
+        peer, stream, network = connected(target)
+        peer.tls.write(encode(0, 1, READ))
+        arrive(stream, peer.outgoing.read())
+        peer.tls.write(b"".join(encode(number, 1, READ) for number in range(1, 200)))
+        network.connected, sending = socket.socketpair()
+        network.connected.setblocking(False)
+        sending.setblocking(False)
+        with network.connected, sending:
+            sending.send(peer.outgoing.read())
+            target.answer_first()
+            target.submit = answer  # type: ignore[method-assign]
+            for _ in range(50):
+                await asyncio.sleep(0)
+        assert answered == list(range(1, 200))
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("in_tls", [True, False])
+def test_what_a_look_leaves_behind_is_delivered_before_the_end_of_the_clients_side(*, in_tls: bool) -> None:
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target)
+        peer.tls.write(encode(500, 1, READ))
+        arrive(stream, peer.outgoing.read())
+        peer.tls.write(b"".join(encode(number, 1, READ) for number in range(200, 0, -1)))
+        if in_tls:
+            with pytest.raises(ssl.SSLError):
+                peer.tls.unwrap()
+        network.connected, sending = socket.socketpair()
+        network.connected.setblocking(False)
+        with network.connected, sending:
+            sending.send(peer.outgoing.read())
+            target.answer_first()
+            if not in_tls:
+                stream.eof_received()
+            for number in range(200, 0, -1):
+                for _ in range(4):
+                    await asyncio.sleep(0)
+                assert target.waiting[0].transaction == number
+                target.answer_first()
+        assert network.is_over
+
+    asyncio.run(scenario())
+
+
+def test_looks_never_leave_more_than_one_buffer_waiting() -> None:
+    """A client that does not count, and sends more than is taken: it is read before each response."""
+
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target)
+        peer.tls.write(encode(0, 1, READ))
+        arrive(stream, peer.outgoing.read())
+        network.connected, sending = socket.socketpair()
+        network.connected.setblocking(False)
+        sending.setblocking(False)
+        with network.connected, sending:
+            for number in range(5000, 0, -1000):
+                peer.tls.write(b"".join(encode(each, 1, READ) for each in range(number, number - 1000, -1)))
+            assert sending.send(peer.outgoing.read()) > 3 * len(stream.get_buffer(-1))
+            for _ in range(50):
+                target.answer_first()
+                for _ in range(4):
+                    await asyncio.sleep(0)
+                assert stream._incoming.pending <= len(stream.get_buffer(-1))
 
     asyncio.run(scenario())
 
@@ -407,5 +492,13 @@ def test_sessions_are_forgotten_when_they_are_many(
         await asyncio.sleep(0)
         assert (store[settings] is before) == (change != "none")
         assert listener._kept.renewing is None
+        monkeypatch.setattr(kept_sessions, "MOST_SESSIONS", -1)
+        listener._kept.bound()
+        assert (listener._kept.renewing is None) == (change != "none")  # else there would be a thread for each sweep
+        if change != "none":
+            monkeypatch.setattr(listener._kept, "_next_at", asyncio.get_running_loop().time())
+            listener._kept.bound()
+        assert listener._kept.renewing is not None
+        await asyncio.wait([listener._kept.renewing])
 
     asyncio.run(scenario())

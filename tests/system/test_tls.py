@@ -232,6 +232,7 @@ def connect_until_refused(port: int, context: ssl.SSLContext) -> int:
                     break
                 resumed += client.session_reused
                 session = client.session
+            time.sleep(0.05)
     return resumed
 
 

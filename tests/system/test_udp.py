@@ -587,6 +587,43 @@ async def test_a_response_is_dropped_for_a_later_request_that_was_not_read_yet()
         assert await client.hears() == encode(0, PATIENT, OTHER_RESPONSE)
 
 
+@pytest.mark.parametrize("pdu", [READ, OTHER_READ])
+async def test_a_datagram_repeated_just_before_its_response_is_executed_once(pdu: bytes) -> None:
+    """It is read before the response leaves, and processed after that."""
+    async with listening() as bench:
+        client = bench.client()
+        client.ask(PATIENT, 1, pdu)
+        await until(lambda: bench.plant.requests)
+        client.ask(PATIENT, 1, pdu)
+        bench.plant.requests[0].respond(OTHER_RESPONSE)
+        assert await client.hears() == encode(1, PATIENT, OTHER_RESPONSE)
+        assert await client.asks(PROMPT, 2) == encode(2, PROMPT, RESPONSE)
+        assert [request.transaction for request in bench.plant.requests] == [1, 2]
+        client.ask(PATIENT, 1, pdu)  # after the response it is another one
+        await until(lambda: len(bench.plant.requests) == 3)
+
+
+@pytest.mark.parametrize("given_up", [1, 2])
+async def test_a_response_that_is_ready_at_once_is_dropped_for_a_later_request(given_up: int) -> None:
+    """Which comes while datagrams are processed: it replaces one that still waits, too."""
+    async with listening() as bench:
+        client, submit = bench.client(), bench.plant.submit
+
+        def stand_still(request: Request, now: float) -> None:
+            bench.plant.submit = submit  # type: ignore[method-assign]
+            client.ask(PATIENT, given_up, OTHER_READ)
+            submit(request, now)
+
+        bench.plant.submit = stand_still  # type: ignore[method-assign]
+        client.ask(PROMPT, 1)
+        client.ask(PROMPT, 2)
+        assert await client.hears() == encode(3 - given_up, PROMPT, RESPONSE)
+        await until(lambda: bench.plant.requests[-1].unit == PATIENT)
+        bench.plant.requests[-1].respond(OTHER_RESPONSE)
+        assert await client.hears() == encode(given_up, PATIENT, OTHER_RESPONSE)
+        assert [request.transaction for request in bench.plant.requests].count(2) == 1
+
+
 async def test_no_more_datagrams_than_a_bound_are_read_before_the_first_is_processed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
