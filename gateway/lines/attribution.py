@@ -128,6 +128,11 @@ class Attribution:
             return bool(self.foreign)
         return transaction.unit in self.foreign
 
+    @property
+    def is_shared(self) -> bool:
+        """Whether another client, or a copy of our requests, was ever heard."""
+        return self.overheard.requests + self.overheard.copies + self.echoes_in_a_row > 0
+
     def _answers_request(self, token: Token) -> bool:
         asked = self._asked
         if asked is None or not self._is_on_line or token.is_damaged:

@@ -22,7 +22,7 @@ class EchoDetector:
     def __init__(self, report: Report, *, is_configured: bool) -> None:
         self.is_configured = is_configured
         self.is_suspected = False
-        self.is_virtual: bool
+        self.is_virtual = True
         self._report = report
         #: Early responses in a row, without one in time between them.
         self._early_responses = 0
@@ -36,6 +36,10 @@ class EchoDetector:
     def has_no_wire(self) -> bool:
         """Whether the port is known to have no wire."""
         return self._early_responses >= EARLY_ANSWERS
+
+    def tune(self, *, virtual: bool) -> None:
+        """Set whether the port is `virtual`: what is received early, or twice, proves nothing there."""
+        self.is_virtual = virtual
 
     def record_copies(self, count: int, transaction: Transaction) -> None:
         """Copies of the last `count` requests in a row were received."""

@@ -92,7 +92,7 @@ class Receiver:
         """Set the times of the line and the silence that ends a frame of unknown size. See Line.port_up."""
         self._budget = budget
         self._scanner.silence = silence
-        self._echo.is_virtual = virtual
+        self._echo.tune(virtual=virtual)
         self._pace.tune(budget.line.character, silence, virtual=virtual)
 
     def begin(self, transaction: Transaction, now: float) -> bytes:
@@ -275,14 +275,15 @@ class Receiver:
         """Whether all that was received looks like the response with a wrong check sum.
 
         It may be another response with a damaged unit identifier while a late response, another client's, or one to an
-        earlier sending may come.
+        earlier sending may come. Where copies or other clients were ever heard, it may be a damaged request too.
         """
         if self._windows.windows or current.outstanding > 1 or self.attribution.foreign:
             return False
         begin = current.expected.since - self._began_at
         if begin and not self._echo.is_configured:
             return False  # what came early may have been another client's request
-        if not self._scanner.is_damaged(self._text[begin:], current.expected):
+        shared = self.attribution.is_shared or self._echo.echoes
+        if not self._scanner.is_damaged(self._text[begin:], current.expected, shared=shared):
             return False
         sound = [token for token, _ in self._frames if not token.is_damaged]
         if not all(current.is_copy(token.frame) for token in sound):

@@ -13,8 +13,9 @@ from gateway.modbus.codes import DEVICE_IDENTIFICATION, EXCEPTION_BIT, MAX_PDU, 
 from gateway.modbus.codes import FunctionCode as Code
 from gateway.modbus.shapes import Identification, Shape, any_size, counted, fixed
 
-#: What a request does. A `broadcast` is a write that may be sent to unit 0 (S 2.1).
-Effect = Literal["read", "write", "broadcast"]
+#: What a request does. A `broadcast` is a write that may be sent to unit 0 (S 2.1). To `inspect` changes nothing, but
+#: needs the right to write, as all of its function does.
+Effect = Literal["read", "inspect", "write", "broadcast"]
 
 #: How a request for device identification begins: the only use of function 43 that is known to only read.
 READING_IDENTIFICATION: Final = bytes((Code.ENCAPSULATED_INTERFACE, DEVICE_IDENTIFICATION))
@@ -91,13 +92,15 @@ def response_size(head: bytes) -> int:
 
 
 def only_reads(pdu: bytes) -> bool:
-    """Whether a request is known to change nothing."""
+    """Whether a request is known to change nothing, and its function has no requests that do."""
     return row_of(pdu).effect == "read"
 
 
-def _one_word(*sub_functions: int, repeats: int = 5, is_answered: bool = True) -> dict[bytes, Function]:
+def _one_word(
+    *sub_functions: int, effect: Effect = "write", repeats: int = 5, is_answered: bool = True
+) -> dict[bytes, Function]:
     """Sub-functions of 08 with one word of data in request and response."""
-    row = Function(Code.DIAGNOSTICS, "6.8.1", "write", fixed(5), fixed(5), repeats, is_answered=is_answered)
+    row = Function(Code.DIAGNOSTICS, "6.8.1", effect, fixed(5), fixed(5), repeats, is_answered=is_answered)
     return {bytes((Code.DIAGNOSTICS, 0, each)): row for each in sub_functions}
 
 
@@ -116,7 +119,7 @@ _ROWS: Final = (
         b"\x08\0\0": Function(Code.DIAGNOSTICS, "6.8.1", "write", any_size(3), any_size(3), ALL,
                               rules={"the data must be words": lambda pdu: len(pdu) > 3 and len(pdu) % 2 == 1}),
         **_one_word(0x01, 0x03, codes.CLEAR_COUNTERS, codes.CLEAR_OVERRUN_COUNTER),  # restart, change the delimiter
-        **_one_word(0x02, *codes.COUNTERS, repeats=3),  # return the diagnostic register
+        **_one_word(0x02, *codes.COUNTERS, effect="inspect", repeats=3),  # return the diagnostic register
         **_one_word(0x04, is_answered=False),  # only listen from now on
     }),
     Function(Code.GET_COMM_EVENT_COUNTER, "6.9", "read", fixed(1), fixed(5)),

@@ -139,6 +139,13 @@ class MbapFramer:
             yield adu
 
     @property
+    def has_whole(self) -> bool:
+        """Whether `next` has more to look at: an ADU that is complete, or what is none."""
+        data, at = self._data, self._at
+        waiting = len(data) - at
+        return waiting >= _UNCOUNTED and waiting >= _UNCOUNTED + (data[at + 4] << 8 | data[at + 5])
+
+    @property
     def unfinished(self) -> int:
         """Bytes of an ADU that is not complete yet."""
         return len(self._data) - self._at

@@ -36,7 +36,8 @@ class RequestPdu:
     """A request PDU whose structure has been checked.
 
     `read` and `write` are the items it reads and changes, if known. `items` is the larger of the two quantities, or the
-    number of registers in files or a queue; 0 for other functions. A unit responds if it `is_answered`.
+    number of registers in files or a queue; 0 for other functions. One that `only_reads` changes nothing, whatever
+    right it needs. A unit responds if it `is_answered`.
     A normal response begins with `response_head` and has `response_size` bytes. If that is None, its own first bytes
     tell its size, at most `longest_response`; if that is 0, only silence ends it.
     """
@@ -113,7 +114,8 @@ def parse_anew(pdu: bytes) -> RequestPdu:
     known = row.response.size(head) if len(head) >= row.response.told_by else 0
     size = len(pdu) if row.repeats == ALL else known or None
     longest = size or row.response.longest
-    return RequestPdu(pdu, code, row, read, write, items, row.effect == "read", row.is_answered, head, size, longest)
+    only_reads = row.effect in ("read", "inspect")
+    return RequestPdu(pdu, code, row, read, write, items, only_reads, row.is_answered, head, size, longest)
 
 
 def _span(items: Items | None, pdu: bytes) -> Span | None:

@@ -52,10 +52,13 @@ class Expected:
         """How an exception response begins, after `skipped` bytes."""
         return self.head[: 1 - self.skipped] + bytes((self.asked.function | EXCEPTION_BIT,))
 
-    def can_be_damaged(self, pdu_size: int) -> bool:
-        """Whether a frame with a wrong check sum and a PDU of this size can be the response, and no request."""
+    def can_be_damaged(self, pdu_size: int, *, shared: bool) -> bool:
+        """Whether a frame with a wrong check sum and a PDU of this size can be the response.
+
+        On a `shared` line it must not be a request, nor a copy of this one.
+        """
         size = self.asked.response_size
-        return size is not None and (pdu_size == EXCEPTION_SIZE or pdu_size == size != len(self.asked.data))
+        return pdu_size == EXCEPTION_SIZE or (pdu_size == size and not (shared and size == len(self.asked.data)))
 
     def head_of(self, pdu_size: int) -> bytes:
         """How a response with a PDU of this size begins."""
@@ -118,8 +121,8 @@ class Scanner:
         """How many bytes the response still needs at least; 0 if it has not begun, or that is unknown."""
         raise NotImplementedError
 
-    def is_damaged(self, data: bytes, expected: Expected) -> bool:
-        """Whether `data` looks like this response with a wrong check sum, and not like a damaged request.
+    def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
+        """Whether `data` looks like this response with a wrong check sum; on a `shared` line, like no damaged request.
 
         It begins like the response, normal or exception, and has its size.
         """

@@ -56,11 +56,11 @@ class AsciiScanner(Scanner):
             return max(0, characters(SHORTEST) - len(begun))
         return max(0, min(characters(size + _OVERHEAD) - len(begun), characters(EXCEPTION_SIZE + _OVERHEAD)))
 
-    def is_damaged(self, data: bytes, expected: Expected) -> bool:
+    def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
         """See `Scanner`. One of the two characters at the end may be damaged."""
         text = plain(data).upper()
         size, odd = divmod(len(text) - characters(_OVERHEAD), 2)
-        if odd or not expected.can_be_damaged(size):
+        if odd or not expected.can_be_damaged(size, shared=shared):
             return False
         has_ended = text[-2:-1] == END[:1] or text[-1:] == END[1:]
         digits = expected.head_of(size).hex().upper().encode()

@@ -137,10 +137,12 @@ class RtuScanner(Scanner):
         self._size = 0
         return tokens + super().end()
 
-    def is_damaged(self, data: bytes, expected: Expected) -> bool:
+    def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
         """See `Scanner`."""
         size = len(data) - OVERHEAD
-        return expected.can_be_damaged(size) and data.startswith(expected.head_of(size), expected.skipped)
+        return expected.can_be_damaged(size, shared=shared) and data.startswith(
+            expected.head_of(size), expected.skipped
+        )
 
     def has_begun(self, data: bytes, head: bytes) -> bool:
         """See `Scanner`."""

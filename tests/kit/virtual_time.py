@@ -32,6 +32,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Virtual seconds since the loop was made."""
         return self._clock.now
 
+    def stand_still(self, seconds: float) -> None:
+        """Time passes, and nothing runs: what is due then comes too late."""
+        self._clock.now += seconds
+
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> asyncio.Future[Any]:
         """Run the job here and now; it takes no virtual time."""
         future = self.create_future()

@@ -61,6 +61,47 @@ def test_an_exception_too(bench: Bench) -> None:
     assert len(bench.written) == 2
 
 
+WRITES = [(f"06 00 {number:02X} 00 05", f"06 00 {number:02X} 00 05") for number in range(12)]
+COILS = [(f"01 00 {number:02X} 00 18", "01 03 AA BB CC") for number in range(12)]
+
+
+@pytest.mark.parametrize("exchanges", [WRITES, COILS], ids=["writes", "24 coils"])
+def test_also_if_the_answer_has_the_size_of_a_request(bench: Bench, exchanges: list[tuple[str, str]]) -> None:
+    for asked, _ in exchanges:
+        bench.ask(asked)
+    bench.pass_time(REQUEST_TIME + 0.001)
+    bench.hear(damaged(bench, exchanges[0][1]))
+    for _, response in exchanges[1:]:
+        bench.pass_time(silence(bench) + 1e-3)
+        bench.respond(response)
+    assert bench.client.answers[0][3:] == "0B"
+    assert bench.client.answers[1:] == [response for _, response in exchanges[1:]]
+    assert bench.line.late_windows(bench.now) == 0
+
+
+@pytest.mark.parametrize("heard", ["03 00 30 00 01", WRITES[0][0]], ids=["another request", "a copy"])
+def test_not_if_another_client_was_ever_heard_that_may_have_sent_it(bench: Bench, heard: str) -> None:
+    bench.asks(WRITES[0][0])
+    bench.respond(heard)
+    bench.pass_time(3600.0)
+    bench.client.answers.clear()
+    bench.ask(WRITES[0][0])
+    bench.hear(damaged(bench, WRITES[0][0]))
+    assert not is_over(bench)
+    bench.pass_time(LIMIT + 0.1)
+    assert bench.line.late_windows(bench.now) == 1
+
+
+@pytest.mark.parametrize("asked", ["11", "2B 0E 04 00", "41 00 01"])
+def test_an_exception_to_a_request_whose_answer_has_no_known_size(bench: Bench, asked: str) -> None:
+    bench.ask(asked)
+    exception = f"{int(asked[:2], 16) | 0x80:02X}"
+    bench.hear(damaged(bench, f"{exception} 02"))
+    bench.pass_time(silence(bench) + 1e-6)
+    assert bench.client.answers == [f"{exception} 0B"]
+    assert bench.line.late_windows(bench.now) == 0
+
+
 def test_the_same_function_of_the_unit_goes_on_and_the_unit_does_not_rest(bench: Bench) -> None:
     for _ in range(5):
         bench.ask()

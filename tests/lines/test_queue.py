@@ -15,7 +15,7 @@ READ = "03 00 10 00 01"
 OTHER = "03 00 20 00 01"
 READS = [
     *("01 00 10 00 01", "02 00 10 00 01", "03 00 10 00 01", "04 00 10 00 01", "07", "0B", "0C", "11"),
-    *("14 07 06 00 04 00 01 00 02", "18 04 DE", "2B 0E 01 00"),
+    *("14 07 06 00 04 00 01 00 02", "18 04 DE", "2B 0E 01 00", "08 00 02 00 00", "08 00 12 00 00"),
 ]
 WRITE = "06 00 01 00 05"
 
@@ -283,7 +283,7 @@ def test_every_function_that_only_reads_is_shared(waiting: Waiting, pdu: str) ->
     assert waiting.coalesced == 1
 
 
-@pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "08 00 0B 00 00", "2B 0D 01", "41 01"])
+@pytest.mark.parametrize("pdu", [WRITE, "17 00 01 00 01 00 64 00 01 02 00 00", "08 00 0A 00 00", "2B 0D 01", "41 01"])
 def test_no_other_function_is_shared(waiting: Waiting, pdu: str) -> None:
     waiting.put("A", pdu)
     waiting.put("B", pdu)

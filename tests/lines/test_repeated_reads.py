@@ -81,6 +81,8 @@ def test_not_for_a_client_that_has_left(bench: Bench) -> None:
     bench.pass_time(5.0)
     assert sent(bench) == 1
     assert is_empty(bench.line)
+    assert bench.client.answers == ["83 0B"]
+    assert (bench.counts.timeout, bench.counts.unwanted) == (1, 0)
 
 
 def test_meanwhile_the_line_goes_on(bench: Bench) -> None:

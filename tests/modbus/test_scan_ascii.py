@@ -27,13 +27,13 @@ RESPONSE = encode(1, bytes.fromhex("03 02 12 34"))
 )
 def test_a_damaged_response_has_its_size_its_beginning_and_half_of_its_end(data: bytes, is_damaged: bool) -> None:
     expected = Expected(1, parse_request(READ))
-    assert AsciiScanner().is_damaged(data, expected) == is_damaged
+    assert AsciiScanner().is_damaged(data, expected, shared=True) == is_damaged
 
 
 def test_a_response_to_an_unknown_unit_may_be_damaged_too() -> None:
     expected = Expected(None, parse_request(READ))
-    assert AsciiScanner().is_damaged(RESPONSE[:-3] + b"?\r\n", expected)
-    assert not AsciiScanner().is_damaged(encode(1, bytes.fromhex("04 02 12 34")), expected)
+    assert AsciiScanner().is_damaged(RESPONSE[:-3] + b"?\r\n", expected, shared=True)
+    assert not AsciiScanner().is_damaged(encode(1, bytes.fromhex("04 02 12 34")), expected, shared=True)
 
 
 def test_the_response_comes_behind_the_echo_and_not_behind_another_frame() -> None:
@@ -47,6 +47,8 @@ def test_the_response_comes_behind_the_echo_and_not_behind_another_frame() -> No
 
 
 def test_a_damaged_request_may_look_like_a_damaged_response() -> None:
-    """So it is not taken for one: a response to a write repeats it."""
+    """So it is taken for one only where nobody else asks: a response to a write repeats it."""
     write = bytes.fromhex("06 00 01 00 05")
-    assert not AsciiScanner().is_damaged(encode(1, write)[:-3] + b"?\r\n", Expected(1, parse_request(write)))
+    data, expected = encode(1, write)[:-3] + b"?\r\n", Expected(1, parse_request(write))
+    assert not AsciiScanner().is_damaged(data, expected, shared=True)
+    assert AsciiScanner().is_damaged(data, expected, shared=False)

@@ -235,14 +235,15 @@ def test_an_echo_that_came_early_is_not_that_of_the_request() -> None:
 )
 def test_a_damaged_response_has_its_size_and_its_beginning(data: bytes, is_damaged: bool) -> None:
     scanner, expected = scanning()
-    assert scanner.is_damaged(data, expected) == is_damaged
+    assert scanner.is_damaged(data, expected, shared=True) == is_damaged
 
 
 def test_a_damaged_request_may_look_like_a_damaged_response() -> None:
-    """So it is not taken for one: a response to a write repeats it."""
+    """So it is taken for one only where nobody else asks: a response to a write repeats it."""
     write = bytes.fromhex("06 00 01 00 05")
     scanner, expected = scanning(write)
-    assert not scanner.is_damaged(encode(1, write)[:-1] + b"\0", expected)
+    assert not scanner.is_damaged(encode(1, write)[:-1] + b"\0", expected, shared=True)
+    assert scanner.is_damaged(encode(1, write)[:-1] + b"\0", expected, shared=False)
 
 
 def test_a_damaged_byte_is_remembered_only_for_the_frame_that_it_is_in() -> None:

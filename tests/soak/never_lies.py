@@ -253,6 +253,9 @@ class Client:
             self._answered(transaction, data[6], data[7:size])
             data = data[size:]
 
+    def time(self) -> float:
+        return self._loop.time()
+
     def pause(self) -> None:
         pass
 
