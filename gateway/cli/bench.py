@@ -42,10 +42,10 @@ def run(args: argparse.Namespace) -> int:
         daemon.wait_for(args.seconds + _SLACK)
         question = {"line": args.line, "seconds": args.seconds, "unit": unit, "items": args.items, "address": args.at}
         result = daemon.ask("bench", **question).get("bench")
-    if not isinstance(result, dict):
-        raise DaemonError("the gateway's answer has no measurement in it")
-    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else show_bench(result))
-    return PROBLEM_FOUND if result["failed"] else FINE
+        if not isinstance(result, dict):
+            raise DaemonError("the gateway's answer has no measurement in it")
+        print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else show_bench(result))
+        return PROBLEM_FOUND if result["failed"] else FINE
 
 
 def show_bench(result: Mapping[str, Any]) -> str:

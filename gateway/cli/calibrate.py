@@ -90,6 +90,10 @@ def _run(args: argparse.Namespace) -> int:
         elif args.seconds is not None:
             _wait(source, args.seconds)
         source.look()
+        return _show(source, args)
+
+
+def _show(source: "Source", args: argparse.Namespace) -> int:
     rows = source.rows()
     if not rows:
         advice = "" if args.active else "; --for 10min waits for traffic, --active reads it"

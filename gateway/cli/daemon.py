@@ -8,6 +8,7 @@ import sys
 import tomllib
 from contextlib import suppress
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Final, Self
 
 from gateway import __version__
@@ -22,6 +23,8 @@ _PATIENCE: Final = 90.0
 _PEER: Final = struct.Struct("=3i")
 #: Shown for values that a gateway of another version does not have.
 UNKNOWN: Final = "unknown"
+#: What an answer in an unexpected form raises where it is taken apart or shown.
+NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, struct.error)
 
 
 def add_control_argument(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +47,9 @@ def ask(verb: str, control: str | None) -> dict[str, Any]:
 class Conversation:
     """A connection to the gateway for any number of requests; open inside the context.
 
+    Answers are taken apart and shown inside the context: there, one of another version's gateway that has another form
+    becomes a DaemonError.
+
     Raises:
         DaemonError: no gateway can be reached, or it does not answer, or refuses a request.
     """
@@ -53,13 +59,22 @@ class Conversation:
         self._stream = self._sock.makefile("rb")
         self._patience = _PATIENCE
         self._is_first = True
+        self._version: object = UNKNOWN
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _where: TracebackType | None
+    ) -> None:
         self._stream.close()
         self._sock.close()
+        if isinstance(error, NOT_UNDERSTOOD):
+            what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            versions = f"the gateway has version {self._version}, this command {__version__}"
+            raise DaemonError(
+                f"the gateway's answer is not understood ({what}); {versions}: restart the service"
+            ) from error
 
     def wait_for(self, seconds: float) -> None:
         """Allow this time for an answer, if it is longer than the usual one."""
@@ -89,7 +104,9 @@ class Conversation:
         if not line:
             raise DaemonError("the gateway closed the connection before it answered; is it stopping?")
         was_first, self._is_first = self._is_first, False
-        return _read_answer(line, compares=was_first)
+        answer = _read_answer(line, compares=was_first)
+        self._version = answer.get("version", UNKNOWN)
+        return answer
 
 
 def _read_answer(line: bytes, *, compares: bool = True) -> dict[str, Any]:

@@ -100,8 +100,8 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
             print("The gateway may ask units now, which can take a minute; --passive sends nothing.", file=sys.stderr)
         daemon.wait_for(_PATIENCE)
         answer = daemon.ask("doctor", line=args.line, ask=not args.passive)
-        ports = [PortInUse(**port) for port in answer.get("ports", ())]
-        measured = [_finding(row) for row in answer.get("findings", ())]
+        ports = [_port(row) for row in answer["ports"]]
+        measured = [_finding(row) for row in answer["findings"]]
         return with_ports(findings_about(ports, daemon.pid), measured)
 
 
@@ -109,6 +109,11 @@ def _in_config(file: str, line: str | None) -> list[Finding]:
     from gateway.cli.config_doctor import look_at_config  # noqa: PLC0415 - only here a config is read
 
     return look_at_config(Path(file), line)
+
+
+def _port(row: Mapping[str, Any]) -> PortInUse:
+    """A port of a gateway, perhaps of another version: that may send more fields."""
+    return PortInUse(**{name: row[name] for name in PortInUse.__dataclass_fields__ if name in row})
 
 
 def _finding(row: Mapping[str, Any]) -> Finding:

@@ -84,12 +84,13 @@ def _show(args: argparse.Namespace) -> int:
             answer = run_exactly(scan_port(args, _units(args.words), tell))
         else:
             answer = _ask_daemon(args, parts, tell)
-    found: Sequence[_Row] = answer["found"]
-    if args.json:
-        print(json.dumps(answer, indent=2))
-    else:
-        print(_as_text(answer, several_rates=args.all_speeds))
-    return FINE if found and all(row["result"] != "garbled" for row in found) else PROBLEM_FOUND
+        tell.clear()
+        found: Sequence[_Row] = answer["found"]
+        if args.json:
+            print(json.dumps(answer, indent=2))
+        else:
+            print(_as_text(answer, several_rates=args.all_speeds))
+        return FINE if found and all(row["result"] != "garbled" for row in found) else PROBLEM_FOUND
 
 
 def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: "_Progress") -> dict[str, Any]:
@@ -144,6 +145,7 @@ class _Progress:
         """Take the line away."""
         if self._width:
             print("\r" + " " * self._width + "\r", end="", file=unescaped(sys.stderr), flush=True)
+            self._width = 0
 
 
 @contextmanager

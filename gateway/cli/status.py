@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from gateway.cli.advice import ADVICE, count_failed, count_ok
 from gateway.cli.columns import align, narrow
-from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
+from gateway.cli.daemon import NOT_UNDERSTOOD, UNKNOWN, add_control_argument, ask
 from gateway.cli.main import FINE
 from gateway.cli.terminal import unescaped
 from gateway.config.duration import show_age, show_duration
@@ -142,7 +142,7 @@ def _told(advise: Callable[[Mapping[str, Any]], Iterator[str]], row: Any) -> lis
     """The notes about a row; none if another version's gateway has sent it in another form."""
     try:
         return list(advise(row))
-    except _NOT_UNDERSTOOD:
+    except NOT_UNDERSTOOD:
         return []
 
 
@@ -150,7 +150,7 @@ def _cell(column: _Column, row: Any) -> object:
     """The text in a column. A gateway of another version may lack the value, or send it in another form."""
     try:
         return row[column] if isinstance(column, str) else column(row)
-    except _NOT_UNDERSTOOD:
+    except NOT_UNDERSTOOD:
         return UNKNOWN
 
 
@@ -260,9 +260,6 @@ def _milliseconds(value: float | None) -> str:
 def _share(share: float | None) -> str:
     return _NOTHING if share is None else f"{100 * share:.0f} %"
 
-
-#: What a row in an unexpected form raises.
-_NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
 
 #: The columns whose texts may be shortened.
 _FLEXIBLE: Final = frozenset(

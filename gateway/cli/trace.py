@@ -108,7 +108,7 @@ def _refuse_what_does_not_fit(args: argparse.Namespace) -> None:
 
 def _tell_why(daemon: Conversation, args: argparse.Namespace) -> int:
     answer = daemon.ask("why", who=args.why, count=args.count or _STORIES, **_line(args))
-    stories = answer.get("stories", [])
+    stories = answer["stories"]
     if args.json:
         for story in stories:
             print(json.dumps(story, ensure_ascii=False))
@@ -171,7 +171,7 @@ class _Follower:
         self._daemon = daemon
         self._chosen = {**_line(args), **({} if args.unit is None else {"unit": _unit(args.unit)})}
         self._count: int | None = args.count
-        lines = daemon.ask("trace", after=0, **self._chosen, lines=True).get("lines", [])
+        lines = daemon.ask("trace", after=0, **self._chosen, lines=True)["lines"]
         self.modes = {line["name"]: line["mode"] for line in lines}
         self.descriptions = {line["name"]: description(line) for line in lines}
 
@@ -200,9 +200,9 @@ class _Follower:
                 print(f"the records in memory go back {reaches_back:.0f} s only", file=sys.stderr)
             elif missed:
                 print(f"{missed} records were gone before they could be fetched", file=sys.stderr)
-            yield from answer.get("facts", [])
+            yield from answer["facts"]
             asked, is_first = {"after": answer["next"]}, False
-            if answer.get("is_all"):
+            if answer["is_all"]:
                 if not is_live:
                     return
                 time.sleep(_STEP)
